@@ -1,0 +1,15 @@
+"""All stages, in the order in which a plan runs them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from bakery.stages.declaration import Stage
+
+
+@cache
+def all_stages() -> tuple[Stage, ...]:
+    """Every declared stage, upstream ones first."""
+    from bakery.stages import medium, optics
+
+    return (optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS)

@@ -1,0 +1,103 @@
+"""What a stage says of itself: the one declaration that plan, cache, documentation, `verify` and tests read.
+
+A stage is a pure function from recipe values and upstream arrays to one group of the asset.  It writes no file, asks no
+clock, and draws random numbers only from the streams of its context.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from bakery.store.tree import Dataset, Group
+
+
+@dataclass(frozen=True)
+class Output:
+    """A dataset that the stage writes.  Capital words in `path` stand for names of the recipe (`COMPONENT/radius`)."""
+
+    path: str
+    shape: str
+    units: str
+    description: str
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A setting that trades time for accuracy.  `key` is the recipe key that sets it."""
+
+    name: str
+    key: str
+    default: Any
+    description: str
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a stage is expected to take on this machine; `basis` says in words where the figures come from."""
+
+    seconds: float
+    memory: float  # bytes, on top of the interpreter
+    file: float  # bytes in the asset
+    basis: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """What `compute` returns: the group's members, the error reached in the stage's measure, remarks for the user."""
+
+    members: dict[str, Dataset | Group]
+    achieved_error: float
+    notes: tuple[str, ...] = ()
+
+
+class Context(Protocol):
+    """What a running stage may ask of its surroundings."""
+
+    tolerance: float
+    seed: int
+
+    def map(self, function: Callable, tasks: Sequence[tuple]) -> list:
+        """`[function(*task) for task in tasks]`, on any number of workers, in the order of the tasks.
+
+        `function` is importable by name and takes picklable arguments: it may run in another process or machine.
+        """
+
+    def report(self, fraction: float, error: float | None = None) -> None:
+        """Share of the work that is done, 0 to 1, and the error reached so far."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Everything that others need to know of a stage.
+
+    Attributes
+    ----------
+    name : the group that it writes, and its name on the command line (two stages may fill one group from different sources)
+    version : raised in the commit that changes any stored value
+    title : one line for plans and documentation
+    reads : patterns of recipe keys (`particles.components[*].size.*`) that its values depend on, data files included
+    needs : names of the stages whose groups it takes
+    applies : whether a recipe asks for it
+    outputs, knobs, error_measure : as stored
+    cost : recipe -> Cost
+    inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
+    compute : (inputs, context) -> Result
+    check : group -> broken rules, in words (normalisation, energy, ranges); `verify` and the store run it
+    """
+
+    name: str
+    version: int
+    title: str
+    reads: tuple[str, ...]
+    needs: tuple[str, ...]
+    applies: Callable[[Any], bool]
+    outputs: tuple[Output, ...]
+    error_measure: str
+    cost: Callable[[Any], Cost]
+    inputs: Callable[[Any, Mapping[str, Group]], dict]
+    compute: Callable[[dict, Context], Result]
+    check: Callable[[Group], Iterable[str]]
+    knobs: tuple[Knob, ...] = field(default=())

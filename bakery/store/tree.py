@@ -1,0 +1,52 @@
+"""The shape of what is stored: groups of datasets, in memory, before any file.
+
+Stages return these, the store writes and reads them, hashes are taken over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+Attribute = str | int | float | bool
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """An array with its unit (`"1"` for pure numbers) and a one-line description.
+
+    `choices` names the values of an integer array that stands for an enumeration, in order from 0.
+    """
+
+    data: np.ndarray
+    units: str
+    description: str
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Group:
+    """Named members with attributes; the order of members is the order in the file."""
+
+    members: dict[str, Dataset | Group] = field(default_factory=dict)
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+
+    def walk(self, prefix: str = "") -> Iterator[tuple[str, Dataset | Group]]:
+        """Every member below this group with its path, parents first."""
+        for name, member in self.members.items():
+            path = f"{prefix}{name}"
+            yield path, member
+            if isinstance(member, Group):
+                yield from member.walk(path + "/")
+
+    def __getitem__(self, path: str) -> Dataset | Group:
+        """The member at a path such as `droplets/radius`; KeyError where there is none."""
+        head, _, rest = path.partition("/")
+        member = self.members[head]
+        if not rest:
+            return member
+        if isinstance(member, Dataset):
+            raise KeyError(path)
+        return member[rest]
