@@ -1,0 +1,62 @@
+# Two commands do everything on a fresh machine: `make bake` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+
+.PHONY: bake test setup lint bench soak pictures clean help
+
+help:
+	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
+	@echo "make test      set up, run the tests"
+	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
+	@echo "make pictures  bake and draw what the docs show"
+	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
+	@echo "make soak      the long tests: kills, damage, fuzzing"
+	@echo "make lint      style"
+
+bake: $(VENV)/.ready
+	@mkdir -p build
+	$(BIN)/bake recipes/fog.yaml -o build/fog.h5
+	$(BIN)/bake render build/fog.h5 -o build/fog.png
+	@echo "asset:    $(CURDIR)/build/fog.h5"
+	@echo "preview:  $(CURDIR)/build/fog.png"
+
+test: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m "not slow" $(PYTEST)
+
+soak: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -q -m slow --timeout 3600 $(PYTEST)
+
+setup: $(VENV)/.ready
+
+# the stamp is as new as the last successful install of what pyproject.toml asks for
+$(VENV)/.ready: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm]'
+	@touch $@
+
+$(VENV)/.ready-test: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test]'
+	@touch $@
+
+$(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.txt
+	@touch $@
+
+bench: $(VENV)/.ready-bench
+	for job in mie averages render; do $(BIN)/python benchmarks/$$job.py || exit 1; done
+
+.PHONY: recipes
+recipes: $(VENV)/.ready
+	$(MAKE) -C recipes BAKE=$(CURDIR)/$(BIN)/bake OUT=$(CURDIR)/build
+
+pictures: recipes
+	$(MAKE) -C recipes BAKE=$(CURDIR)/$(BIN)/bake OUT=$(CURDIR)/build pictures
+
+lint:
+	$(BIN)/python -m pip install --quiet ruff
+	$(BIN)/ruff check bakery renderers tests benchmarks
+
+clean:
+	rm -rf build

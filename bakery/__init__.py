@@ -1,0 +1,43 @@
+"""Bakery bakes scattering materials for rendering: recipes in, one HDF5 asset out.
+
+`import bakery` loads nothing heavy; what is named here is loaded on first use.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from bakery import mie
+    from bakery.asset import Asset, open
+    from bakery.errors import AssetError, BakeryError, RecipeError, StageError, StoreError, UsageError
+    from bakery.run import bake
+
+_WHERE = {
+    "Asset": "bakery.asset",
+    "AssetError": "bakery.errors",
+    "BakeryError": "bakery.errors",
+    "RecipeError": "bakery.errors",
+    "StageError": "bakery.errors",
+    "StoreError": "bakery.errors",
+    "UsageError": "bakery.errors",
+    "bake": "bakery.run",
+    "open": "bakery.asset",
+}
+
+__all__ = ["Asset", "AssetError", "BakeryError", "RecipeError", "StageError", "StoreError", "UsageError", "bake", "mie", "open"]
+
+
+def __getattr__(name: str):
+    if name == "mie":
+        return import_module("bakery.mie")
+    if name in _WHERE:
+        return getattr(import_module(_WHERE[name]), name)
+    raise AttributeError(f"module 'bakery' has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted(list(globals()) + __all__)

@@ -1,0 +1,179 @@
+"""The command line: one file a command; each parses, calls, prints.
+
+Commands are imported when they are called, so that `bake --help` starts without NumPy.  Results go to standard output,
+progress and messages to standard error; a `BakeryError` becomes its message and its exit status.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from importlib import import_module
+
+import click
+
+from bakery import __version__
+from bakery.errors import BakeryError
+
+# name -> help line; the module bakery.cli.NAME holds the click command `command`
+COMMANDS = {
+    "bake": "bake recipes into assets (the default: `bake fog.yaml`)",
+    "plan": "say what a bake would run, why, and what it will cost",
+    "inspect": "print the tree of an asset",
+    "verify": "check an asset's integrity and physics",
+    "diff": "compare the values of two assets",
+    "query": "print one baked value",
+    "plot": "draw pictures of what an asset holds",
+    "report": "write one self-contained page about an asset",
+    "render": "render an asset's preview, or a scene",
+    "export": "hand an asset to other software",
+    "schema": "print the recipe's JSON Schema",
+    "cache": "look at and tidy the cache of finished stages",
+    "completion": "print the shell's completion script",
+}
+
+
+def is_recipe(word: str) -> bool:
+    """A first word that ends in .yaml or .yml or holds a slash is a recipe, not a command."""
+    return word.endswith((".yaml", ".yml")) or "/" in word
+
+
+class Commands(click.Group):
+    """Loads a command when it is called; `bake RECIPE…` is `bake bake RECIPE…`."""
+
+    def list_commands(self, ctx):
+        return list(COMMANDS)
+
+    def get_command(self, ctx, name):
+        if name not in COMMANDS:
+            return None
+        return import_module(f"bakery.cli.{name}").command
+
+    def format_commands(self, ctx, formatter):
+        # from the table: help must not import the commands
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def parse_args(self, ctx, args):
+        # options may stand before the recipe: `bake -o out.h5 fog.yaml` is a bake too
+        first = next((a for a in args if not a.startswith("-")), None)
+        if args and args[0] not in COMMANDS and (is_recipe(args[0]) or (args[0].startswith("-") and any(map(is_recipe, args)))):
+            args = ["bake", *args]
+        elif first is not None and first not in COMMANDS and args[0] == first:
+            self.unknown(first)
+        return super().parse_args(ctx, args)
+
+    def unknown(self, word: str):
+        import difflib
+
+        near = difflib.get_close_matches(word, COMMANDS, 1)
+        raise click.UsageError(
+            f'found "{word}", which is neither a command nor a recipe (a recipe ends in .yaml or holds a slash)'
+            + (f"; did you mean {near[0]}?" if near else "; see bake --help")
+        )
+
+
+def versions() -> str:
+    """Version of bakery and of the libraries that decide what is stored."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    import h5py
+
+    parts = [f"bakery {__version__}", f"HDF5 {h5py.version.hdf5_version}"]
+    for name in ("h5py", "numpy", "scipy", "numba", "mitsuba"):
+        try:
+            parts.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            parts.append(f"{name} not installed")
+    return ", ".join(parts)
+
+
+def print_version(ctx, _param, value):
+    if value and not ctx.resilient_parsing:
+        click.echo(versions())
+        ctx.exit()
+
+
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    help="Bake scattering materials for rendering: recipes in, one HDF5 asset out.\n\n"
+    "bake fog.yaml bakes a recipe; bake COMMAND --help explains a command.",
+)
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=print_version, help="Print versions.")
+def cli():
+    pass
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the command line and leave with the status that the contract names."""
+    signal.signal(signal.SIGINT, _interrupted)
+    signal.signal(signal.SIGTERM, _terminated)
+    status = status_of(args)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            pass
+    if status in (INTERRUPTED, TERMINATED):
+        os._exit(status)  # threads may be inside a kernel; what they compute is not wanted any more
+    sys.exit(status)
+
+
+def status_of(args: list[str] | None = None) -> int:
+    """Run the command line; every failure that a user can cause becomes one message and a status."""
+    try:
+        result = cli.main(args=args, prog_name="bake", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx else "bake"
+        _complain(f"{where}: {error.format_message()}")
+        return 2
+    except click.ClickException as error:
+        _complain(f"bake: {error.format_message()}")
+        return 2
+    except (KeyboardInterrupt, click.Abort):
+        _complain("interrupted; finished stages are in the cache")
+        return INTERRUPTED
+    except _Terminated:
+        _complain("terminated; finished stages are in the cache")
+        return TERMINATED
+    except BakeryError as error:
+        _complain(str(error))
+        return error.exit_status
+    except BrokenPipeError:
+        # the reader of our output has gone (`bake inspect … | head`): nothing is wrong; keep Python from complaining at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except MemoryError:
+        _complain("out of memory; `bake plan RECIPE` tells what a bake needs")
+        return 3
+
+
+INTERRUPTED, TERMINATED = 130, 143
+
+
+class _Terminated(BaseException):
+    pass
+
+
+# Exceptions, not exits: part files are removed on the way out.  A second signal ends at once.
+def _interrupted(number, _frame):
+    signal.signal(number, signal.SIG_DFL)
+    raise KeyboardInterrupt
+
+
+def _terminated(number, _frame):
+    signal.signal(number, signal.SIG_DFL)
+    raise _Terminated
+
+
+def _complain(message: str) -> None:
+    try:
+        click.echo(message, err=True)
+    except (OSError, ValueError):
+        pass  # standard error is full or closed: the status still tells

@@ -1,0 +1,81 @@
+"""`bake RECIPE…`: bake each recipe into one asset."""
+
+from __future__ import annotations
+
+import click
+
+from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option
+from bakery.errors import RecipeError, UsageError
+
+
+@click.command(
+    name="bake",
+    short_help="bake recipes into assets",
+    epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
+)
+@click.argument("recipes", nargs=-1, required=True, metavar="RECIPE…")
+@click.option("-o", "--output", metavar="FILE or DIR/", help="Asset to write; DIR/ puts NAME.h5 into a folder.")
+@recipe_options
+@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads; all processors by default (or BAKERY_JOBS).")
+@click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
+@click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
+@click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
+@click.option("--depfile", metavar="FILE", help="Write the files that the asset depends on, in Make's syntax.")
+@json_option
+@quiet_option
+@verbose_option
+def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, cluster, force, dry_run, depfile, as_json,
+            quiet, verbose):
+    """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise.
+
+    Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset.
+    """
+    from pathlib import Path
+
+    from bakery.run import execute, prepare
+    from bakery.run.cache import Cache
+    from bakery.run.progress import choose
+
+    if len(recipes) > 1 and output and not output.endswith("/"):
+        raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each NAME.h5 into a folder')
+    if len(recipes) > 1 and depfile:
+        raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; one call a recipe would do")
+    progress = choose(quiet or dry_run)
+    try:
+        cache = Cache(say=progress.say)
+        plans, problems = [], []
+        for recipe in recipes:
+            try:
+                plans.append(prepare(recipe, output, stages=stage, settings=settings_of(quality, tolerance, seed, settings),
+                                     force=force, cache=cache, jobs=jobs))
+            except RecipeError as error:
+                problems += error.problems
+        if problems:
+            raise RecipeError(problems)
+        targets = [plan.output.absolute() for plan in plans]
+        for i, target in enumerate(targets):
+            if target in targets[:i]:
+                raise UsageError(f"{recipes[targets.index(target)]} and {recipes[i]} would both become {plans[i].output}; "
+                                 "give each its own name or bake them apart")
+        if dry_run:
+            from bakery.cli.plan import show
+
+            show(plans, as_json, verbose)
+            return
+        reports = []
+        for plan in plans:
+            baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=progress)
+            if depfile:
+                from bakery.run.depfile import write
+
+                write(Path(depfile), str(plan.output), [str(file) for file in baked.files])
+            if verbose:
+                for step in baked.steps:
+                    progress.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
+            reports.append(baked.as_dict())
+            if not as_json:
+                click.echo(f"{baked.output}" + ("" if baked.written else " is up to date"))
+        if as_json:
+            print_json(reports)
+    finally:
+        progress.close()

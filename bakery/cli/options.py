@@ -1,0 +1,52 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import click
+
+from bakery.errors import UsageError
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
+verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on standard error.")
+
+
+def _no_scenes(_ctx, _param, value):
+    if value is not None:
+        raise UsageError(f'--scene: found "{value}"; not available yet: no stage of this version depends on a scene')
+
+
+def recipe_options(command):
+    """The options that choose stages and override recipe values."""
+    for option in reversed((
+        click.option("--stage", multiple=True, metavar="NAME", help="Only this stage and what it needs; repeatable."),
+        click.option("--scene", metavar="FILE", callback=_no_scenes, help="Bake what a scene needs (not available yet)."),
+        click.option("--quality", metavar="draft|preview|final", help="Tolerance 10 %, 3 %, or the recipe's own."),
+        click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
+        click.option("--seed", metavar="N", help="Seed of every random stream."),
+        click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."),
+    )):
+        command = option(command)
+    return command
+
+
+def settings_of(quality, tolerance, seed, settings) -> dict[str, str]:
+    """The recipe values that the options override."""
+    from bakery.run import overrides
+
+    values = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise UsageError(f'--set: found "{setting}"; KEY=VALUE would do, such as --set particles.number_density="2e8 /m^3"')
+        values[key.strip()] = value
+    return overrides(quality, tolerance, seed, values)
+
+
+def print_json(value) -> None:
+    """One JSON document on standard output; NaN is not JSON, so it is refused rather than printed."""
+    json.dump(value, sys.stdout, indent=2, allow_nan=False, ensure_ascii=False)
+    sys.stdout.write("\n")

@@ -1,0 +1,47 @@
+"""`bake plan RECIPE`: what a bake would run, why, and what it will cost."""
+
+from __future__ import annotations
+
+import click
+
+from bakery.cli.options import json_option, print_json, recipe_options, settings_of, verbose_option
+
+
+@click.command(name="plan", short_help="say what a bake would run, why, and what it will cost")
+@click.argument("recipes", nargs=-1, required=True, metavar="RECIPE…")
+@click.option("-o", "--output", metavar="FILE or DIR/", help="Asset that the bake would write.")
+@recipe_options
+@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
+@click.option("--force", is_flag=True, help="Plan to compute every stage again.")
+@json_option
+@verbose_option
+def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, force, as_json, verbose):
+    """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing."""
+    from bakery.run import prepare
+
+    values = settings_of(quality, tolerance, seed, settings)
+    show([prepare(recipe, output, stages=stage, settings=values, force=force, jobs=jobs) for recipe in recipes], as_json, verbose)
+
+
+def show(plans, as_json: bool, verbose: bool = False) -> None:
+    """Print plans, for people or for machines."""
+    if as_json:
+        print_json([plan.as_dict() for plan in plans])
+        return
+    from bakery.run.resources import duration, in_words
+
+    for plan in plans:
+        click.echo(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
+        for step in plan.steps:
+            cost = (f"{duration(step.cost.seconds)}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")
+            click.echo(f"  {step.action:<6} {step.stage.name:<8} {cost}{in_words(step.cost.file)} in the file")
+            shown = step.why if verbose else step.why[:6]
+            for reason in shown:
+                click.echo(f"         because {reason}")
+            if len(step.why) > len(shown):
+                click.echo(f"         and {len(step.why) - len(shown)} more (--verbose)")
+            if verbose:
+                click.echo(f"         input {step.input_hash}")
+                click.echo(f"         estimate: {step.cost.basis}")
+        if plan.write:
+            click.echo(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} file")

@@ -1,0 +1,135 @@
+"""From a recipe to the ordered stages that a bake runs: what, why, at what cost.
+
+`bake` executes the very object that `bake plan` prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bakery.errors import UsageError
+from bakery.plan.inputs import differences, input_hash, parts
+from bakery.stages.declaration import Cost, Stage
+
+RUN, REUSE = "run", "reuse"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage of a plan.  `action` is "run" or "reuse"; `why` gives the reasons, in words."""
+
+    stage: Stage
+    input_hash: str
+    parts: dict
+    action: str
+    why: tuple[str, ...]
+    cost: Cost
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`)."""
+        return {"stage": self.stage.name, "title": self.stage.title, "version": self.stage.version,
+                "input_hash": self.input_hash, "action": self.action, "why": list(self.why),
+                "seconds": self.cost.seconds, "memory": self.cost.memory, "file": self.cost.file, "basis": self.cost.basis}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The ordered steps of a bake.  `write` is false where the asset is up to date as it stands."""
+
+    recipe: object
+    output: Path
+    steps: tuple[Step, ...]
+    write: bool
+
+    @property
+    def seconds(self) -> float:
+        """Expected wall time of what runs."""
+        return sum(step.cost.seconds for step in self.steps if step.action == RUN)
+
+    @property
+    def memory(self) -> float:
+        """Expected peak memory in bytes, on top of the interpreter: stages run one after another."""
+        return max((step.cost.memory for step in self.steps if step.action == RUN), default=0.0)
+
+    @property
+    def file(self) -> float:
+        """Expected size of the asset in bytes."""
+        return sum(step.cost.file for step in self.steps)
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`)."""
+        return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "seconds": self.seconds,
+                "memory": self.memory, "file": self.file, "steps": [step.as_dict() for step in self.steps]}
+
+
+def chosen(recipe, only: Sequence[str] = ()) -> list[Stage]:
+    """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need."""
+    from bakery.stages import all_stages
+
+    asked = [stage for stage in all_stages() if stage.applies(recipe)]
+    names = [stage.name for stage in asked]
+    for name in only:
+        if name not in names:
+            raise UsageError(f'--stage: found "{name}"; this recipe has the stages {", ".join(names)}')
+    if not only:
+        return asked
+    wanted = set(only)
+    for stage in reversed(asked):
+        if stage.name in wanted:
+            wanted |= set(stage.needs)
+    return [stage for stage in asked if stage.name in wanted]
+
+
+def make(
+    recipe,
+    output: Path,
+    *,
+    only: Sequence[str] = (),
+    force: bool = False,
+    previous: Mapping[str, Mapping] | None = None,
+    current: Mapping[str, str] | None = None,
+    in_cache: Callable[[str, str], bool] = lambda name, key: False,
+    price: Callable[[Stage, Cost], Cost] = lambda stage, cost: cost,
+    same_recipe: bool = False,
+) -> Plan:
+    """Order the stages and say of each whether and why it runs.
+
+    Parameters
+    ----------
+    recipe : a checked `bakery.recipe.Recipe`
+    output : where the asset goes
+    only : names of stages, empty for all
+    force : run every stage whatever is known
+    previous : parts of each stage in the asset that stands at `output`, None where there is none
+    current : input hash of each stage that an intact asset at `output` holds
+    in_cache : (stage name, input hash) -> whether the cache holds that stage
+    price : turns a stage's cost model into an expectation for this machine
+    same_recipe : whether the asset at `output` holds this recipe's very text
+    """
+    current = current or {}
+    steps, hashes = [], {}
+    for stage in chosen(recipe, only):
+        found = parts(stage, recipe, hashes)
+        key = hashes[stage.name] = input_hash(found)
+        if force:
+            action, why = RUN, ["--force"]
+        elif current.get(stage.name) == key:
+            action, why = REUSE, [f"unchanged in {output.name}"]
+        elif in_cache(stage.name, key):
+            action, why = REUSE, ["in the cache"]
+        else:
+            action = RUN
+            before = (previous or {}).get(stage.name)
+            why = differences(before, found) if before else []
+            if not why:
+                why = [f"not in {output.name}" if previous is not None else f"no {output.name} yet", "not in the cache"]
+        steps.append(Step(stage, key, found, action, tuple(why), price(stage, stage.cost(recipe))))
+    held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
+    return Plan(recipe, output, tuple(steps), write=not held)
+
+
+def with_action(step: Step, action: str, *why: str) -> Step:
+    """The step with another action, where what the plan saw is no longer so."""
+    return replace(step, action=action, why=tuple(why))

@@ -1,0 +1,64 @@
+"""What a stage depends on, by name, and the hash over it.
+
+The parts of a stage's input are the recipe's leaves that match its `reads`, the digests of the data files that those keys name, the
+stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts tell,
+key by key, why a stage has to run again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+
+from bakery.stages.declaration import Stage
+
+
+@lru_cache(maxsize=None)
+def _pattern(reads: str) -> re.Pattern:
+    text = re.escape(reads).replace(r"\[\*\]", r"\[\d+\]").replace(r"\*", r"[^.\[\]]+")
+    return re.compile(text + r"(?![^.\[])")  # the key itself or anything below it
+
+
+def reads_key(stage: Stage, key: str) -> bool:
+    """Whether the stage's values depend on a recipe key (`*` stands for one name, `[*]` for one index)."""
+    return any(_pattern(pattern).match(key) for pattern in stage.reads)
+
+
+def parts(stage: Stage, recipe, upstream: Mapping[str, str]) -> dict[str, str | int | float | bool]:
+    """Everything that the stage's values depend on: name of the part -> value or digest."""
+    found = {f"stage {stage.name}": f"version {stage.version}"}
+    found |= {f"upstream {name}": upstream[name] for name in stage.needs}
+    found |= {key: leaf for key, leaf in recipe.leaves.items() if reads_key(stage, key)}
+    found |= {f"file {file.path.name} ({file.key})": file.sha256 for file in recipe.files if reads_key(stage, file.key)}
+    return found
+
+
+def input_hash(found: Mapping[str, str | int | float | bool]) -> str:
+    """SHA-256 over the parts; the order in which a recipe names its keys does not matter."""
+    # json writes the shortest digits that give the same float back, so equal values have equal text
+    return hashlib.sha256(json.dumps(found, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def differences(old: Mapping, new: Mapping) -> list[str]:
+    """Why the input changed, in words, one sentence a part."""
+    sentences = []
+    for name in sorted(set(old) | set(new)):
+        before, after = old.get(name), new.get(name)
+        if before == after:
+            continue
+        if name.startswith("upstream "):
+            sentences.append(f"{name.removeprefix('upstream ')} runs again")
+        elif name.startswith("file "):
+            sentences.append(f"{name} " + ("changed" if before and after else "is new" if after else "is gone"))
+        elif name.startswith("stage "):
+            sentences.append(f"stage {before or 'is new'} -> {after}" if before else f"{name} is new")
+        elif before is None:
+            sentences.append(f"{name} is new ({after})")
+        elif after is None:
+            sentences.append(f"{name} is gone (was {before})")
+        else:
+            sentences.append(f"{name}: {before} -> {after}")
+    return sentences

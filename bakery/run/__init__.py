@@ -1,0 +1,342 @@
+"""Executes plans: stages, cache, locks, progress, and the one asset at the end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import bakery
+from bakery.errors import AssetError, BakeryError, StageError, StoreError, UsageError
+from bakery.plan import REUSE, RUN, Plan, Step, make
+from bakery.run import resources
+from bakery.run.cache import Cache
+from bakery.run.executors import Context, cluster, threads
+from bakery.run.progress import Progress
+from bakery.stages.declaration import Cost, Stage
+from bakery.store.tree import Dataset, Group
+
+# What a quality means for the tolerance of every figure; `final` is the recipe's own.
+QUALITY = {"draft": "10%", "preview": "3%", "final": None}
+LARGEST_FILE = 16 << 30
+SHARE_OF_MEMORY = 0.8
+
+
+@dataclass(frozen=True)
+class Baked:
+    """What a bake did: where the asset is, whether it was written, and each step with its seconds and peak memory."""
+
+    output: Path
+    written: bool
+    steps: tuple[dict, ...]
+    files: tuple[Path, ...]
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`)."""
+        return {"output": str(self.output), "written": self.written, "steps": list(self.steps)}
+
+
+def overrides(
+    quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
+    settings: Mapping[str, str] | None = None,
+) -> dict[str, str]:
+    """The recipe values that options stand for; what is said more exactly wins."""
+    values = {}
+    if quality is not None:
+        if quality not in QUALITY:
+            raise UsageError(f'--quality: found "{quality}"; {", ".join(QUALITY)} would do')
+        if QUALITY[quality]:
+            values["tolerance"] = QUALITY[quality]
+    if tolerance is not None:
+        values["tolerance"] = str(tolerance)
+    if seed is not None:
+        values["seed"] = str(seed)
+    return values | dict(settings or {})
+
+
+def target_of(output: str | os.PathLike | None, name: str) -> Path:
+    """The asset's path: NAME.h5 in the current folder unless told; a folder is told by its closing slash."""
+    if output is None:
+        return Path(f"{name}.h5")
+    text = os.fspath(output)
+    return Path(text) / f"{name}.h5" if text.endswith("/") else Path(text)
+
+
+def prepare(
+    recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
+    settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
+) -> Plan:
+    """Read and check a recipe and plan its bake; runs nothing and writes nothing.
+
+    Raises
+    ------
+    RecipeError : with every problem of the recipe
+    UsageError : the output cannot be written, or the bake is larger than this machine
+    """
+    from bakery.recipe import load
+    from bakery.store.write import check_target
+
+    cache = cache or Cache()
+    recipe = load(recipe_path, dict(settings or {}))
+    target = target_of(output, recipe.name)
+    check_target(target)
+    standing = _standing(target)
+    previous, current, same = _known(standing, recipe)
+    workers = resources.jobs(jobs)
+
+    def price(stage: Stage, cost: Cost) -> Cost:
+        ratio, count = cache.speed(stage.name)
+        basis = f"{cost.basis}; {count} earlier bakes here took {ratio:.2g} times that" if count else cost.basis
+        return replace(cost, seconds=cost.seconds * ratio / workers, basis=basis)
+
+    plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
+                same_recipe=same)
+    _refuse_too_large(plan)
+    return plan
+
+
+def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, executor: Executor | None = None,
+            address: str | None = None, progress: Progress | None = None) -> Baked:
+    """Run a plan and write its asset.
+
+    Parameters
+    ----------
+    plan : from `prepare`
+    cache : of finished stages
+    jobs : threads, unless `executor` (any `concurrent.futures` executor) or `address` (a Dask scheduler) is given
+    progress : is told what happens
+    """
+    from bakery.store.write import write
+
+    progress = progress or Progress()
+    cache = cache or Cache(say=progress.say)
+    workers = resources.jobs(jobs)
+    files = tuple([plan.recipe.path] + [file.path for file in plan.recipe.files])
+    if not plan.write:
+        _touch(plan.output)
+        steps = tuple(_report(step, "unchanged", 0.0, None) for step in plan.steps)
+        return Baked(plan.output, False, steps, files)
+    if any(step.action == RUN for step in plan.steps):
+        pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
+    else:
+        pool = nullcontext(None)
+    groups, provenances, steps = {}, {}, []
+    standing = _standing(plan.output)
+    with pool as running:
+        for step in plan.steps:
+            group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress)
+            groups[step.stage.name], provenances[step.stage.name] = group, provenance
+            steps.append(report)
+    write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
+    return Baked(plan.output, True, tuple(steps), files)
+
+
+def bake(
+    recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
+    quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
+    settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
+    cluster: str | None = None, force: bool = False, progress: Progress | None = None,
+) -> Path:
+    """Bake a recipe into one asset; what `bake RECIPE` does.
+
+    Parameters
+    ----------
+    recipe : path of the recipe
+    output : path of the asset, or of a folder with a closing slash; NAME.h5 in the current folder by default
+    stages : names of the only stages to bake (and what they need)
+    quality : draft, preview or final
+    tolerance, seed : override the recipe's
+    settings : other recipe values, dotted key -> text as in the recipe
+    jobs : number of threads; all processors by default
+    executor : any `concurrent.futures` executor that runs the blocks instead
+    cluster : address of a Dask scheduler
+    force : compute every stage again
+    progress : from `bakery.run.progress`; silent by default
+
+    Returns
+    -------
+    path : of the asset
+
+    Raises
+    ------
+    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
+
+    Examples
+    --------
+    >>> bakery.bake("recipes/fog.yaml", output="fog.h5")
+    """
+    cache = Cache(say=progress.say if progress else lambda text: None)
+    plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
+                   cache=cache, jobs=jobs)
+    return execute(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress).output
+
+
+def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress):
+    """One stage: taken from the asset that stands, from the cache, or computed."""
+    stage = step.stage
+    if step.action == REUSE and (held := _held(standing, stage.name, step.input_hash)):
+        return *held, _report(step, "unchanged", 0.0, held[0])
+    with cache.lock(stage.name, step.input_hash):
+        # looked at again under the lock: another bake may have finished it since the plan was made
+        entry = None if step.action == RUN and "--force" in step.why else cache.get(stage.name, step.input_hash)
+        if entry:
+            progress.done(stage.name, "from the cache")
+            return *entry, _report(step, "from the cache", 0.0, entry[0])
+        group, provenance, seconds = _compute(step, plan, groups, pool, workers, progress)
+        cache.put(stage.name, step.input_hash, group, provenance)
+    model = stage.cost(plan.recipe).seconds / workers
+    if seconds > 0.2 and model > 0:  # below that the clock measures everything but the model
+        cache.note_speed(stage.name, seconds / model)
+    return group, provenance, _report(step, "computed", seconds, group)
+
+
+def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progress) -> tuple[Group, Group, float]:
+    stage, recipe = step.stage, plan.recipe
+    progress.stage(stage.name, stage.title, recipe.tolerance, step.cost.seconds)
+    resources.reset_peak()
+    before = resources.resident_memory()
+    started = time.monotonic()
+    context = Context(recipe.tolerance, recipe.seed, pool, progress.update)
+    try:
+        result = stage.compute(stage.inputs(recipe, groups), context)
+    except BakeryError:
+        raise
+    except MemoryError as error:
+        raise StageError(f"{stage.name}: out of memory; the plan expected {resources.in_words(step.cost.memory)}: close other "
+                         "programs, take fewer --jobs or a larger tolerance") from error
+    seconds = time.monotonic() - started
+    peak = resources.peak_memory()
+    group = Group(result.members, {
+        "stage": stage.name, "stage_version": stage.version, "input_hash": step.input_hash, "tolerance": recipe.tolerance,
+        "achieved_error": result.achieved_error, "error_measure": stage.error_measure})
+    broken = list(stage.check(group))
+    if broken:
+        # a bug of ours, told as such: nothing that breaks physics is stored
+        raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
+    for note in result.notes:
+        progress.say(f"{stage.name}: {note}")
+    progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {recipe.tolerance:.2g}, "
+                              f"{resources.in_words(max(peak - before, 0))}")
+    from bakery.store.write import text
+
+    provenance = Group(
+        {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
+        | ({"notes": text("\n".join(result.notes), "remarks of the stage")} if result.notes else {}),
+        {"seconds": seconds, "peak_memory": peak, "workers": workers, "bakery_version": bakery.__version__,
+         "finished": _now()})
+    return group, provenance, seconds
+
+
+def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str, Group]) -> Group:
+    """The asset's tree, in the order of the plan."""
+    import numpy as np
+
+    from bakery.store.write import text
+
+    recipe = plan.recipe
+    members = {
+        "recipe": text(recipe.text, "the recipe's text, with every override applied"),
+        "wavelength": Dataset(np.array(recipe.wavelength, dtype=float), "um", "wavelengths in vacuum"),
+    }
+    members |= groups
+    members["provenance"] = Group(dict(provenances), {
+        "created": _now(), "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])[:4096],
+        "recipe_path": str(recipe.path), **_versions()})
+    return Group(members, {"name": recipe.name, "bakery_version": bakery.__version__})
+
+
+def _broken(plan: Plan, root: Group) -> list[str]:
+    """Broken rules of what was read back from disk; the store keeps nothing that breaks one."""
+    return [f"{step.stage.name}: {rule}" for step in plan.steps for rule in step.stage.check(root[step.stage.name])]
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import version
+    from platform import machine, python_version
+
+    found = {f"{name}_version": version(name) for name in ("h5py", "numba", "numpy", "scipy")}
+    return found | {"python_version": python_version(), "machine": machine()}
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _standing(path: Path) -> Group | None:
+    """The intact asset that stands at the output path, or None: a damaged or foreign file is replaced, not read."""
+    from bakery.store.read import read
+
+    if not path.is_file():
+        return None
+    try:
+        return read(path)
+    except (AssetError, StoreError, OSError):
+        return None
+
+
+def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
+    """What an asset says of its making: parts of each stage, their input hashes, whether its recipe is this one."""
+    if standing is None:
+        return None, {}, False
+    from bakery.store.read import read_text
+
+    previous, current = {}, {}
+    for name, group in standing.members.items():
+        if isinstance(group, Group) and "input_hash" in group.attributes:
+            current[name] = group.attributes["input_hash"]
+            try:
+                previous[name] = json.loads(read_text(standing[f"provenance/{name}/inputs"]))
+            except (KeyError, ValueError):
+                pass  # made by other hands: the plan can still compare hashes
+    same = standing.attributes.get("name") == recipe.name and read_text(standing["recipe"]) == recipe.text
+    return previous, current, same
+
+
+def _held(standing: Group | None, name: str, key: str) -> tuple[Group, Group] | None:
+    """A stage of the standing asset, if it is the one wanted."""
+    group = standing.members.get(name) if standing else None
+    if not isinstance(group, Group) or group.attributes.get("input_hash") != key:
+        return None
+    try:
+        return group, standing[f"provenance/{name}"]
+    except KeyError:
+        return None
+
+
+def _report(step: Step, source: str, seconds: float, group: Group | None) -> dict:
+    attributes = group.attributes if group else {}
+    return {"stage": step.stage.name, "source": source, "seconds": seconds, "why": list(step.why),
+            "input_hash": step.input_hash, "achieved_error": attributes.get("achieved_error"),
+            "tolerance": attributes.get("tolerance")}
+
+
+def _touch(path: Path) -> None:
+    # Make compares times: an up-to-date asset must be newer than what it was made from
+    try:
+        os.utime(path)
+    except OSError as error:
+        raise StoreError(f"{path}: is up to date but its time could not be set ({error.strerror})") from error
+
+
+def _refuse_too_large(plan: Plan) -> None:
+    from bakery.store.write import free_space
+
+    free = resources.free_memory()
+    if free is not None and plan.memory > SHARE_OF_MEMORY * free:
+        raise UsageError(f"{plan.recipe.path}: the bake needs about {resources.in_words(plan.memory)} of memory, of which "
+                         f"{resources.in_words(free)} are free; a larger tolerance or a narrower size range needs less")
+    if plan.file > LARGEST_FILE:
+        raise UsageError(f"{plan.recipe.path}: the asset would take about {resources.in_words(plan.file)}; "
+                         f"up to {resources.in_words(LARGEST_FILE)} are written; a larger tolerance needs less")
+    space = free_space(plan.output)
+    if plan.write and 1.2 * plan.file > space:
+        raise UsageError(f"{plan.output}: the asset takes about {resources.in_words(plan.file)}, but only "
+                         f"{resources.in_words(space)} are free there")

@@ -1,0 +1,191 @@
+"""The cache of finished stages: a folder of small assets, each named by the hash of its inputs.
+
+An entry is written whole or not at all, carries its own key and hashes, and is checked when it is read; a bad one is moved aside
+and computed again.  Nothing here is needed: a cache that cannot be written costs one warning and the time to compute again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bakery.errors import AssetError, StoreError, UsageError
+from bakery.store.tree import Group
+
+ENTRY, BAD = ".h5", ".bad"
+SPEED = "speed.json"  # what stages took here, for the next plan
+KEEP = 8  # ratios kept a stage
+
+
+def folder() -> Path:
+    """Where the cache is: the environment's BAKERY_CACHE, else the user's cache folder."""
+    chosen = os.environ.get("BAKERY_CACHE")
+    if chosen:
+        return Path(chosen).absolute()
+    from platformdirs import user_cache_path
+
+    return user_cache_path("bakery")
+
+
+class Cache:
+    """Finished stages by (name, input hash).
+
+    Parameters
+    ----------
+    where : the folder; made when the first entry is written
+    say : takes remarks for the user
+    """
+
+    def __init__(self, where: Path | None = None, say: Callable[[str], None] = lambda text: None):
+        self.where = where or folder()
+        self._say = say
+        self._writable = True
+
+    def path(self, name: str, key: str) -> Path:
+        """The file of an entry."""
+        return self.where / f"{name}-{key}{ENTRY}"
+
+    def has(self, name: str, key: str) -> bool:
+        """Whether there is an entry, without a look inside."""
+        return self.path(name, key).is_file()
+
+    def get(self, name: str, key: str) -> tuple[Group, Group] | None:
+        """The stage's group and its provenance, or None.  A damaged or misnamed entry is moved aside."""
+        from bakery.store.read import read
+
+        path = self.path(name, key)
+        if not path.is_file():
+            return None
+        try:
+            root = read(path)
+            group = root.members.get(name)
+            if not isinstance(group, Group) or group.attributes.get("input_hash") != key:
+                raise AssetError(f"{path}: the entry holds other inputs than its name says")
+        except AssetError as error:
+            self._set_aside(path, error)
+            return None
+        except (StoreError, OSError) as error:
+            self._say(f"cache: {path.name} could not be read ({error}); computed again")
+            return None
+        try:
+            os.utime(path)  # the least recently used entries are the first that `cache prune` takes
+        except OSError:
+            pass
+        return group, root.members["provenance"]
+
+    def _set_aside(self, path: Path, error: AssetError) -> None:
+        reason = str(error).removeprefix(f"{path}: ")
+        try:
+            os.replace(path, path.with_suffix(BAD))
+            self._say(f"cache: {path.name}: {reason}; moved aside and computed again")
+        except OSError:
+            self._say(f"cache: {path.name}: {reason}; computed again")
+
+    def put(self, name: str, key: str, group: Group, provenance: Group) -> None:
+        """Keep a finished stage; a failure is one warning, not the end of the bake."""
+        from bakery.store.write import write
+
+        if not self._writable:
+            return
+        root = Group({name: group, "provenance": provenance}, {"name": name})
+        try:
+            self.where.mkdir(parents=True, exist_ok=True)
+            write(self.path(name, key), root)
+        except (StoreError, OSError, UsageError) as error:
+            self._writable = False
+            self._say(f"cache: not written ({error}); the bake goes on without it")
+
+    @contextmanager
+    def lock(self, name: str, key: str) -> Iterator[None]:
+        """Hold a stage while it is computed, so that two bakes at once compute it once.
+
+        The lock is the kernel's: it ends with its holder, however that ends.
+        """
+        from filelock import FileLock, Timeout
+
+        try:
+            (self.where / "locks").mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.where / "locks" / f"{name}-{key}.lock")
+            try:
+                lock.acquire(timeout=0.2)
+            except Timeout:
+                self._say(f"{name}: another bake computes it; waiting")
+                lock.acquire()
+        except (OSError, NotImplementedError):
+            yield  # no lock to be had here: at worst the stage is computed twice
+            return
+        try:
+            yield
+        finally:
+            lock.release()
+
+    # what stages took on this machine
+
+    def speed(self, name: str) -> tuple[float, int]:
+        """Median of measured time over modelled time of a stage on this machine, and how many bakes it is of."""
+        ratios = sorted(self._speeds().get(name, []))
+        return (ratios[len(ratios) // 2], len(ratios)) if ratios else (1.0, 0)
+
+    def note_speed(self, name: str, ratio: float) -> None:
+        """Remember how a stage's time compared with its model."""
+        import tempfile
+
+        speeds = self._speeds()
+        speeds[name] = (speeds.get(name, []) + [ratio])[-KEEP:]
+        try:
+            with tempfile.NamedTemporaryFile("w", dir=self.where, prefix=f".{SPEED}.", suffix=".part", delete=False) as part:
+                json.dump(speeds, part)
+            os.replace(part.name, self.where / SPEED)
+        except OSError:
+            pass  # only the next plan's estimate is poorer
+
+    def _speeds(self) -> dict[str, list[float]]:
+        try:
+            speeds = json.loads((self.where / SPEED).read_text())
+            return {str(name): [float(r) for r in ratios if 0 < float(r) < 1e6] for name, ratios in speeds.items()}
+        except (OSError, ValueError, AttributeError, TypeError):
+            return {}
+
+    # tidying
+
+    def entries(self) -> list[tuple[Path, int, float]]:
+        """Path, size and time of last use of each entry, oldest first."""
+        found = []
+        for path in self.where.glob(f"*{ENTRY}"):
+            try:
+                status = path.stat()
+            except OSError:
+                continue
+            found.append((path, status.st_size, status.st_mtime))
+        return sorted(found, key=lambda entry: entry[2])
+
+    def prune(self, max_bytes: float | None = None, max_age: float | None = None) -> list[Path]:
+        """Remove entries by age in seconds, then the least recently used down to a size in bytes, and what was set aside."""
+        removed = []
+        entries = self.entries()
+        total = sum(size for _, size, _ in entries)
+        now = time.time()
+        for path, size, used in entries:
+            if (max_age is not None and now - used > max_age) or (max_bytes is not None and total > max_bytes):
+                if self._remove(path):
+                    removed.append(path)
+                total -= size
+        return removed + [path for path in self.where.glob(f"*{BAD}") if self._remove(path)]
+
+    def clear(self) -> list[Path]:
+        """Remove every entry.  A bake that is reading one goes on: the file lives until it is closed."""
+        removed = [path for path, _, _ in self.entries() if self._remove(path)]
+        return removed + [path for path in self.where.glob(f"*{BAD}") if self._remove(path)]
+
+    def _remove(self, path: Path) -> bool:
+        try:
+            path.unlink()
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise StoreError(f"{path}: could not be removed ({error.strerror})") from error
+        return True

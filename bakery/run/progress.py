@@ -1,0 +1,107 @@
+"""What a bake says while it works: a bar on a terminal, else a line a stage and one a minute."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from bakery.run.resources import duration
+
+
+class Progress:
+    """Says nothing; the base of the others and what `--quiet` uses."""
+
+    def stage(self, name: str, title: str, tolerance: float, seconds: float) -> None:
+        """A stage starts; `seconds` is what the plan expects of it."""
+
+    def update(self, fraction: float, error: float | None = None) -> None:
+        """Share done, 0 to 1, and the error so far."""
+
+    def done(self, name: str, text: str) -> None:
+        """A stage has ended."""
+
+    def say(self, text: str) -> None:
+        """A remark."""
+
+    def close(self) -> None:
+        """The bake has ended, well or not."""
+
+
+def _state(fraction: float, error: float | None, tolerance: float, started: float) -> str:
+    spent = time.monotonic() - started
+    left = f", {duration(spent / fraction - spent)} left" if fraction > 0.05 else ""
+    reached = "" if error is None else f", error {error:.2g}" + (f" of {tolerance:.2g}" if tolerance else "")
+    return f"{100 * fraction:.0f} %{reached}{left}"
+
+
+class Lines(Progress):
+    """One line a stage and one a minute, for logs."""
+
+    def __init__(self, stream=None, every: float = 60.0):
+        self._stream = stream or sys.stderr
+        self._every = every
+        self._name, self._tolerance, self._started, self._last = "", 0.0, 0.0, 0.0
+
+    def say(self, text):
+        try:
+            print(text, file=self._stream, flush=True)
+        except (OSError, ValueError):
+            pass  # nobody listens any more; the bake goes on
+
+    def stage(self, name, title, tolerance, seconds):
+        self._name, self._tolerance = name, tolerance
+        self._started = self._last = time.monotonic()
+
+    def update(self, fraction, error=None):
+        if time.monotonic() - self._last >= self._every:
+            self._last = time.monotonic()
+            self.say(f"{self._name}: {_state(fraction, error, self._tolerance, self._started)}")
+
+    def done(self, name, text):
+        self.say(f"{name}: {text}")
+
+
+class Bar(Progress):
+    """A live bar on a terminal."""
+
+    def __init__(self):
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn
+        from rich.progress import Progress as RichProgress
+
+        self._console = Console(stderr=True)
+        self._bar = RichProgress(TextColumn("{task.description:>10}"), BarColumn(bar_width=30), TextColumn("{task.fields[state]}"),
+                                 console=self._console, transient=True)
+        self._bar.start()
+        self._task, self._tolerance, self._started = None, 0.0, 0.0
+
+    def stage(self, name, title, tolerance, seconds):
+        self._tolerance, self._started = tolerance, time.monotonic()
+        self._task = self._bar.add_task(name, total=1.0, state=f"about {duration(seconds)}" if seconds else "")
+
+    def update(self, fraction, error=None):
+        if self._task is not None:
+            self._bar.update(self._task, completed=fraction, state=_state(fraction, error, self._tolerance, self._started))
+
+    def done(self, name, text):
+        if self._task is not None:
+            self._bar.remove_task(self._task)
+            self._task = None
+        self.say(f"{name}: {text}")
+
+    def say(self, text):
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def close(self):
+        self._bar.stop()
+
+
+def choose(quiet: bool = False) -> Progress:
+    """The kind that fits standard error."""
+    if quiet:
+        return Progress()
+    try:
+        terminal = sys.stderr.isatty()
+    except ValueError:
+        return Progress()  # closed
+    return Bar() if terminal else Lines()
