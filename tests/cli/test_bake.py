@@ -1,0 +1,215 @@
+"""`bake`, `bake plan`, `bake cache` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from bakery.store.read import read
+from tests.conftest import ROOT
+
+
+def test_bake_writes_and_says_where(call, milk, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call("milk.yaml")
+    assert status == 0 and out == "milk.h5\n", err
+    assert "medium: " in err
+    status, out, _ = call("milk.yaml")
+    assert status == 0 and out == "milk.h5 is up to date\n"
+
+
+def test_where_the_asset_goes(call, milk, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    assert call("bake", milk, "-o", "out/")[1] == "out/milk.h5\n"
+    assert call("-o", "x.h5", milk)[1] == "x.h5\n"
+    for output, said in (("out", "is a folder"), ("missing/x.h5", "folder does not exist"), ("missing/", "folder does not exist"),
+                         ("/dev/null", "pipe or device")):
+        status, out, err = call(milk, "-o", output)
+        assert status == 2 and said in err and not out, (output, err)
+
+
+def test_a_link_is_kept_and_its_target_replaced(call, milk, tmp_path):
+    (tmp_path / "real.h5").write_bytes(b"old")
+    (tmp_path / "link.h5").symlink_to("real.h5")
+    assert call(milk, "-o", tmp_path / "link.h5")[0] == 0
+    assert (tmp_path / "link.h5").is_symlink() and read(tmp_path / "real.h5").attributes["name"] == "milk"
+
+
+def test_several_recipes(call, milk, drops, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = call(milk, drops, "-o", "./")
+    assert status == 0 and out == "milk.h5\ndrops.h5\n"
+    assert call(milk, drops, "-o", "one.h5")[0] == 2
+    assert "both become" in call(milk, milk)[2]
+    assert call(milk, drops, "--depfile", "d")[0] == 2
+
+
+def test_only_what_changed_runs_again(call, drops, tmp_path):
+    asset = tmp_path / "drops.h5"
+    assert call(drops, "-o", asset)[0] == 0
+    drops.write_text(drops.read_text().replace("1e8 /m^3", "2e8 /m^3") + "# a remark\n")
+    status, out, _ = call("plan", drops, "-o", asset, "--json")
+    steps = {step["stage"]: step for step in json.loads(out)[0]["steps"]}
+    assert steps["optics"]["action"] == "reuse" and steps["medium"]["action"] == "run"
+    assert any("particles.number_density" in why for why in steps["medium"]["why"])
+    status, out, _ = call(drops, "-o", asset, "--json")
+    did = {step["stage"]: step["source"] for step in json.loads(out)[0]["steps"]}
+    assert did == {"optics": "unchanged", "medium": "computed"}
+    # a remark alone rewrites the recipe's text, and no stage
+    drops.write_text(drops.read_text() + "# another\n")
+    status, out, _ = call(drops, "-o", asset, "--json")
+    report = json.loads(out)[0]
+    assert report["written"] and {step["source"] for step in report["steps"]} == {"unchanged"}
+
+
+def test_plan_is_what_bake_does(call, drops, tmp_path):
+    asset = tmp_path / "drops.h5"
+    planned = json.loads(call("plan", drops, "-o", asset, "--json")[1])[0]
+    dry = json.loads(call(drops, "-o", asset, "--dry-run", "--json")[1])[0]
+    assert planned == dry and not asset.exists()
+    report = json.loads(call(drops, "-o", asset, "--json")[1])[0]
+    assert [s["input_hash"] for s in report["steps"]] == [s["input_hash"] for s in planned["steps"]]
+    assert 0.5 < asset.stat().st_size / planned["file"] < 2.0 or asset.stat().st_size < 50_000
+    text = call("plan", drops, "-o", asset)[1]
+    assert "up to date, nothing to do" in text and "unchanged in drops.h5" in text
+
+
+def test_overrides_are_recorded(call, milk, tmp_path):
+    asset = tmp_path / "a.h5"
+    status, _, err = call(milk, "-o", asset, "--tolerance", "2%", "--set", "medium.phase.g=0.5", "--seed", "7")
+    assert status == 0, err
+    root = read(asset)
+    recipe = root["recipe"].data.tobytes().decode()
+    assert "2%" in recipe and "g: 0.5" in recipe and "seed: 7" in recipe
+    assert root["medium"].attributes["tolerance"] == 0.02
+    assert call(milk, "-o", asset, "--quality", "draft")[0] == 0
+    assert read(asset)["medium"].attributes["tolerance"] == 0.1
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["--set", "medium.fase.g=0.5"], "phase"),
+    (["--set", "novalue"], "KEY=VALUE"),
+    (["--quality", "best"], "draft, preview, final"),
+    (["--tolerance", "lots"], "lots"),
+    (["--stage", "optic"], "medium"),
+    (["--scene", "s.xml"], "not available yet"),
+    (["--jobs", "0"], "jobs"),
+    (["--nonsense"], "nonsense"),
+])
+def test_wrong_options_are_told(call, milk, tmp_path, arguments, said):
+    status, out, err = call(milk, "-o", tmp_path / "a.h5", *arguments)
+    assert status == 2 and said in err and not out and not (tmp_path / "a.h5").exists(), err
+
+
+def test_every_problem_of_every_recipe_at_once(call, milk, tmp_path):
+    text = milk.read_text()
+    milk.write_text(text.replace("g: 0.7", "g: 1.7").replace("albedo", "albdo"))
+    other = tmp_path / "other.yaml"
+    other.write_text(text.replace("bakery: 1", "bakery: 7"))
+    status, _, err = call(milk, other)
+    assert status == 2 and "milk.yaml:" in err and "other.yaml:1" in err and "albedo" in err and "1.7" in err
+    assert "Traceback" not in err
+
+
+def test_first_word(call, tmp_path):
+    status, _, err = call("plann")
+    assert status == 2 and "did you mean plan?" in err
+    status, _, err = call(tmp_path / "none.yaml")
+    assert status == 2 and "none.yaml" in err
+    assert call("--help")[0] == 0 and call("bake", "--help")[0] == 0 and call("--version")[1].startswith("bakery ")
+
+
+def test_same_bytes_whatever_the_workers(call, drops, tmp_path):
+    hashes = set()
+    for jobs in (1, 3):
+        assert call(drops, "-o", tmp_path / "a.h5", "--force", "--jobs", jobs)[0] == 0
+        hashes.add(read(tmp_path / "a.h5").attributes["content_hash"])
+    assert len(hashes) == 1
+
+
+def test_same_bytes_in_other_surroundings(command, drops, tmp_path):
+    hashes = set()
+    for i, extra in enumerate(({}, {"PYTHONHASHSEED": "7", "LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONOPTIMIZE": "1"})):
+        done = command(drops, "-o", tmp_path / f"{i}.h5", "--force", cwd=tmp_path / "..", env=extra, timeout=240)
+        assert done.returncode == 0, done.stderr
+        hashes.add(read(tmp_path / f"{i}.h5").attributes["content_hash"])
+    assert len(hashes) == 1
+
+
+def test_quiet_and_closed_output(command, milk, tmp_path):
+    done = command(milk, "-o", tmp_path / "a.h5", "--quiet")
+    assert done.returncode == 0 and done.stderr == ""
+    # the reader of the output leaves at once: no traceback, whatever the status of the pipe
+    pipe = subprocess.run(f"{sys.executable} -m bakery plan {milk} --verbose | head -c 1", shell=True, text=True,
+                          capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60)
+    assert "Traceback" not in pipe.stderr
+    full = subprocess.run(f"{sys.executable} -m bakery {milk} -o {tmp_path}/b.h5 --force 2>/dev/full", shell=True, timeout=60,
+                          env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    assert full.returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is the test")
+def test_make_rebuilds_only_what_changed(drops, tmp_path):
+    (tmp_path / "Makefile").write_text(
+        f"drops.h5: drops.yaml\n\t{sys.executable} -m bakery drops.yaml -o drops.h5 --depfile drops.d\n-include drops.d\n")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+    def make():
+        return subprocess.run(["make"], cwd=tmp_path, env=environment, check=True, capture_output=True, text=True).stdout
+
+    assert "drops.h5" in make()
+    assert "up to date" in make()
+    os.utime(tmp_path / "drops.yaml")  # touched, not changed: one bake that does nothing, then peace
+    assert "drops.h5 is up to date" in make()
+    assert "is up to date" in make() and "python" not in make()
+    assert "water.csv" in (tmp_path / "drops.d").read_text()
+
+
+def test_files_read_are_files_named(drops, tmp_path):
+    """Every file below the recipe's folder or assets/ that a bake opens for reading is in its depfile."""
+    code = (
+        "import sys, os\n"
+        "opened = set()\n"
+        "def watch(event, args):\n"
+        "    if event == 'open' and isinstance(args[0], (str, bytes)) and not (args[2] or 0) & (os.O_WRONLY | os.O_RDWR):\n"
+        "        opened.add(os.path.realpath(os.fsdecode(args[0])))\n"
+        "sys.addaudithook(watch)\n"
+        "from bakery.cli import status_of\n"
+        f"assert status_of([{str(drops)!r}, '-o', {str(tmp_path / 'a.h5')!r}, '--depfile', {str(tmp_path / 'a.d')!r}]) == 0\n"
+        f"data = [p for p in opened if p.startswith(({str(tmp_path)!r}, {str(ROOT / 'assets')!r})) and not p.endswith(('.part', '.h5'))\n"
+        "        and os.path.isfile(p)]\n"
+        "print('\\n'.join(data))\n")
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
+                          capture_output=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    named = {os.path.realpath(tmp_path / line.strip(" \\:")) for line in (tmp_path / "a.d").read_text().splitlines()}
+    read_files = [line for line in done.stdout.splitlines() if os.path.isfile(line) and not line.endswith(".d")]
+    assert len(read_files) >= 2 and set(read_files) <= named, (read_files, named)
+
+
+def test_cache_commands(call, drops, tmp_path):
+    assert call(drops, "-o", tmp_path / "a.h5")[0] == 0
+    info = json.loads(call("cache", "info", "--json")[1])
+    assert info["entries"] == 2 and set(info["stages"]) == {"optics", "medium"}
+    assert "2 entries" in call("cache", "info")[1]
+    assert call("cache", "prune", "--max-size", "0B")[1] == "2 entries removed\n"
+    assert call("cache", "prune", "--max-size", "many")[0] == 2
+    assert call(drops, "-o", tmp_path / "a.h5", "--force")[0] == 0
+    assert call("cache", "clear")[1] == "2 entries removed\n"
+    # the asset itself holds the stages: an empty cache does not make them run again
+    drops.write_text(drops.read_text().replace("1e8 /m^3", "2e8 /m^3"))
+    did = json.loads(call(drops, "-o", tmp_path / "a.h5", "--json")[1])[0]["steps"]
+    assert [step["source"] for step in did] == ["unchanged", "computed"]
+
+
+def test_python_does_what_the_command_does(drops, tmp_path):
+    import bakery
+
+    path = bakery.bake(drops, output=tmp_path / "a.h5")
+    assert path == tmp_path / "a.h5" and bakery.open(path).medium.sigma_t.shape == (1,)

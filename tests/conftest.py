@@ -1,0 +1,85 @@
+"""What all tests share: a cache of their own, recipes that bake in a moment, the command line as a user calls it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+MILK = """\
+bakery: 1
+name: {name}
+wavelengths: rgb
+tolerance: 1%
+medium:
+  albedo: [0.9998, 0.9995, 0.998]
+  mean_free_path: "[0.84, 0.75, 0.68] mm"
+  phase: {{type: hg, g: {g}}}
+"""
+
+DROPS = """\
+bakery: 1
+name: {name}
+wavelengths: [0.55]
+tolerance: {tolerance}
+particles:
+  host: air
+  number_density: 1e8 /m^3
+  components:
+    - name: droplets
+      material: water
+      size: {{distribution: lognormal, radius: {radius}, sigma: 1.2, min: 0.1 um, max: 3 um}}
+"""
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path_factory, monkeypatch):
+    """No test sees another's cache, nor the user's."""
+    monkeypatch.setenv("BAKERY_CACHE", str(tmp_path_factory.mktemp("cache")))
+    monkeypatch.delenv("BAKERY_JOBS", raising=False)
+
+
+@pytest.fixture
+def milk(tmp_path):
+    """A recipe that bakes in a moment: coefficients, no particles."""
+    path = tmp_path / "milk.yaml"
+    path.write_text(MILK.format(name="milk", g=0.7))
+    return path
+
+
+@pytest.fixture
+def drops(tmp_path):
+    """A recipe with both stages: small drops, one wavelength, 5 %."""
+    path = tmp_path / "drops.yaml"
+    path.write_text(DROPS.format(name="drops", tolerance="5%", radius="0.5 um"))
+    return path
+
+
+@pytest.fixture
+def call(capsys):
+    """Run the command line in this process: (status, stdout, stderr)."""
+    from bakery.cli import status_of
+
+    def run(*args):
+        capsys.readouterr()
+        status = status_of([str(arg) for arg in args])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return run
+
+
+@pytest.fixture
+def command():
+    """Run the command line as a process of its own."""
+
+    def run(*args, cwd=None, env=None, timeout=120, **more):
+        return subprocess.run([sys.executable, "-m", "bakery", *map(str, args)], cwd=cwd, timeout=timeout, text=True,
+                              capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})}, **more)
+
+    return run

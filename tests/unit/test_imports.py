@@ -1,0 +1,77 @@
+"""The layers of docs/architecture.md, kept by reading every import statement."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+
+import pytest
+
+from tests.conftest import ROOT
+
+PHYSICS = {"mie", "sizes", "materials", "medium"}
+# folder -> what it may import of bakery, besides itself and `errors`
+MAY = {
+    "recipe": {"materials"},
+    "plan": {"recipe", "stages", "store.tree"},
+    "stages": PHYSICS | {"store.tree", "recipe"},
+    "run": {"plan", "recipe", "stages", "store", "__version__"},
+    "store": set(),
+    "report": {"asset", "medium", "store"},
+    "export": {"asset", "medium", "store"},
+} | {folder: PHYSICS for folder in PHYSICS}
+OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
+           "itertools", "os", "pathlib"}
+
+
+def modules(folder: str):
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            for alias in node.names:
+                yield f"{node.module}.{alias.name}"
+
+
+def below(name: str, allowed) -> bool:
+    return any(name == top or name.startswith(top + ".") for top in allowed)
+
+
+@pytest.mark.parametrize("folder", sorted(MAY))
+def test_imports_point_down(folder):
+    paths = modules(f"bakery/{folder}")
+    assert paths
+    for path in paths:
+        for name in imports(path):
+            if name.startswith("bakery."):
+                assert below(name.removeprefix("bakery."), MAY[folder] | {folder, "errors"}), f"{path} imports {name}"
+            assert not name.startswith("renderers"), f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("folder", sorted(PHYSICS))
+def test_physics_knows_arrays_only(folder):
+    for path in modules(f"bakery/{folder}"):
+        for name in imports(path):
+            assert name.startswith("bakery.") or name.split(".")[0] in OUTSIDE, f"{path} imports {name}"
+
+
+def test_renderers_see_assets_only():
+    for path in modules("renderers"):
+        for name in imports(path):
+            if name.startswith("bakery"):
+                assert name in {"bakery", "bakery.open"} or name.startswith("bakery.errors"), f"{path} imports {name}"
+
+
+def test_import_and_help_load_nothing_heavy():
+    code = ("import sys, bakery, bakery.cli\n"
+            "from bakery.cli import status_of\n"
+            "status_of(['--help'])\n"
+            "heavy = {'numpy', 'numba', 'scipy', 'h5py', 'matplotlib', 'pydantic', 'rich', 'mitsuba'} & set(sys.modules)\n"
+            "assert not heavy, heavy\n")
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)

@@ -1,0 +1,259 @@
+"""The runner and its cache, with two small stages of the tests' own."""
+
+from __future__ import annotations
+
+import os
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bakery import plan as planning
+from bakery.errors import StageError
+from bakery.run import execute
+from bakery.run.cache import Cache
+from bakery.run.executors import Context
+from bakery.run.progress import Lines, Progress
+from bakery.stages.declaration import Cost, Result, Stage
+from bakery.store.read import read
+from bakery.store.tree import Dataset, Group
+
+COUNT = {"dig": 0, "grind": 0}
+
+
+def square(start, stop):
+    return np.arange(start, stop, dtype=float) ** 2
+
+
+def dig(inputs, context):
+    COUNT["dig"] += 1
+    blocks = context.map(square, [(i, i + 3) for i in range(0, inputs["n"], 3)])
+    context.report(0.5, 0.1)
+    return Result({"value": Dataset(np.concatenate(blocks), "m", "squares")}, 0.01, ("a remark",))
+
+
+def grind(inputs, context):
+    COUNT["grind"] += 1
+    if inputs["factor"] < 0:
+        raise MemoryError
+    return Result({"value": Dataset(inputs["factor"] * inputs["value"], "m", "scaled")}, 0.02)
+
+
+def rule(group):
+    return [] if (group["value"].data < 1e6).all() else ["value: above 1e6"]
+
+
+def cost(recipe):
+    return Cost(1.0, 1e6, 1e3, "counted")
+
+
+DIG = Stage("dig", 1, "dig", ("n",), (), lambda r: True, (), "relative", cost, lambda r, up: {"n": r.leaves["n"]}, dig, rule)
+GRIND = Stage("grind", 1, "grind", ("factor",), ("dig",), lambda r: True, (), "relative", cost,
+              lambda r, up: {"factor": r.leaves["factor"], "value": up["dig"]["value"].data}, grind, rule)
+
+
+@pytest.fixture(autouse=True)
+def _stages(monkeypatch):
+    import bakery.stages
+
+    monkeypatch.setattr(bakery.stages, "all_stages", lambda: (DIG, GRIND))
+    COUNT.update(dig=0, grind=0)
+
+
+def recipe(factor=2.0, n=9):
+    return SimpleNamespace(path=Path("r.yaml"), name="r", text="bakery: 1\n", wavelength=(0.55,), tolerance=0.05, seed=0, files=(),
+                           leaves={"factor": factor, "n": n})
+
+
+def plan(tmp_path, cache, **values):
+    return planning.make(recipe(**values), tmp_path / "r.h5", in_cache=cache.has)
+
+
+def messages():
+    said = []
+
+    class Told(Progress):
+        def say(self, text):
+            said.append(text)
+
+    return said, Told()
+
+
+def test_bake_then_reuse_from_the_cache(tmp_path):
+    said, told = messages()
+    cache = Cache(tmp_path / "cache")
+    baked = execute(plan(tmp_path, cache), cache=cache, progress=told)
+    assert baked.written and [step["source"] for step in baked.steps] == ["computed", "computed"]
+    assert "dig: a remark" in said
+    root = read(tmp_path / "r.h5")
+    np.testing.assert_array_equal(root["grind/value"].data, 2.0 * np.arange(9.0) ** 2)
+    assert root["dig"].attributes["achieved_error"] == 0.01 and root["dig"].attributes["stage_version"] == 1
+    first = root.attributes["content_hash"]
+    (tmp_path / "r.h5").unlink()
+    again = execute(plan(tmp_path, cache), cache=cache)
+    assert [step["source"] for step in again.steps] == ["from the cache"] * 2 and COUNT == {"dig": 1, "grind": 1}
+    assert read(tmp_path / "r.h5").attributes["content_hash"] == first
+
+
+def test_a_finished_stage_survives_the_failure_of_the_next(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    with pytest.raises(StageError, match="grind: out of memory; the plan expected 1 MB"):
+        execute(plan(tmp_path, cache, factor=-1.0), cache=cache)
+    assert not (tmp_path / "r.h5").exists()
+    execute(plan(tmp_path, cache), cache=cache)
+    assert COUNT == {"dig": 1, "grind": 2}
+
+
+def test_what_breaks_a_rule_is_not_stored(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    with pytest.raises(StageError, match="grind: .*value: above 1e6"):
+        execute(plan(tmp_path, cache, factor=1e9), cache=cache)
+    assert not (tmp_path / "r.h5").exists()
+    assert [path.name.split("-")[0] for path, _, _ in cache.entries()] == ["dig"]
+
+
+@pytest.mark.parametrize("workers", [None, 1, 3, "processes"])
+def test_values_do_not_depend_on_the_workers(tmp_path, workers):
+    cache = Cache(tmp_path / "cache")
+    if workers == "processes":
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+            execute(plan(tmp_path, cache), cache=cache, executor=pool)
+    elif workers:
+        with ThreadPoolExecutor(workers) as pool:
+            execute(plan(tmp_path, cache), cache=cache, executor=pool)
+    else:
+        execute(plan(tmp_path, cache), cache=cache)
+    np.testing.assert_array_equal(read(tmp_path / "r.h5")["dig/value"].data, np.arange(9.0) ** 2)
+
+
+def flip(path):
+    data = bytearray(path.read_bytes())
+    data[-40] ^= 1
+    path.write_bytes(data)
+
+
+def swap(path):
+    other = next(p for p in path.parent.glob("*.h5") if p != path)
+    path.write_bytes(other.read_bytes())
+
+
+@pytest.mark.parametrize("damage", [
+    flip, swap, lambda p: p.write_bytes(p.read_bytes()[:700]), lambda p: p.write_bytes(b""), lambda p: p.write_bytes(b"hello"),
+    lambda p: p.write_bytes(p.read_bytes().replace(b"bakery-asset 1 ", b"bakery-asset 9 ", 1)),
+], ids=["bit", "other entry", "cut", "empty", "foreign", "version"])
+def test_a_damaged_entry_is_moved_aside_and_computed_again(tmp_path, damage):
+    said, told = messages()
+    cache = Cache(tmp_path / "cache", say=told.say)
+    execute(plan(tmp_path, cache), cache=cache)
+    before = read(tmp_path / "r.h5").attributes["content_hash"]
+    (tmp_path / "r.h5").unlink()
+    damage(next((tmp_path / "cache").glob("dig-*.h5")))
+    execute(plan(tmp_path, cache), cache=cache)
+    assert COUNT == {"dig": 2, "grind": 1}
+    assert len([text for text in said if "moved aside" in text]) == 1
+    assert len(list((tmp_path / "cache").glob("*.bad"))) == 1
+    assert read(tmp_path / "r.h5").attributes["content_hash"] == before
+    assert len(cache.prune()) == 1 and not list((tmp_path / "cache").glob("*.bad"))
+
+
+def test_a_cache_that_cannot_be_written_costs_one_warning(tmp_path):
+    (tmp_path / "file").write_text("")
+    said, told = messages()
+    cache = Cache(tmp_path / "file" / "cache", say=told.say)
+    execute(plan(tmp_path, cache), cache=cache)
+    assert (tmp_path / "r.h5").exists()
+    assert len([text for text in said if text.startswith("cache:")]) == 1
+
+
+def test_two_bakes_at_once_compute_each_stage_once(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    start = threading.Barrier(4)
+    failures = []
+
+    def one(i):
+        try:
+            start.wait()
+            execute(planning.make(recipe(), tmp_path / f"{i % 2}.h5"), cache=Cache(tmp_path / "cache"))
+        except BaseException as error:
+            failures.append(error)
+
+    workers = [threading.Thread(target=one, args=(i,)) for i in range(4)]
+    [worker.start() for worker in workers]
+    [worker.join() for worker in workers]
+    assert not failures
+    assert COUNT == {"dig": 1, "grind": 1}
+    assert read(tmp_path / "0.h5").attributes["content_hash"] == read(tmp_path / "1.h5").attributes["content_hash"]
+    assert len(cache.entries()) == 2
+
+
+def test_an_entry_that_vanishes_is_only_a_miss(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    execute(plan(tmp_path, cache), cache=cache)
+    (tmp_path / "r.h5").unlink()
+    stale = plan(tmp_path, cache)
+    assert len(cache.clear()) == 2
+    execute(stale, cache=cache)
+    assert COUNT == {"dig": 2, "grind": 2} and (tmp_path / "r.h5").exists()
+
+
+def test_prune_takes_the_least_recently_used(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    execute(plan(tmp_path, cache), cache=cache)
+    old = next((tmp_path / "cache").glob("grind-*.h5"))
+    os.utime(old, (1, 1))
+    total = sum(size for _, size, _ in cache.entries())
+    assert cache.prune(max_bytes=total - 1) == [old]
+    assert cache.prune(max_age=3600) == []
+    assert len(cache.entries()) == 1
+
+
+def test_speed_is_remembered_and_a_broken_file_is_not_believed(tmp_path):
+    cache = Cache(tmp_path)
+    assert cache.speed("dig") == (1.0, 0)
+    for ratio in (3.0, 2.0, 1.0):
+        cache.note_speed("dig", ratio)
+    assert cache.speed("dig") == (2.0, 3)
+    (tmp_path / "speed.json").write_text('{"dig": ["x"')
+    assert cache.speed("dig") == (1.0, 0)
+
+
+def test_map_cancels_what_waits_when_a_block_fails():
+    ran = []
+
+    def block(i):
+        ran.append(i)
+        if i == 0:
+            raise ValueError("block 0")
+
+    with ThreadPoolExecutor(1) as pool:
+        with pytest.raises(ValueError, match="block 0"):
+            Context(0.1, executor=pool).map(block, [(i,) for i in range(200)])
+    assert len(ran) < 200
+
+
+def test_lines_say_a_stage_and_survive_a_closed_stream(tmp_path):
+    path = tmp_path / "log"
+    with path.open("w") as stream:
+        lines = Lines(stream, every=0.0)
+        lines.stage("dig", "dig", 0.01, 1.0)
+        lines.update(0.5, 0.2)
+        lines.done("dig", "1 s")
+    lines.say("into the void")
+    assert path.read_text().splitlines()[0].startswith("dig: 50 %, error 0.2 of 0.01")
+    assert path.read_text().endswith("dig: 1 s\n")
+
+
+def test_the_group_holds_what_the_contract_names(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    execute(plan(tmp_path, cache), cache=cache)
+    root = read(tmp_path / "r.h5")
+    assert list(root.members) == ["recipe", "wavelength", "dig", "grind", "provenance"]
+    for name in ("dig", "grind"):
+        attributes = root[name].attributes
+        assert {"stage", "stage_version", "input_hash", "content_hash", "tolerance", "achieved_error", "error_measure"} <= set(attributes)
+        own = root[f"provenance/{name}"]
+        assert isinstance(own, Group) and {"seconds", "peak_memory", "workers"} <= set(own.attributes)
