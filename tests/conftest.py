@@ -83,3 +83,7 @@ def command():
                               capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})}, **more)
 
     return run
+
+
+def pytest_addoption(parser):
+    parser.addoption("--update", metavar="CASE", default=None, help="rewrite the golden values of a case (or all)")
