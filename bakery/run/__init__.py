@@ -225,7 +225,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         progress.say(f"{stage.name}: {note}")
     progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {recipe.tolerance:.2g}, "
                               f"{resources.in_words(max(peak - before, 0))}")
-    from bakery.store.write import text
+    from bakery.store.tree import text
 
     provenance = Group(
         {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
@@ -239,7 +239,7 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
     """The asset's tree, in the order of the plan."""
     import numpy as np
 
-    from bakery.store.write import text
+    from bakery.store.tree import text
 
     recipe = plan.recipe
     members = {
@@ -248,14 +248,19 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
     }
     members |= groups
     members["provenance"] = Group(dict(provenances), {
-        "created": _now(), "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])[:4096],
-        "recipe_path": str(recipe.path), **_versions()})
+        "created": _now(), "command": _readable(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])),
+        "recipe_path": _readable(str(recipe.path)), **_versions()})
     return Group(members, {"name": recipe.name, "bakery_version": bakery.__version__})
 
 
 def _broken(plan: Plan, root: Group) -> list[str]:
     """Broken rules of what was read back from disk; the store keeps nothing that breaks one."""
     return [f"{step.stage.name}: {rule}" for step in plan.steps for rule in step.stage.check(root[step.stage.name])]
+
+
+def _readable(text: str) -> str:
+    """File names may hold bytes that are no text; an asset's attributes may not."""
+    return os.fsencode(text).decode(errors="replace")[:4096]
 
 
 def _versions() -> dict[str, str]:
@@ -286,7 +291,7 @@ def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
     """What an asset says of its making: parts of each stage, their input hashes, whether its recipe is this one."""
     if standing is None:
         return None, {}, False
-    from bakery.store.read import read_text
+    from bakery.store.tree import read_text
 
     previous, current = {}, {}
     for name, group in standing.members.items():
@@ -327,7 +332,7 @@ def _touch(path: Path) -> None:
 
 
 def _refuse_too_large(plan: Plan) -> None:
-    from bakery.store.write import free_space
+    from bakery.store.files import free_space
 
     free = resources.free_memory()
     if free is not None and plan.memory > SHARE_OF_MEMORY * free:

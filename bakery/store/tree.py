@@ -50,3 +50,21 @@ class Group:
         if isinstance(member, Dataset):
             raise KeyError(path)
         return member[rest]
+
+
+TEXT = "utf-8"  # the `units` of a dataset that holds text as bytes
+
+
+def text(string: str, description: str) -> Dataset:
+    """Text as a dataset of its UTF-8 bytes: chunked and covered by checksums, as HDF5's own strings are not."""
+    return Dataset(np.frombuffer(string.encode(), np.uint8), TEXT, description)
+
+
+def is_text(member: Dataset | Group) -> bool:
+    """Whether this is a dataset that `text` made."""
+    return isinstance(member, Dataset) and member.units == TEXT and member.data.dtype == np.uint8 and member.data.ndim == 1
+
+
+def read_text(dataset: Dataset) -> str:
+    """The string that `text` stored; UnicodeDecodeError where the bytes are none."""
+    return dataset.data.tobytes().decode()

@@ -18,11 +18,11 @@ MAY = {
     "stages": PHYSICS | {"store.tree", "recipe"},
     "run": {"plan", "recipe", "stages", "store", "__version__"},
     "store": set(),
-    "report": {"asset", "medium", "store"},
+    "report": {"__version__", "asset", "medium", "store", "recipe.units"},
     "export": {"asset", "medium", "store"},
 } | {folder: PHYSICS for folder in PHYSICS}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "itertools", "os", "pathlib"}
+           "itertools", "os", "pathlib", "llvmlite"}
 
 
 def modules(folder: str):

@@ -1,0 +1,112 @@
+"""A tree as the bytes of an HDF5 file, built in memory: the same tree gives the same bytes.
+
+The 1.10 file format has checksums on its metadata and fletcher32 covers chunks, while contiguous or scalar datasets and
+variable-length strings have none: so every dataset is chunked and every string has a fixed length.
+"""
+
+from __future__ import annotations
+
+import io
+import zlib
+
+import numpy as np
+
+from bakery.store.container import LIMITS, NAME, USER_BLOCK, user_block
+from bakery.store.tree import Attribute, Dataset, Group
+
+CHUNK = 1 << 20  # bytes; a whole number of rows up to this size goes into one chunk
+_DEFLATE_LEVEL = 4
+# Unpacking costs more time than reading: worth it from a third less on.  Measured on a first MB of each dataset.
+_PAYS = 0.67
+
+
+def image(root: Group) -> bytearray:
+    """The bytes of the asset file, user block included, of a tree that `hashes.seal` has put in order.
+
+    Raises
+    ------
+    ValueError : a name, type or attribute that the format does not allow (an error of the caller)
+    """
+    import h5py
+
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", libver="v110", userblock_size=USER_BLOCK, track_order=True) as file:
+        _fill(file, root, "", 1)
+    data = bytearray(buffer.getbuffer())
+    data[:USER_BLOCK] = user_block(memoryview(data)[USER_BLOCK:])
+    return data
+
+
+def _fill(target, group: Group, path: str, depth: int) -> None:
+    if depth > LIMITS.depth:
+        raise ValueError(f"{path}: deeper than {LIMITS.depth} groups")
+    _set_attributes(target, group.attributes, path)
+    for name, member in group.members.items():
+        here = f"{path}{name}"
+        if not NAME.fullmatch(name):
+            raise ValueError(f"{here!r}: a name is a letter and up to 63 letters, digits, _ or -")
+        if isinstance(member, Group):
+            _fill(target.create_group(name, track_order=True), member, here + "/", depth + 1)
+        else:
+            _add_dataset(target, name, member, here)
+
+
+def _add_dataset(target, name: str, dataset: Dataset, path: str) -> None:
+    import h5py
+
+    data = dataset.data
+    dtype = data.dtype
+    if dataset.choices:
+        if dtype.kind not in "iu" or not all(NAME.fullmatch(choice) for choice in dataset.choices):
+            raise ValueError(f"{path}: choices are names for the values of an integer array")
+        dtype = h5py.enum_dtype({choice: i for i, choice in enumerate(dataset.choices)}, basetype=dtype)
+    packing = {"shuffle": True, "compression": "gzip", "compression_opts": _DEFLATE_LEVEL} if _deflate_pays(data) else {}
+    # An axis of length 0 must be declared extensible: HDF5 has no chunk that fits into it otherwise.
+    maxshape = tuple(n or None for n in data.shape) if data.size == 0 else None
+    created = target.create_dataset(name, shape=data.shape, dtype=dtype, chunks=chunk_shape(data.shape, data.itemsize),
+                                    maxshape=maxshape, fletcher32=True, **packing)
+    if data.size:
+        created[...] = data
+    _set_attributes(created, {"units": dataset.units, "description": dataset.description}, path)
+
+
+def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """The whole array up to `CHUNK` bytes; beyond that full rows of the last axes, cut along the first axis that needs it."""
+    chunk = [max(n, 1) for n in shape]
+    for axis in range(len(chunk)):
+        rest = itemsize * int(np.prod(chunk[axis + 1:], dtype=np.int64))
+        chunk[axis] = min(chunk[axis], max(1, CHUNK // rest))
+        if rest <= CHUNK:
+            break
+    return tuple(chunk)
+
+
+def _deflate_pays(data: np.ndarray) -> bool:
+    sample = np.ascontiguousarray(data.reshape(-1)[:CHUNK // data.itemsize])
+    if sample.nbytes < 512:
+        return False
+    shuffled = sample.view(np.uint8).reshape(-1, data.itemsize).T.tobytes()
+    return len(zlib.compress(shuffled, _DEFLATE_LEVEL)) < _PAYS * len(shuffled)
+
+
+def _set_attributes(target, attributes: dict[str, Attribute], path: str) -> None:
+    import h5py
+
+    for name, value in attributes.items():
+        if not NAME.fullmatch(name):
+            raise ValueError(f"{path}: attribute {name!r}: not a name")
+        if isinstance(value, str):
+            data = value.encode()
+            if b"\0" in data or len(data) > LIMITS.attribute_bytes:
+                raise ValueError(f"{path}: attribute {name!r}: text without NUL up to {LIMITS.attribute_bytes} bytes; "
+                                 "longer text is a dataset")
+            # HDF5 has no string of length 0; one NUL reads back as the empty string.
+            target.attrs.create(name, data, dtype=h5py.string_dtype("utf-8", max(len(data), 1)))
+        elif isinstance(value, bool | np.bool_):
+            target.attrs.create(name, np.bool_(value))
+        elif isinstance(value, int | np.integer):
+            target.attrs.create(name, int(value), dtype="<i8")
+        elif isinstance(value, float | np.floating):
+            target.attrs.create(name, float(value), dtype="<f8")
+        else:
+            raise ValueError(f"{path}: attribute {name!r}: {type(value).__name__} is not stored; use text, int, float or bool")

@@ -1,0 +1,69 @@
+"""An asset file as a tree: read once into memory from one descriptor, its digest checked before HDF5 sees a byte."""
+
+from __future__ import annotations
+
+import os
+
+from bakery.errors import AssetError, StoreError
+from bakery.store.container import FORMAT, LIMITS, VERSION, Limits, check_container
+from bakery.store.decode import decode
+from bakery.store.files import FILES, Files, NotRegular
+from bakery.store.hashes import broken_hashes
+from bakery.store.tree import Group, read_text
+
+__all__ = ["check_format", "decode", "parse", "read", "read_bytes", "read_text", "slurp"]
+
+
+def read(path: str | os.PathLike, *, limits: Limits = LIMITS, files: Files = FILES) -> Group:
+    """The tree that an asset or a cache entry holds; arrays are read-only.
+
+    Raises
+    ------
+    AssetError : no such file, foreign, damaged, of another format version, or beyond the limits
+    StoreError : the system would not read it (permission, failing disk)
+    """
+    path = os.fspath(path)
+    return parse(path, read_bytes(path, files), limits)
+
+
+def parse(path: str, data: bytes, limits: Limits = LIMITS) -> Group:
+    """The tree in a file's bytes, every check done; AssetError names `path`."""
+    check_container(path, data)
+    root = decode(path, data, limits)
+    check_format(path, root)
+    broken = broken_hashes(root)
+    if broken:
+        raise AssetError(f"{path}: damaged: {broken[0]}; bake again with `bake RECIPE`")
+    return root
+
+
+def read_bytes(path: str, files: Files = FILES) -> bytes:
+    """Every byte of a regular file; refuses anything else without waiting."""
+    if "://" in path:
+        raise AssetError(f"{path}: an asset is read from a file, not from a network address; download it first")
+    try:
+        return slurp(path, files)
+    except FileNotFoundError:
+        raise AssetError(f"{path}: there is no such file") from None
+    except NotRegular:
+        raise AssetError(f"{path}: a folder, pipe or device, not a bakery asset") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise StoreError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def slurp(path: str, files: Files) -> bytes:
+    """Every byte of a regular file, from one descriptor; OSError as the system gives it."""
+    fd = files.open(path)
+    try:
+        return files.read(fd)
+    finally:
+        files.close(fd)
+
+
+def check_format(path: str, root: Group) -> None:
+    """AssetError unless the root names this format and version."""
+    found, version = root.attributes.get("format"), root.attributes.get("format_version")
+    if found != FORMAT:
+        raise AssetError(f"{path}: damaged: the root's attribute `format` is {found!r}, not {FORMAT!r}")
+    if version != VERSION:
+        raise AssetError(f"{path}: damaged: the root's attribute `format_version` is {version!r}, its first line says {VERSION}")

@@ -1,0 +1,105 @@
+"""`bakery.open`: what a user of an asset sees."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.store.read import read
+from bakery.store.tree import Dataset, Group
+from bakery.store.write import write
+from tests.conftest import ROOT
+from tests.samples import small_asset, with_member
+
+
+@pytest.fixture(scope="module")
+def asset(tmp_path_factory):
+    path = tmp_path_factory.mktemp("asset") / "fog.h5"
+    root = with_member(small_asset(), "packing", Group({
+        "centers": Dataset(np.zeros((2, 3)), "1", "centres"),
+        "pair_correlation": Group({"r": Dataset(np.ones(4), "1", "distance")})}, {"stage": "packing"}))
+    write(path, root)
+    return bakery.open(path)
+
+
+def test_what_the_interface_promises(asset):
+    root = small_asset()
+    assert asset.name == "fog" and asset.recipe.startswith("bakery: 1\n") and len(asset.content_hash) == 64
+    assert asset.wavelength.tolist() == [0.61, 0.465]
+    for name in ("sigma_t", "sigma_s", "sigma_a", "albedo", "g", "theta", "cdf"):
+        assert np.array_equal(getattr(asset.medium, name), root[f"medium/{name}"].data)
+    drops = asset.optics["droplets"]
+    assert np.array_equal(drops.radius, root["optics/droplets/radius"].data)
+    assert np.array_equal(drops.error["scattering"], root["optics/droplets/scattering_error"].data)
+    assert drops.choices["method"][drops.method[0, 0]] == "mie"
+    assert drops.units["extinction"] == "um^2" and drops.description["radius"] == "radii of the quadrature"
+    assert asset.optics["droplets/radius"] is drops.radius
+    assert asset.stages["medium"]["achieved_error"] == 0.004 and list(asset.stages) == ["optics", "medium", "packing"]
+    assert asset.provenance.attributes["command"] == "bake fog.yaml" and asset.provenance["optics"].notes == "none"
+    assert asset.packing.centers.shape == (2, 3) and asset.packing.pair_correlation.r.shape == (4,)
+
+
+def test_phase_is_the_interpolant_in_the_cosine(asset):
+    """Against np.interp over 1 - cos theta where that is exact enough, at the nodes, and as an integral."""
+    medium = asset.medium
+    table, nodes = medium["phase"], medium.theta
+    assert np.array_equal(medium.phase(nodes), table)
+    theta = np.random.default_rng(2).uniform(0.1, math.pi, (7, 5))
+    value = medium.phase(theta)
+    assert value.shape == (2, 7, 5)
+    for row in range(2):
+        expected = np.interp(1 - np.cos(theta), 1 - np.cos(nodes), table[row])
+        assert np.allclose(value[row], expected, rtol=1e-9)  # 1e-9: what cosines leave of cells of 0.01 rad
+    assert medium.phase(0.0).shape == (2,)
+    cosine = np.cos(np.linspace(0, math.pi, 400_001))
+    assert np.allclose(-2 * math.pi * np.trapezoid(medium.phase(np.arccos(cosine)), cosine), 1, rtol=1e-4)
+    assert np.array_equal(np.asarray(medium.phase), table) and medium.phase.theta is nodes
+    assert asset.optics["droplets"].phase(0.3).shape == (2,)  # on the angles of the medium
+
+
+@pytest.mark.parametrize("theta", [-1e-9, 3.2, np.nan, [0.1, 4.0]])
+def test_angles_that_are_none(asset, theta):
+    with pytest.raises(ValueError, match="between 0 and pi"):
+        asset.medium.phase(theta)
+
+
+def test_read_only(asset):
+    for array in (asset.medium.sigma_t, asset.wavelength, asset.medium.phase.table):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    with pytest.raises(TypeError):
+        asset.stages["medium"]["tolerance"] = 1
+
+
+def test_what_is_not_there(asset):
+    words = r"no stage 'grains' \(it holds optics, medium, packing\).*section `grains`.*`bake RECIPE"
+    with pytest.raises(bakery.AssetError, match=words):
+        _ = asset.grains
+    assert not hasattr(asset, "multiple") and getattr(asset, "beam", None) is None and not hasattr(asset, "colour")
+    with pytest.raises(AttributeError, match="medium holds no 'sigma'; it holds sigma_t"):
+        _ = asset.medium.sigma
+    with pytest.raises(KeyError):
+        asset.optics["ice"]
+
+
+def test_repr_says_units_shapes_and_errors(asset):
+    assert "fog" in repr(asset) and "2 wavelengths" in repr(asset) and "error 0.004 of 0.01" in repr(asset)
+    assert "sigma_t (2,) 1/m" in repr(asset.medium)
+    assert f"(2, {len(asset.medium.theta)}) 1/sr" in repr(asset.medium.phase)
+    assert "extinction (2, 60) um^2" in repr(asset.optics["droplets"]) and "+-" in repr(asset.optics["droplets"])
+    assert "sigma_t" in dir(asset.medium) and "medium" in dir(asset)
+
+
+def test_tree_is_what_read_gives(asset):
+    assert asset.tree.attributes == read(asset.path).attributes
+
+
+def test_import_loads_nothing_heavy():
+    script = "import sys, bakery; print(sorted({'numpy', 'h5py', 'numba', 'scipy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert done.stdout == "[]\n", done.stderr

@@ -1,0 +1,106 @@
+"""`compare`: what counts as a difference, and how large it is said to be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bakery.compare import compare
+from bakery.store.hashes import seal
+from bakery.store.tree import Dataset, Group, text
+from bakery.store.write import write
+from tests.samples import small_asset, with_member
+
+PHASE = "medium/phase"
+
+
+def changed(path: str, change) -> Group:
+    root = small_asset()
+    dataset = root[path]
+    return with_member(root, path, Dataset(change(dataset.data), dataset.units, dataset.description, dataset.choices))
+
+
+def test_same(tmp_path):
+    assert compare(small_asset(), small_asset()) == []
+    write(tmp_path / "a.h5", small_asset())
+    assert compare(tmp_path / "a.h5", seal(small_asset())) == []
+
+
+def test_what_does_not_count():
+    root = with_member(small_asset(), "provenance", Group({}, {"created": "later"}))
+    root = with_member(root, "recipe", text("# another comment\n", "the recipe's text"))
+    medium = root["medium"]
+    root = with_member(root, "medium", Group(medium.members, medium.attributes | {"stage_version": 2, "input_hash": "1" * 64}))
+    root = Group(root.members, {"name": "mist", "bakery_version": "9"})
+    assert compare(small_asset(), root) == []
+
+
+def test_values_relative_to_themselves_and_rtol():
+    other = changed(PHASE, lambda data: data * np.where(np.arange(data.shape[1]) == 7, 1.001, 1.0))
+    found = compare(small_asset(), other)
+    assert [(d.path, d.kind) for d in found] == [(PHASE, "value")]
+    assert found[0].relative == pytest.approx(0.001 / 1.001, rel=1e-6)
+    assert found[0].absolute == pytest.approx(0.001 * small_asset()[PHASE].data[:, 7].max(), rel=1e-6)
+    assert "1/sr" in str(found[0]) and "2 of" in str(found[0])
+    assert compare(small_asset(), other, rtol=0.001) == []
+    assert compare(small_asset(), other, rtol=0.00099) != []
+
+
+def test_values_that_cross_zero_are_scaled_by_the_largest():
+    def tree(data):
+        return Group({"s12": Dataset(np.array(data), "1/sr", "crosses zero")})
+
+    found = compare(tree([[-1.0, 1e-12, 2.0], [10.0, 0.0, -20.0]]), tree([[-1.0, -1e-12, 2.0], [10.0, 0.2, -20.0]]))
+    assert found[0].relative == pytest.approx(0.01) and "[1, 1]" in str(found[0])
+
+
+def test_standard_errors():
+    other = changed("optics/droplets/scattering", lambda data: data * (1 + 3e-4))
+    found = compare(small_asset(), other)
+    assert len(found) == 1 and found[0].sigmas == pytest.approx(3 / math.sqrt(2), rel=1e-3)
+    assert "standard errors" in str(found[0])
+
+
+def test_not_a_number_and_infinity():
+    def tree(*data):
+        return Group({"x": Dataset(np.array(data), "1", "numbers")})
+
+    assert compare(tree(np.nan, np.inf, -0.0), tree(np.nan, np.inf, 0.0)) == []
+    assert compare(tree(np.nan), tree(1.0), rtol=1.0)[0].relative == math.inf
+    assert compare(tree(np.inf), tree(1.0), rtol=1.0)[0].relative == math.inf
+    assert compare(tree(np.inf), tree(-np.inf), rtol=1.0)[0].absolute == math.inf
+    assert compare(tree(), tree()) == []
+
+
+@pytest.mark.parametrize(("other", "path", "kind"), [
+    (changed(PHASE, lambda data: data[:, :-1]), PHASE, "shape"),
+    (changed(PHASE, lambda data: data.astype(np.float32)), PHASE, "type"),
+    (changed("optics/droplets/method", lambda data: data * 0), "optics/droplets/method", "value"),
+    (with_member(small_asset(), PHASE, None), PHASE, "missing"),
+    (with_member(small_asset(), "optics", None), "optics", "missing"),
+    (with_member(small_asset(), "medium/extra", Dataset(np.ones(1), "1", "more")), "medium/extra", "missing"),
+    (with_member(small_asset(), "medium/g", Group()), "medium/g", "type"),
+    (with_member(small_asset(), "medium/g", Dataset(small_asset()["medium/g"].data, "rad", "mean cosine")), "medium/g", "units"),
+    (with_member(small_asset(), "medium", Group(small_asset()["medium"].members,
+                                                small_asset()["medium"].attributes | {"tolerance": 0.02})),
+     "medium@tolerance", "attribute"),
+])
+def test_kinds(other, path, kind):
+    for a, b in ((small_asset(), other), (other, small_asset())):
+        found = compare(a, b)
+        assert [(d.path, d.kind) for d in found] == [(path, kind)]
+        assert str(found[0]).startswith(f"{path}: {kind}: ")
+
+
+def test_recipe_is_named_beside_a_difference_that_counts():
+    other = with_member(changed(PHASE, lambda data: data * 2), "recipe", text("another", "the recipe's text"))
+    assert [d.path for d in compare(small_asset(), other)] == [PHASE, "recipe"]
+
+
+def test_choices():
+    method = small_asset()["optics/droplets/method"]
+    swapped = Dataset(method.data, "1", method.description, ("rayleigh", "goa", "mie"))
+    other = with_member(small_asset(), "optics/droplets/method", swapped)
+    assert compare(small_asset(), other)[0].kind == "type"
