@@ -1,0 +1,28 @@
+"""Timing of several programs in turn, so that a busy machine slows all of them alike."""
+
+from __future__ import annotations
+
+import time
+from statistics import median
+
+
+def interleaved(jobs, rounds=5):
+    """Median seconds of each job {name: function}, one call each in turn, after one call to warm up."""
+    for job in jobs.values():
+        job()
+    seconds = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            job()
+            seconds[name].append(time.perf_counter() - start)
+    return {name: median(values) for name, values in seconds.items()}
+
+
+def optional(name):
+    """A peer's module, or None with a word about how to get it."""
+    try:
+        return __import__(name)
+    except ImportError as error:
+        print(f"{name} is not here ({error}): pip install -r benchmarks/requirements.txt; its rows are left out")
+        return None
