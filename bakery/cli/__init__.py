@@ -14,7 +14,7 @@ from importlib import import_module
 import click
 
 from bakery import __version__
-from bakery.errors import BakeryError
+from bakery.errors import BakeryError, RecipeError
 
 # name -> help line; the module bakery.cli.NAME holds the click command `command`
 COMMANDS = {
@@ -142,6 +142,13 @@ def status_of(args: list[str] | None = None) -> int:
     except _Terminated:
         _complain("terminated; finished stages are in the cache")
         return TERMINATED
+    except RecipeError as error:
+        if "--json" in (sys.argv[1:] if args is None else args):
+            from bakery.cli.options import print_json
+
+            print_json({"problems": [problem.as_dict() for problem in error.problems]})
+        _complain(str(error))
+        return error.exit_status
     except BakeryError as error:
         _complain(str(error))
         return error.exit_status

@@ -11,7 +11,7 @@ from bakery.errors import UsageError
 @click.command(name="render", short_help="render an asset's preview, or a scene")
 @click.argument("source", metavar="ASSET|SCENE")
 @click.option("-o", "--output", metavar="IMAGE", help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
-@click.option("--quality", default="final", show_default=True, metavar="draft|preview|final", help="Noise against time.")
+@click.option("--quality", default="preview", show_default=True, metavar="draft|preview|final", help="Noise against time.")
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Seed of the renderer.")
 @json_option

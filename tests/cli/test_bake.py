@@ -115,6 +115,9 @@ def test_every_problem_of_every_recipe_at_once(call, milk, tmp_path):
     status, _, err = call(milk, other)
     assert status == 2 and "milk.yaml:" in err and "other.yaml:1" in err and "albedo" in err and "1.7" in err
     assert "Traceback" not in err
+    status, out, _ = call("plan", milk, "--json")
+    problems = json.loads(out)["problems"]
+    assert status == 2 and {"file", "line", "column", "key", "found", "expected"} <= set(problems[0])
 
 
 def test_first_word(call, tmp_path):

@@ -22,7 +22,7 @@ MAY = {
     "export": {"asset", "medium", "store"},
 } | {folder: PHYSICS for folder in PHYSICS}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "itertools", "os", "pathlib", "llvmlite"}
+           "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading"}
 
 
 def modules(folder: str):

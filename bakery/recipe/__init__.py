@@ -1,0 +1,59 @@
+"""YAML text to checked values, each with its line.
+
+`load` is the door: text -> tree (`text.py`) -> kinds of values (`schema.py`, `fields.py`, `units.py`) -> what holds between keys
+(`checks.py`) -> `Recipe` (`model.py`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bakery.recipe.model import Recipe
+
+__all__ = ["json_schema", "load"]
+
+
+def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> Recipe:
+    """Read and check a recipe.
+
+    Parameters
+    ----------
+    path : of the recipe, a regular file of at most 1 MiB
+    overrides : dotted key -> value as YAML text, such as `{"particles.number_density": "2e8 /m^3"}`; an item of a list is
+        `components[0]`, or `components.droplets` if it has a name
+
+    Returns
+    -------
+    Recipe
+
+    Raises
+    ------
+    UsageError : there is no such regular file
+    RecipeError : with every problem of the recipe, of the overrides and of the tables that it names
+
+    Examples
+    --------
+    >>> recipe = load("recipes/fog.yaml", {"particles.number_density": "2e8 /m^3"})
+    >>> recipe.particles.number_density
+    200000000.0
+    """
+    from bakery.recipe import text
+    from bakery.recipe.build import check
+    from bakery.recipe.files import read_recipe
+    from bakery.recipe.overrides import apply
+
+    path = Path(path)
+    source = text.Source(text.label_of(path.name), text.decode(read_recipe(path), text.label_of(path.name)))
+    tree = text.parse(source)
+    return check(path, source, tree, *apply(source, tree, overrides or {}))
+
+
+def json_schema() -> dict:
+    """The JSON Schema (draft 2020-12) of recipes, for editors."""
+    from bakery.recipe.jsonschema import json_schema as schema
+
+    return schema()

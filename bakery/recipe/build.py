@@ -1,0 +1,218 @@
+"""A tree that passed all checks becomes a `Recipe`; else all problems are raised at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from bakery.errors import Problem, RecipeError
+from bakery.recipe import model, schema
+from bakery.recipe.checks import Checker
+from bakery.recipe.fields import describe, nearest, one_of
+from bakery.recipe.files import Folder
+from bakery.recipe.text import Mapping, Node, Scalar, Sequence, Source, Tree, owner, show
+
+MAX_PROBLEMS = 200
+
+
+def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Problem]) -> model.Recipe:
+    """The recipe of a tree; `text` is its text with overrides applied, `problems` what is known to be wrong."""
+    problems = tree.problems + problems
+    if not isinstance(tree.root, Mapping):
+        if tree.root is None or not tree.root.broken:
+            found = "nothing" if tree.root is None else describe(tree.root)
+            problems.append(
+                source.problem(
+                    None if tree.root is None else tree.root.place.begin,
+                    "",
+                    f"found {found}",
+                    "expected `key: value` lines; a recipe starts with `bakery: 1`",
+                )
+            )
+        raise RecipeError(problems)
+    values: dict = {}
+    try:
+        parsed = schema.RecipeFile.model_validate(tree.root, context=values)
+    except ValidationError as error:
+        parsed = None
+        problems += (problem for one in error.errors(include_url=False) for problem in _translate(one))
+    checker = Checker(tree.root, values, Folder(path.parent))
+    checker.run()
+    problems = _distinct(problems + checker.problems)
+    if problems:
+        if len(problems) > MAX_PROBLEMS:
+            left = len(problems) - MAX_PROBLEMS
+            problems = sorted(problems, key=lambda p: p.line or 0)[:MAX_PROBLEMS]
+            problems.append(
+                Problem(problems[-1].file, problems[-1].line, None, "", f"{left:,} more problems follow", "correct these first")
+            )
+        raise RecipeError(problems)
+    return _recipe(path, text, tree.root, parsed, checker)
+
+
+def _distinct(problems: list[Problem]) -> list[Problem]:
+    return list({(p.file, p.line, p.column, p.key, p.found): p for p in problems}.values())
+
+
+# ---- pydantic's errors in our words
+
+
+def _translate(error: dict) -> Iterator[Problem]:
+    node, kind = error["input"], error["type"]
+    if kind == "told" or node.broken and kind != "extra_forbidden":
+        return
+    if kind == "wrong":
+        said = error["ctx"]
+        yield node.place.problem(said["found"], said["expected"], said["offset"])
+    elif kind == "missing":
+        name = str(error["loc"][-1])
+        description = node.model.model_fields[name].description if node.model else ""
+        yield owner(node).problem("missing", f"expected {name}: {_lower(description)}", key=_below(node, name))
+    elif kind == "extra_forbidden":
+        yield from _unknown(node)
+    elif kind == "choice":
+        key, *choices = error["msg"].split("|")
+        yield _choice(node, key, choices)
+    elif kind == "list_type":
+        yield owner(node).problem(f"found {describe(node)}", "expected a list")
+    elif kind in ("too_short", "too_long"):
+        limits = error["ctx"]
+        number = limits.get("min_length", limits.get("max_length"))
+        yield owner(node).problem(
+            f"found {len(node):,} entries", f"expected at {'least' if kind == 'too_short' else 'most'} {number:,}"
+        )
+    else:  # a mapping is expected
+        fields = getattr(schema, error.get("ctx", {}).get("class_name", ""), None)
+        keys = f" with {', '.join(fields.model_fields)}" if fields else ""
+        yield owner(node).problem(f"found {describe(node)}", f"expected a mapping{keys}")
+
+
+def _lower(description: str) -> str:
+    return (description[:1].lower() + description[1:]).rstrip(".")
+
+
+def _below(node: Mapping, name: str) -> str:
+    return f"{node.place.key}.{name}" if node.place.key else name
+
+
+def _unknown(node: Node) -> Iterator[Problem]:
+    parent = node.parent
+    name = next(name for name, child in parent.items() if child is node)
+    if name == "<<":
+        return  # reported as a merge key
+    known = [field for field in parent.model.model_fields if field not in parent] if parent.model else []
+    every = list(parent.model.model_fields) if parent.model else []
+    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}" + nearest(name, known))
+
+
+def _choice(node: Node, key: str, choices: list[str]) -> Problem:
+    if not key:
+        return owner(node).problem(f"found {describe(node)}", f"expected {one_of(choices)}")
+    if not isinstance(node, Mapping):
+        return owner(node).problem(f"found {describe(node)}", f"expected a mapping such as {{{key}: {choices[0]}, …}}")
+    if key not in node:
+        return owner(node).problem("missing", f"expected {key}: {one_of(choices)}", key=_below(node, key))
+    chosen = node[key]
+    near = nearest(chosen.text, choices) if isinstance(chosen, Scalar) else ""
+    return chosen.place.problem(f"found {describe(chosen)}", f"expected {one_of(choices)}{near}")
+
+
+# ---- values
+
+
+def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, checker: Checker) -> model.Recipe:
+    places = {place.key: str(place) for place in _places(root)}
+    phase = parsed.phase or schema.SingleScattering()
+    leaves = dict(_leaves("", parsed, len(checker.wavelength)))
+    if parsed.particles:
+        leaves |= dict(_leaves("phase", phase, len(checker.wavelength)))
+    return model.Recipe(
+        path=path,
+        name=parsed.name,
+        description=parsed.description,
+        text=text,
+        seed=parsed.seed,
+        tolerance=parsed.tolerance,
+        wavelength=tuple(checker.wavelength),
+        particles=parsed.particles and _particles(parsed.particles, checker),
+        phase=model.SingleScattering(phase.method, phase.orders, phase.polarized),
+        medium=parsed.medium and _medium(parsed.medium, checker),
+        leaves=leaves,
+        files=tuple(checker.files),
+        places=places,
+    )
+
+
+def _places(node: Node) -> Iterator:
+    if isinstance(node, Mapping):
+        yield from (node.names[name] if not isinstance(child, Scalar) else child.place for name, child in node.items())
+        for child in node.values():
+            yield from _places(child)
+    elif isinstance(node, Sequence):
+        for child in node:
+            yield child.place
+            yield from _places(child)
+
+
+def _leaves(key: str, value, wavelengths: int) -> Iterator[tuple[str, str | int | float | bool]]:
+    """Every value below a key; what is one value for all wavelengths is written out for each."""
+    if isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from _leaves(f"{key}.{name}" if key else name, getattr(value, name), wavelengths)
+    elif isinstance(value, (tuple, list)):
+        spread = len(value) == 1 and isinstance(value[0], float) and key != "wavelengths"
+        for i, item in enumerate(value * wavelengths if spread else value):
+            yield from _leaves(f"{key}[{i}]", item, wavelengths)
+    elif value is not None:
+        yield key, value
+
+
+def _particles(section: schema.Particles, checker: Checker) -> model.Particles:
+    components = tuple(
+        model.Component(
+            part.name,
+            _index(checker, f"particles.components[{i}].material"),
+            part.fraction,
+            _size(part.size, f"particles.components[{i}].size", checker),
+        )
+        for i, part in enumerate(section.components)
+    )
+    return model.Particles(_index(checker, "particles.host"), section.number_density, section.volume_fraction, components)
+
+
+def _index(checker: Checker, key: str) -> model.Index:
+    found = checker.indices[key]
+    return model.Index(found.name, _frozen(found.n), _frozen(found.k))
+
+
+def _size(size, key: str, checker: Checker) -> model.Size:
+    values = {name: getattr(size, name, None) for name in ("radius", "sigma", "variance", "min", "max")}
+    table = tuple(_frozen(column) for column in checker.columns[f"{key}.file"]) if size.distribution == "table" else None
+    of = tuple((part.share, _size(part, f"{key}.of[{i}]", checker)) for i, part in enumerate(getattr(size, "of", ())))
+    return model.Size(size.distribution, **values, table=table, of=of)
+
+
+def _medium(section: schema.Medium, checker: Checker) -> model.Medium:
+    get = checker.columns.get
+    if section.mean_free_path is not None:
+        sigma_t, albedo = 1e6 / get("medium.mean_free_path"), get("medium.albedo")  # um to 1/m
+    else:
+        sigma_t = get("medium.sigma_s") + get("medium.sigma_a")
+        albedo = get("medium.sigma_s") / sigma_t
+    phase = section.phase
+    g = get("medium.phase.g")
+    table = tuple(_frozen(column) for column in get("medium.phase.file")) if phase.type == "table" else None
+    return model.Medium(
+        _frozen(sigma_t),
+        _frozen(albedo),
+        model.Phase(phase.type, None if g is None else _frozen(g), getattr(phase, "spread", None), table),
+    )
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array = np.array(array, dtype=float)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,34 @@
+"""The JSON Schema of recipes: completion and hover texts in editors."""
+
+from __future__ import annotations
+
+from bakery.recipe import files, schema
+
+
+def json_schema() -> dict:
+    """The schema (draft 2020-12) as a dictionary; the same text in `assets/schemas/recipe-1.json`."""
+    made = schema.RecipeFile.model_json_schema()
+    made["title"] = "Bakery recipe, format 1"
+    made["oneOf"] = [{"required": [name]} for name in schema.SOURCES]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(made)}
+
+
+def _plain(node):
+    """Without pydantic's titles and nulls: a key that is absent is left out, not null."""
+    if isinstance(node, list):
+        return [_plain(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if node == {"enum": "materials"}:
+        return {"enum": list(files.materials())}
+    node = {
+        key: _plain(value)
+        for key, value in node.items()
+        if not (key == "title" and isinstance(value, str) and "Bakery" not in value) and not (key == "default" and value is None)
+    }
+    choices = [item for item in node.get("anyOf", ()) if item != {"type": "null"}]
+    if "anyOf" in node and len(choices) == 1:
+        return {**{key: value for key, value in node.items() if key != "anyOf"}, **choices[0]}
+    if "anyOf" in node:
+        node["anyOf"] = choices
+    return node

@@ -1,0 +1,114 @@
+"""A checked recipe: what the rest of the house sees.  Immutable; arrays are read-only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bakery.recipe.files import DataFile
+
+
+@dataclass(frozen=True, eq=False)
+class Index:
+    """Optical constants n + ik at the recipe's wavelengths, relative to vacuum; `n` (L,), `k` (L,)."""
+
+    name: str
+    n: np.ndarray
+    k: np.ndarray
+
+
+@dataclass(frozen=True)
+class Size:
+    """A distribution of radii; lengths in um.
+
+    `distribution` is single, lognormal (`radius` = geometric mean, `sigma`), gamma (`radius`, `variance` = effective radius and
+    variance), table (`table` = radii and number density in any scale) or mixture (`of` = shares and sizes).  `min` and `max` cut
+    the density.
+    """
+
+    distribution: str
+    radius: float | None = None
+    sigma: float | None = None
+    variance: float | None = None
+    min: float | None = None
+    max: float | None = None
+    table: tuple[np.ndarray, np.ndarray] | None = None
+    of: tuple[tuple[float, Size], ...] = ()
+
+
+@dataclass(frozen=True)
+class Component:
+    """One kind of particle; `fraction` is its share of the particle number."""
+
+    name: str
+    material: Index
+    fraction: float
+    size: Size
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Suspended spheres; one of `number_density` (1/m^3) and `volume_fraction` is None."""
+
+    host: Index
+    number_density: float | None
+    volume_fraction: float | None
+    components: tuple[Component, ...]
+
+
+@dataclass(frozen=True)
+class SingleScattering:
+    """Options of the single-scattering stage."""
+
+    method: str
+    orders: int
+    polarized: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """Phase function of a medium: `g` (L,) for hg, `spread` rad for gaussian, `table` = theta (rad, 0 to pi) and value for
+    table."""
+
+    type: str
+    g: np.ndarray | None = None
+    spread: float | None = None
+    table: tuple[np.ndarray, np.ndarray] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Medium:
+    """A continuous medium: `sigma_t` (L,) 1/m, `albedo` (L,)."""
+
+    sigma_t: np.ndarray
+    albedo: np.ndarray
+    phase: Phase
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A recipe whose values are all checked; see docs/architecture.md."""
+
+    path: Path
+    name: str
+    description: str
+    text: str
+    seed: int
+    tolerance: float
+    wavelength: tuple[float, ...]
+    particles: Particles | None
+    phase: SingleScattering
+    medium: Medium | None
+    leaves: Mapping[str, str | int | float | bool]
+    files: tuple[DataFile, ...]
+    places: Mapping[str, str] = field(repr=False)
+
+    def where(self, key: str) -> str:
+        """`fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""
+        while key and key not in self.places:
+            cut = max(key.rfind("."), key.rfind("["))
+            key = key[:cut] if cut > 0 else ""
+        return self.places.get(key, self.path.name)

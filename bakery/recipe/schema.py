@@ -1,0 +1,386 @@
+"""What a recipe may say: every key with its kind of value, its default and its description.
+
+The models validate the tree of `text.py` and give the JSON Schema that editors use; the kinds of values are in `fields.py`, what
+has to hold between keys in `checks.py`.  Sections whose stage does not exist yet are known here and refused there.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from bakery.recipe.fields import (
+    ComponentName,
+    Flag,
+    Format,
+    Length,
+    Material,
+    Name,
+    Path,
+    Range,
+    Share,
+    Text,
+    leaf,
+    number,
+    numbers,
+    one,
+    scalar,
+    whole,
+    word,
+)
+from bakery.recipe.text import Mapping, Scalar, Sequence
+from bakery.recipe.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, NUMBER_ONLY, WAVELENGTH
+
+NAMED_WAVELENGTHS = {"rgb": (0.610, 0.550, 0.465), "visible8": (0.405, 0.455, 0.505, 0.555, 0.605, 0.655, 0.705, 0.755)}
+
+
+class Section(BaseModel):
+    """A mapping of known keys."""
+
+    # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _remember(cls, data: Any) -> Any:
+        if isinstance(data, Mapping):
+            data.model = cls  # an unknown key is compared with the keys of this model
+        return data
+
+
+def _pick(key: str, choices: tuple[str, ...]) -> Discriminator:
+    """Chooses the model of a mapping by one of its words."""
+
+    def tag(node):
+        chosen = node.get(key) if isinstance(node, Mapping) else None
+        return chosen.text if isinstance(chosen, Scalar) and chosen.text in choices else None
+
+    return Discriminator(tag, custom_error_type="choice", custom_error_message="|".join((key, *choices)))
+
+
+# ---- particles
+
+
+class NK(Section):
+    """Optical constants n + ik, absolute (relative to vacuum)."""
+
+    n: numbers(above=0, most=1000) = Field(
+        description="Real part of the refractive index, relative to vacuum; one value, or one a wavelength."
+    )
+    k: numbers(least=0, most=1000) = Field(
+        (0.0,), description="Imaginary part (absorption), 0 or larger; one value, or one a wavelength."
+    )
+
+
+class HostIndex(Section):
+    """A clear host."""
+
+    n: numbers(above=0, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
+
+
+class MaterialFile(Section):
+    """A table of one's own."""
+
+    file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k, relative to vacuum.")
+
+
+def _index_tag(node):
+    if isinstance(node, Scalar):
+        return "name"
+    return None if not isinstance(node, Mapping) else "file" if "file" in node else "index"
+
+
+_index = Discriminator(
+    _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
+)
+MaterialOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]
+HostOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]
+
+
+class _Cut(Section):
+    min: Length | None = Field(None, description="Smallest radius: the density is cut there and renormalised.")
+    max: Length | None = Field(None, description="Largest radius: the density is cut there and renormalised.")
+
+
+class SingleSize(Section):
+    distribution: word("single") = Field(description="All particles have one radius.")
+    radius: Length = Field(description="Radius, such as 5 um.")
+
+
+class LognormalSize(_Cut):
+    distribution: word("lognormal") = Field(description="ln r is normally distributed.")
+    radius: Length = Field(description="Geometric mean (= median) radius by number.")
+    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation, above 1.")
+
+
+class GammaSize(_Cut):
+    distribution: word("gamma") = Field(description="Gamma distribution of Hansen and Travis.")
+    radius: Length = Field(description="Effective radius <r^3>/<r^2>.")
+    variance: number(FRACTION, least=1e-6, below=1 / 3) = Field(description="Effective variance, below 1/3.")
+
+
+class TableSize(_Cut):
+    distribution: word("table") = Field(description="Number density from a CSV file.")
+    file: Path = Field(description="CSV file with the columns radius_um and dn/dr (any scale).")
+
+
+class _Part(Section):
+    share: Share = Field(description="Share of the particle number; shares add up to 1.")
+
+
+class SinglePart(_Part, SingleSize):
+    pass
+
+
+class LognormalPart(_Part, LognormalSize):
+    pass
+
+
+class GammaPart(_Part, GammaSize):
+    pass
+
+
+class TablePart(_Part, TableSize):
+    pass
+
+
+Part = Annotated[
+    Annotated[SinglePart, Tag("single")]
+    | Annotated[LognormalPart, Tag("lognormal")]
+    | Annotated[GammaPart, Tag("gamma")]
+    | Annotated[TablePart, Tag("table")],
+    _pick("distribution", ("single", "lognormal", "gamma", "table")),
+]
+
+
+class MixtureSize(_Cut):
+    distribution: word("mixture") = Field(description="Sum of several distributions.")
+    of: list[Part] = Field(min_length=1, max_length=256, description="The distributions, each with its share.")
+
+
+Size = Annotated[
+    Annotated[SingleSize, Tag("single")]
+    | Annotated[LognormalSize, Tag("lognormal")]
+    | Annotated[GammaSize, Tag("gamma")]
+    | Annotated[TableSize, Tag("table")]
+    | Annotated[MixtureSize, Tag("mixture")],
+    _pick("distribution", ("single", "lognormal", "gamma", "table", "mixture")),
+]
+
+
+class Component(Section):
+    name: ComponentName = Field(description="Name of the group in the asset.")
+    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}.")
+    fraction: Share = Field(1.0, description="Share of the particle number; the shares of all components add up to 1.")
+    size: Size = Field(description="Distribution of the radii.")
+
+
+class Particles(Section):
+    """Suspended spheres."""
+
+    host: HostOf = Field("air", description="What the spheres float in: a material, {n}, or {file}.")
+    number_density: number(DENSITY, above=0, most=1e30) | None = Field(None, description="Spheres per volume, such as 1e8 /m^3.")
+    volume_fraction: number(FRACTION, above=0, below=1) | None = Field(None, description="Volume of the spheres per volume.")
+    components: list[Component] = Field(min_length=1, max_length=256, description="The kinds of particles.")
+
+
+class SingleScattering(Section):
+    """Options of the single-scattering stage."""
+
+    method: word("auto", "mie", "goa") = Field(
+        "auto", description="How spheres are computed; auto chooses by the measured error."
+    )
+    orders: whole(1, 100) = Field(3, description="Highest number of chords of a ray (geometrical optics).")
+    polarized: Flag = Field(False, description="Also bake the Mueller elements s11, s12, s33, s34.")
+
+
+class Discrete(Section):
+    """One random realisation."""
+
+    count: whole(1, 10**9) = Field(description="Number of particles.")
+    box: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(description="Edges of the box.")
+
+
+# ---- medium
+
+
+class HenyeyGreenstein(Section):
+    type: word("hg") = Field(description="Henyey-Greenstein.")
+    g: numbers(above=-1, below=1) = Field(description="Mean cosine, between -1 and 1; one value, or one a wavelength.")
+
+
+class Isotropic(Section):
+    type: word("isotropic") = Field(description="The same in all directions.")
+
+
+class Rayleigh(Section):
+    type: word("rayleigh") = Field(description="Rayleigh scattering of unpolarised light.")
+
+
+class Gaussian(Section):
+    type: word("gaussian") = Field(description="A Gaussian lobe about the forward direction.")
+    spread: number(ANGLE, above=0, most=3.141592653589794) = Field(description="Standard deviation of the angle, such as 30 deg.")
+
+
+class PhaseTable(Section):
+    type: word("table") = Field(description="From a CSV file.")
+    file: Path = Field(description="CSV file with the columns theta_deg (or theta_rad), 0 to 180 degrees, and value (any scale).")
+
+
+MediumPhase = Annotated[
+    Annotated[HenyeyGreenstein, Tag("hg")]
+    | Annotated[Isotropic, Tag("isotropic")]
+    | Annotated[Rayleigh, Tag("rayleigh")]
+    | Annotated[Gaussian, Tag("gaussian")]
+    | Annotated[PhaseTable, Tag("table")],
+    _pick("type", ("hg", "isotropic", "rayleigh", "gaussian", "table")),
+]
+
+
+class Medium(Section):
+    """A continuous medium: albedo and mean_free_path, or sigma_s and sigma_a."""
+
+    albedo: numbers(FRACTION, least=0, most=1) | None = Field(
+        None, description="Single-scattering albedo; one value, or one a wavelength."
+    )
+    mean_free_path: numbers(LENGTH, above=0) | None = Field(None, description="1/sigma_t, such as [0.84, 0.75, 0.68] mm.")
+    sigma_s: numbers(COEFFICIENT, least=0) | None = Field(
+        None, description="Scattering coefficient, such as [2.1, 2.3, 2.5] /mm."
+    )
+    sigma_a: numbers(COEFFICIENT, least=0) | None = Field(None, description="Absorption coefficient.")
+    phase: MediumPhase = Field(description="Phase function.")
+
+
+# ---- sections whose stages are yet to come
+
+
+class Shape(Section):
+    type: word("sphere", "box", "ellipsoid", "superellipsoid", "rock", "mesh") = Field(description="Kind of shape.")
+    size: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="Proportions of a box."
+    )
+    axes: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="Axes of an ellipsoid."
+    )
+    exponents: Annotated[list[number(above=0)], Field(min_length=1, max_length=3)] | None = Field(
+        None, description="Of a superellipsoid."
+    )
+    seed: whole(0, 2**53) | None = Field(None, description="Seed of a rock.")
+    file: Path | None = Field(None, description="Mesh file.")
+
+
+class Surface(Section):
+    type: word("dielectric", "diffuse") = Field(description="Kind of surface.")
+    material: MaterialOf | None = Field(None, description="Of a dielectric.")
+    roughness: number(FRACTION, least=0, most=1) | None = Field(None, description="0 is smooth.")
+    reflectance: numbers(FRACTION, least=0, most=1) | None = Field(
+        None, description="Of a diffuse surface; one value, or one a wavelength."
+    )
+
+
+class Interior(Section):
+    absorption: numbers(COEFFICIENT, least=0) | None = Field(
+        None, description="Absorption coefficient, such as [0.1, 0.2, 0.4] /mm."
+    )
+    material: MaterialOf | None = Field(None, description="Material whose k absorbs.")
+
+
+class Grain(Section):
+    name: ComponentName = Field(description="Name of the group in the asset.")
+    weight: Share = Field(1.0, description="Mixing weight; weights add up to 1.")
+    shape: Shape = Field(description="Shape of the grain.")
+    surface: Surface = Field(description="Its surface.")
+    interior: Interior | None = Field(None, description="Its inside; clear if absent.")
+
+
+class Grains(Section):
+    """Packed grains."""
+
+    radius: Length = Field(description="Radius of the bounding sphere.")
+    components: list[Grain] = Field(min_length=1, max_length=256, description="The kinds of grains.")
+
+
+class RadiusShare(Section):
+    share: Share = Field(description="Share of the spheres.")
+    radius: number(above=0) = Field(description="Radius relative to the others.")
+
+
+class RadiusLaw(Section):
+    distribution: word("lognormal") = Field(description="Kind of distribution.")
+    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation.")
+
+
+Radii = Annotated[
+    Annotated[word("equal"), Tag("word")] | Annotated[list[RadiusShare], Tag("list")] | Annotated[RadiusLaw, Tag("law")],
+    Discriminator(lambda node: "list" if isinstance(node, Sequence) else "law" if isinstance(node, Mapping) else "word"),
+]
+
+
+class Packing(Section):
+    """Spheres in a periodic tile."""
+
+    fraction: numbers(FRACTION, above=0, below=0.75) = Field(
+        description="Of the bounding spheres; a list bakes a dictionary of tiles."
+    )
+    count: whole(1, 10**6) = Field(500, description="Spheres in the tile.")
+    cell: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] = Field(
+        (1.0, 1.0, 1.0), description="Proportions of the cell."
+    )
+    radii: Radii = Field("equal", description="equal, a list of {share, radius}, or a distribution.")
+
+
+class Scatterometer(Section):
+    """Options of the grain stage."""
+
+    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(description="Error that each figure should reach.")
+
+
+class MultipleScattering(Section):
+    """Precomputed multiple scattering."""
+
+    sources: Annotated[list[word("point", "segment")], Field(min_length=1, max_length=2)] = Field(
+        ("point", "segment"), description="Kinds of sources."
+    )
+    extent: leaf(
+        lambda node: "auto" if scalar(node, "auto or a number").text == "auto" else one(node.text, NUMBER_ONLY, Range(above=0)),
+        {"anyOf": [{"const": "auto"}, {"type": "number"}]},
+    ) = Field("auto", description="In mean free paths.")
+
+
+class Beam(Section):
+    """Narrow-beam kernels."""
+
+    depth: number(above=0) = Field(description="In mean free paths.")
+
+
+class RecipeFile(Section):
+    """What one material is made of."""
+
+    bakery: Format = Field(description="Recipe format.")
+    name: Name = Field(description="The asset is NAME.h5 unless -o says otherwise.")
+    description: Text = Field("", description="Free text.")
+    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, above=0, most=1e6) = Field(
+        NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."
+    )
+    seed: whole(0, 2**53) = Field(0, description="Every random stream derives from it.")
+    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="The error that each baked figure should reach.")
+    particles: Particles | None = Field(None, description="Suspended spheres: fog, dust, bubbles.")
+    grains: Grains | None = Field(None, description="Packed grains: sand, snow (not available yet).")
+    packing: Packing | None = Field(None, description="Packed spheres (not available yet).")
+    medium: Medium | None = Field(None, description="A continuous medium given by its coefficients: milk, wax, skin.")
+    phase: SingleScattering | None = Field(None, description="Options of the single-scattering stage.")
+    discrete: Discrete | None = Field(None, description="One random realisation (not available yet).")
+    scatterometer: Scatterometer | None = Field(None, description="Options of the grain stage (not available yet).")
+    multiple_scattering: MultipleScattering | None = Field(
+        None, description="Precomputed multiple scattering (not available yet)."
+    )
+    beam: Beam | None = Field(None, description="Narrow-beam kernels (not available yet).")
+
+
+SOURCES = ("particles", "grains", "medium")
+NOT_YET = ("grains", "packing", "discrete", "scatterometer", "multiple_scattering", "beam")

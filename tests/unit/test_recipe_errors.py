@@ -1,0 +1,329 @@
+"""Every error names file, line, key, what was found and what would do; all at once, each once."""
+
+from __future__ import annotations
+
+import pytest
+
+from bakery.errors import RecipeError
+from bakery.recipe import load
+
+GOOD = """\
+bakery: 1
+name: fog
+wavelengths: rgb
+particles:
+  host: air
+  number_density: 1e8 /m^3
+  components:
+    - name: droplets
+      material: water
+      size: {distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}
+"""
+MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
+TOP = (
+    "bakery, name, description, wavelengths, seed, tolerance, particles, grains, packing, medium, phase, discrete, "
+    "scatterometer, multiple_scattering or beam"
+)
+
+
+@pytest.fixture
+def refuse(tmp_path):
+    """The problems of a recipe as lines without excerpts."""
+
+    def refuse(text):
+        path = tmp_path / "fog.yaml"
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(RecipeError) as error:
+            load(path)
+        for problem in error.value.problems:
+            if problem.column is not None:
+                line, caret = problem.excerpt.splitlines()
+                assert ("  " + text.splitlines()[problem.line - 1]).startswith(line) and len(caret) == problem.column + 2
+        return [str(problem).partition("\n")[0] for problem in error.value.problems]
+
+    return refuse
+
+
+def test_the_message_of_the_contract(tmp_path):
+    path = tmp_path / "fog.yaml"
+    path.write_text(GOOD.replace("radius: 5 um", "radius: 5"))
+    with pytest.raises(RecipeError) as error:
+        load(path)
+    assert str(error.value) == (
+        'fog.yaml:10: particles.components[0].size.radius: found "5", which has no unit; lengths take nm, um, mm, cm, m (5 um?)\n'
+        "        size: {distribution: lognormal, radius: 5, sigma: 1.5, min: 0.1 um, max: 60 um}\n"
+        "                                                ^"
+    )
+    assert error.value.exit_status == 2
+    assert error.value.problems[0].as_dict() == {
+        "file": "fog.yaml",
+        "line": 10,
+        "column": 47,
+        "key": "particles.components[0].size.radius",
+        "found": 'found "5", which has no unit',
+        "expected": "lengths take nm, um, mm, cm, m (5 um?)",
+    }
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        (
+            "name: fog",
+            "nmae: fog",
+            [
+                "1: name: missing; expected name: the asset is NAME.h5 unless -o says otherwise",
+                f'2: nmae: found the unknown key "nmae"; expected {TOP} (name?)',
+            ],
+        ),
+        ("bakery: 1\n", "", ["1: bakery: missing; expected bakery: recipe format"]),
+        (
+            "material: water",
+            "material: watr",
+            [
+                '9: particles.components[0].material: found "watr", an unknown material; expected air, bk7, dust, ice, '
+                "nacl, silica, soot, water, or {n: …, k: …}, or {file: …} (water?)"
+            ],
+        ),
+        (
+            "lognormal",
+            "log-normal",
+            [
+                '10: particles.components[0].size.distribution: found "log-normal"; '
+                "expected single, lognormal, gamma, table or mixture (lognormal?)"
+            ],
+        ),
+        (
+            "distribution: lognormal, ",
+            "",
+            [
+                "10: particles.components[0].size.distribution: missing; "
+                "expected distribution: single, lognormal, gamma, table or mixture"
+            ],
+        ),
+        (
+            "sigma: 1.5",
+            "sigma: 1",
+            ['10: particles.components[0].size.sigma: found "1"; expected a number above 1 and at most 10'],
+        ),
+        (
+            "sigma: 1.5",
+            "sigma: 1.5 um",
+            ['10: particles.components[0].size.sigma: found "1.5 um"; expected a number without unit'],
+        ),
+        (
+            "max: 60 um",
+            "max: 0.1 um",
+            ["10: particles.components[0].size.max: found max 0.1 um, not above min 0.1 um; expected min below max"],
+        ),
+        (
+            "min: 0.1 um",
+            "min: 6 um",
+            [
+                "10: particles.components[0].size.radius: found a radius of 5 um outside of min and max (6 to 60 um); "
+                "expected it between them"
+            ],
+        ),
+        (
+            "  number_density: 1e8 /m^3\n",
+            "",
+            ["4: particles: found neither number_density nor volume_fraction; expected one of them"],
+        ),
+        (
+            "  host: air",
+            "  volume_fraction: 1%\n  host: air",
+            ["5: particles.volume_fraction: found volume_fraction beside number_density; expected only one of them"],
+        ),
+        (
+            "1e8 /m^3",
+            "0 /m^3",
+            ['6: particles.number_density: found "0 /m^3"; expected a number density above 0 and at most 1e+30 /m^3'],
+        ),
+        (
+            "number_density: 1e8 /m^3",
+            "volume_fraction: 1",
+            ['6: particles.volume_fraction: found "1"; expected a fraction above 0 and below 1'],
+        ),
+        (
+            "wavelengths: rgb",
+            "wavelengths: rbg",
+            ['3: wavelengths: found "rbg"; expected rgb or visible8, or a list in um (rgb?)'],
+        ),
+        (
+            "wavelengths: rgb",
+            "wavelengths: [0.5, 0.6, 0.5]",
+            ["3: wavelengths: found 0.5 um more than once; expected distinct wavelengths"],
+        ),
+        (
+            "wavelengths: rgb",
+            "wavelengths: [0.5, -0.6]",
+            ['3: wavelengths[1]: found "-0.6"; expected a wavelength above 0 and at most 1e+06 um'],
+        ),
+        ("wavelengths: rgb", "wavelengths: []", ["3: wavelengths: found 0 entries; expected at least 1"]),
+        (
+            "wavelengths: rgb",
+            "wavelengths: [610, 550] nm\ntolerance: 60%",
+            ['4: tolerance: found "60%"; expected a fraction at least 1e-06 and at most 0.5'],
+        ),
+        (
+            "wavelengths: rgb",
+            "wavelengths: [0.5, 2.0]",
+            [
+                '5: particles.host: found the wavelength 2 um, for which "air" has no data; expected 0.23 to 1.675 um',
+                '9: particles.components[0].material: found the wavelength 2 um, for which "water" has no data; '
+                "expected 0.2 to 1.125 um",
+            ],
+        ),
+        (
+            "host: air",
+            "host: soot",
+            ["5: particles.host: found a host that absorbs (k = 0.79); expected a clear host, k at most 0.001"],
+        ),
+        (
+            "material: water",
+            "material: {n: 1.5, k: -0.1}",
+            ['9: particles.components[0].material.k: found "-0.1"; expected a number at least 0 and at most 1000'],
+        ),
+        (
+            "material: water",
+            "material: {n: [1.5, 1.6]}",
+            ["9: particles.components[0].material.n: found 2 values for 3 wavelengths; expected one value, or one a wavelength"],
+        ),
+        (
+            "material: water",
+            "material: [1.5]",
+            ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …} or {file: …}"],
+        ),
+        ("host: air", "host: {n: 1.3, k: 0.1}", ['5: particles.host.k: found the unknown key "k"; expected n']),
+        (
+            "  components:\n    - name: droplets\n",
+            "  components:\n      name: droplets\n",
+            ["7: particles.components: found a mapping; expected a list"],
+        ),
+        (
+            "name: droplets",
+            "name: theta",
+            ['8: particles.components[0].name: found "theta", which the asset uses for its angles; expected another name'],
+        ),
+        (
+            "{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}",
+            "{distribution: gamma, radius: 5 um, variance: 0.4}",
+            ['10: particles.components[0].size.variance: found "0.4"; expected a fraction at least 1e-06 and below 0.333333'],
+        ),
+        (
+            "{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}",
+            "{distribution: mixture, of: [{share: 0.5, distribution: single, radius: 5 um}, "
+            "{share: 0.4, distribution: single, radius: 6 um}]}",
+            ["10: particles.components[0].size.of: found shares that add up to 0.9; expected 1"],
+        ),
+        (
+            "particles:",
+            "phase: {method: goa}\nparticles:",
+            ["4: phase.method: goa (geometrical optics) is not available yet; auto and mie are"],
+        ),
+        ("particles:", "phase: {method: mei}\nparticles:", ['4: phase.method: found "mei"; expected auto, mie or goa (mie?)']),
+        ("particles:", "beam: {depth: 32}\nparticles:", ["4: beam: beam is not available yet; particles and medium are"]),
+        (
+            "particles:",
+            "beam: {deep: 32}\nparticles:",
+            [
+                "4: beam.depth: missing; expected depth: in mean free paths",
+                "4: beam: beam is not available yet; particles and medium are",
+                '4: beam.deep: found the unknown key "deep"; expected depth (depth?)',
+            ],
+        ),
+    ],
+)
+def test_particles(refuse, old, new, says):
+    assert GOOD.count(old) >= 1
+    assert refuse(GOOD.replace(old, new, 1)) == [f"fog.yaml:{line}" for line in says]
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("albedo: 0.9", "albedo: 1.1", ['4: medium.albedo: found "1.1"; expected a fraction at least 0 and at most 1']),
+        (
+            "albedo: 0.9",
+            "albedo: [0.9, 0.8]",
+            ["4: medium.albedo: found 2 values for 3 wavelengths; expected one value, or one a wavelength"],
+        ),
+        (
+            "albedo: 0.9",
+            "sigma_a: 0.9 /m",
+            [
+                "4: medium.sigma_a: found sigma_a beside mean_free_path; "
+                "expected albedo and mean_free_path, or sigma_s and sigma_a"
+            ],
+        ),
+        (
+            "  albedo: 0.9\n",
+            "",
+            ["3: medium: found only mean_free_path; expected albedo and mean_free_path, or sigma_s and sigma_a"],
+        ),
+        ("g: 0.7", "g: 1", ['6: medium.phase.g: found "1"; expected a number above -1 and below 1']),
+        ("g: 0.7", "g: [0.5, 0.6, -1]", ['6: medium.phase.g[2]: found "-1"; expected a number above -1 and below 1']),
+        (
+            "{type: hg, g: 0.7}",
+            "{type: gaussian, spread: 200 deg}",
+            ['6: medium.phase.spread: found "200 deg"; expected an angle above 0 and at most 3.14159 rad'],
+        ),
+        ("{type: hg, g: 0.7}", "hg", ['6: medium.phase: found "hg"; expected a mapping such as {type: hg, …}']),
+        (
+            "  albedo: 0.9\n  mean_free_path: 1 mm",
+            "  sigma_s: 0 /m\n  sigma_a: 0 /m",
+            ["3: medium: found sigma_s and sigma_a that are both 0; expected a positive sum"],
+        ),
+        (
+            "medium:",
+            "phase: {polarized: true}\nmedium:",
+            ["3: phase: found options of single scattering beside medium; expected them with particles only (medium.phase?)"],
+        ),
+    ],
+)
+def test_medium(refuse, old, new, says):
+    assert refuse(MILK.replace(old, new, 1)) == [f"fog.yaml:{line}" for line in says]
+
+
+def test_everything_at_once_and_each_once(refuse):
+    text = """\
+bakery: 2
+name: a/b
+wavelenths: rgb
+tolerance: 1 um
+particles:
+  number_density: 1e8
+  components:
+    - name: droplets
+      material: watr
+      fraction: 0.5
+      size: {distribution: lognormal, radius: 5, sigma: 1.5, min: 3 um, max: 2 um}
+    - name: droplets
+      material: {file: nowhere.csv}
+      fraction: 0.6
+      size: {distribution: single, radius: 5 um}
+"""
+    lines = refuse(text)
+    assert [line.split(": ")[:2] for line in lines] == [
+        ["fog.yaml:1", "bakery"],
+        ["fog.yaml:2", "name"],
+        ["fog.yaml:3", "wavelenths"],
+        ["fog.yaml:4", "tolerance"],
+        ["fog.yaml:6", "particles.number_density"],
+        ["fog.yaml:7", "particles.components"],
+        ["fog.yaml:9", "particles.components[0].material"],
+        ["fog.yaml:11", "particles.components[0].size.radius"],
+        ["fog.yaml:11", "particles.components[0].size.max"],
+        ["fog.yaml:12", "particles.components[1].name"],
+        ["fog.yaml:13", "particles.components[1].material.file"],
+    ]
+
+
+def test_tables_name_their_own_lines(tmp_path):
+    (tmp_path / "own.csv").write_text("# name: own\nwavelength_um,n,k\n0.4,1.3,0\n0.5,1.3\n0.6,-1.3,x\n")
+    (tmp_path / "fog.yaml").write_text(GOOD.replace("material: water", "material: {file: own.csv}"))
+    with pytest.raises(RecipeError) as error:
+        load(tmp_path / "fog.yaml")
+    assert [(p.file, p.line, p.column, p.key) for p in error.value.problems] == [
+        ("own.csv", line, column, "particles.components[0].material.file") for line, column in ((4, 1), (5, 5), (5, 10))
+    ]
