@@ -1,0 +1,65 @@
+"""`bake diff A B`: where the values of two assets differ."""
+
+from __future__ import annotations
+
+import math
+import os
+
+import click
+
+from bakery.cli.options import json_option, print_json
+from bakery.errors import UsageError
+
+
+@click.command(name="diff", short_help="compare the values of two assets")
+@click.argument("a", type=click.Path(), metavar="A")
+@click.argument("b", type=click.Path(), metavar="B")
+@click.option("--rtol", type=float, default=0.0, show_default=True, metavar="X",
+              help="Largest relative difference that passes; 0 asks for equal numbers, which two bakes of one recipe have.")
+@json_option
+def command(a, b, rtol, as_json):
+    """Compare the values, shapes and units of two assets; provenance and hashes do not count.
+
+    Exit status 0 if they hold the same, 1 if not: the table then names each dataset that differs, with its worst place.
+    """
+    from bakery.compare import compare
+
+    if not rtol >= 0 or math.isinf(rtol):
+        raise UsageError(f"--rtol: found {rtol:g}; a number from 0 would do, such as 1e-6")
+    for asset in (a, b):
+        if not os.path.exists(asset):
+            raise UsageError(f"{asset}: there is no such file; the path of a baked asset would do")
+    found = compare(a, b, rtol)
+    if as_json:
+        print_json({"a": a, "b": b, "rtol": rtol, "equal": not found, "differences": [_plain(row) for row in found]})
+    else:
+        _print(a, b, rtol, found)
+    return int(bool(found))
+
+
+def _plain(row) -> dict:
+    """A difference in JSON's types: an infinite one is null beside its text."""
+    from bakery.report.summary import number
+
+    return {"path": row.path, "kind": row.kind, "text": row.text, "absolute": number(row.absolute),
+            "relative": number(row.relative), "standard_errors": number(row.sigmas)}
+
+
+def _print(a: str, b: str, rtol: float, found) -> None:
+    from bakery.report.text import clean, say, table
+
+    within = f" within {rtol:g}" if rtol else ""
+    if not found:
+        say(f"equal{within}: {clean(a)} and {clean(b)}")
+        return
+    say(f"A = {clean(a)}")
+    say(f"B = {clean(b)}")
+    rows = [("dataset", "relative", "absolute", "std errors", "what")]
+    rows += [(clean(row.path), _short(row.relative), _short(row.absolute), _short(row.sigmas), clean(f"{row.kind}: {row.text}"))
+             for row in found]
+    for line in table(rows, right=(1, 2, 3)):
+        say(line)
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,120 @@
+"""`bake inspect ASSET [PATH]`: the tree of an asset, its errors and its provenance."""
+
+from __future__ import annotations
+
+import os
+
+import click
+
+from bakery.cli.options import json_option, print_json
+from bakery.errors import UsageError
+
+
+@click.command(name="inspect", short_help="print the tree of an asset")
+@click.argument("asset", type=click.Path(), metavar="ASSET")
+@click.argument("path", metavar="[PATH]", default="")
+@json_option
+def command(asset, path, as_json):
+    """Print what ASSET holds (or only what lies below PATH): names, shapes, ranges with units, bytes, errors, provenance."""
+    import bakery
+    from bakery.report.summary import describe
+
+    root = bakery.open(asset).tree
+    path = path.strip("/")
+    if path and path not in (known := [name for name, _ in root.walk()]):
+        raise UsageError(not_found(asset, path, known))
+    summary = {"file": asset, "bytes": os.path.getsize(asset)} | describe(root, path)
+    if as_json:
+        print_json(summary)
+    else:
+        _print(summary, whole=not path)
+
+
+def not_found(asset: str, path: str, known: list[str]) -> str:
+    """What to say of a path that an asset does not hold: the nearest one, or what there is."""
+    import difflib
+
+    near = difflib.get_close_matches(path, known, 1) or [name for name in known if name.rpartition("/")[2] == path][:1]
+    hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in known if '/' not in name)}"
+    return f'{asset}: found no "{path}"; {hint}'
+
+
+def _print(summary: dict, whole: bool) -> None:
+    from bakery.report.text import clean, plain, say
+    from bakery.run.resources import in_words
+
+    say(f"{clean(summary['file'])}: {clean(summary['name'])}, asset format {summary['format_version']}, "
+        f"baked by bakery {clean(summary['bakery_version'])}, {in_words(summary['bytes'])}")
+    for line in _tree(summary, plain()):
+        say(line)
+    for stage in summary["stages"]:
+        say()
+        for line in _stage(stage):
+            say(line)
+    if not whole:
+        return
+    say()
+    for name, sentence in summary["explained"].items():
+        say(f"{name} {sentence}.")
+    say()
+    say("provenance")
+    for name, value in summary["provenance"].items():
+        say(f"  {name:<16} {clean(value)}")
+
+
+def _tree(summary: dict, ascii_only: bool) -> list[str]:
+    """One line a member: where it hangs, its shape, its values, its size, what it is."""
+    from bakery.report.text import clean, table
+    from bakery.run.resources import in_words
+
+    datasets = {row["path"]: row for row in summary["datasets"]}
+    stages = {stage["group"]: f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])}"
+              for stage in summary["stages"]}
+    last_of = {path.rpartition("/")[0]: path for path in summary["members"]}
+    down, last, bar = ("|- ", "`- ", "|  ") if ascii_only else ("├─ ", "└─ ", "│  ")
+    rows = []
+    for path in summary["members"]:
+        above = [path[:i] for i, letter in enumerate(path) if letter == "/"]
+        lines = "".join("   " if parent == last_of[parent.rpartition("/")[0]] else bar for parent in above)
+        head = lines + (last if path == last_of[path.rpartition("/")[0]] else down) + path.rpartition("/")[2]
+        row = datasets.get(path)
+        if row is None:
+            rows.append((head, "", stages.get(path, ""), "", ""))
+            continue
+        shape = " x ".join(f"{n}" for n in row["shape"])
+        rows.append((head, shape, clean(_values(row)), in_words(row["bytes"]), clean(row["description"])))
+    return table(rows, right=(1, 3))
+
+
+def _values(row: dict) -> str:
+    """The values themselves where they are few, else their range; with unit and error."""
+    units = "" if row["units"] in ("1", "") or row["type"] == "text" else " " + row["units"]
+    error = row["largest_relative_error"]
+    error = f" +- {100 * error:.2g} %" if error is not None else ""
+    if row["values"] is not None:
+        join = ", " if row["type"].startswith("enum") else " "
+        return join.join(_short(value) for value in row["values"]) + units + error
+    if row["minimum"] is None:
+        return row["type"]
+    if row["minimum"] == row["maximum"]:
+        return f"{_short(row['minimum'])}{units}{error}"
+    return f"{_short(row['minimum'])} .. {_short(row['maximum'])}{units}{error}"
+
+
+def _short(value) -> str:
+    return value if isinstance(value, str) else "nan" if value is None else f"{value + 0.0:.6g}"
+
+
+def _stage(stage: dict) -> list[str]:
+    from bakery.report.text import clean
+    from bakery.run.resources import duration, in_words
+
+    cost = [("baked {}", stage["finished"], clean), ("by bakery {}", stage["bakery_version"], clean),
+            ("in {}", stage["seconds"], duration), ("peak {}", stage["peak_memory"], in_words),
+            ("{} workers", stage["workers"], str)]
+    spent = ", ".join(words.format(said(value)) for words, value, said in cost if value is not None)
+    reached = f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])} allowed: {clean(stage['error_measure'])}"
+    lines = [f"stage {clean(stage['group'])}, version {stage['stage_version']}", f"  {reached}"]
+    lines += [f"  {spent}"] if spent else []
+    lines += [f"  note: {clean(note)}" for note in stage["notes"]]
+    return lines + [f"  input_hash   {clean(stage['input_hash'])}", f"  content_hash {clean(stage['content_hash'])}"]

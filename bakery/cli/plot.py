@@ -1,0 +1,42 @@
+"""`bake plot ASSET`: pictures, and the data of each beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bakery.cli.options import json_option, print_json
+from bakery.errors import AssetError
+
+
+@click.command(name="plot", short_help="draw pictures of what an asset holds")
+@click.argument("asset", type=click.Path(), metavar="ASSET")
+@click.option("-o", "--output", type=click.Path(), metavar="DIR",
+              help="Folder of the pictures.  Default: NAME-plots beside the asset.")
+@json_option
+def command(asset, output, as_json):
+    """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation.
+
+    Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
+    """
+    import bakery
+    from bakery.report.figures import drawn, pictures
+    from bakery.report.files import csv_text, folder_for, put
+    from bakery.report.text import say
+
+    root = bakery.open(asset).tree
+    found = list(pictures(root))
+    if not found:
+        raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
+    stem = Path(asset).stem
+    folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-plots"))
+    written = []
+    for picture in found:
+        files = drawn(picture) | {"csv": csv_text(picture.columns)}
+        paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
+        written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})
+        for path in [] if as_json else paths.values():
+            say(path)
+    if as_json:
+        print_json(written)

@@ -1,0 +1,160 @@
+"""`bake query ASSET PATH [key=value …]`: one baked value, or one looked up."""
+
+from __future__ import annotations
+
+import difflib
+
+import click
+
+from bakery.cli.inspect import not_found
+from bakery.cli.options import json_option, print_json
+from bakery.errors import UsageError
+
+
+@click.command(name="query", short_help="print one baked value")
+@click.argument("asset", type=click.Path(), metavar="ASSET")
+@click.argument("path", metavar="PATH")
+@click.argument("arguments", nargs=-1, metavar="[key=value …]")
+@json_option
+def command(asset, path, arguments, as_json):
+    """Print the value at PATH of ASSET, such as medium/sigma_t, or look it up at arguments with units.
+
+    \b
+    bake query fog.h5 medium/sigma_t wavelength=0.55um
+    bake query fog.h5 medium/phase wavelength=0.55um theta=10deg
+    bake query fog.h5 medium/phase "theta=[0, 90, 180] deg"
+    """
+    import bakery
+    from bakery.report.lookup import lookup
+    from bakery.store.tree import Group, is_text, read_text
+
+    root = bakery.open(asset).tree
+    path = path.strip("/")
+    values = dict(_argument(word) for word in arguments)
+    if len(values) < len(arguments):
+        raise UsageError("the same argument twice; give each once")
+    member = _find(asset, root, path)
+    if isinstance(member, Group):
+        held = ", ".join([*member.members, *member.attributes])
+        raise UsageError(f"{asset}: {path} is a group; it holds {held}: ask for one of them, such as {path}/{held.split(',')[0]}")
+    attribute = not hasattr(member, "data")
+    if attribute or is_text(member):
+        if values:
+            raise UsageError(f"{path}: {next(iter(values))} has no effect on it; it takes no arguments")
+        _print_plain(path, member if attribute else read_text(member), as_json)
+        return
+    answer = lookup(root, path, values)
+    error, measure = _stage_error(root, path, answer)
+    if as_json:
+        _print_json(answer, error, measure)
+    else:
+        _print(answer, error, measure)
+
+
+def _argument(word: str):
+    """`theta=10deg` as ("theta", 0.17): lengths in um, angles in rad."""
+    from bakery.recipe.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
+
+    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
+    key, equals, text = word.partition("=")
+    if not equals or key not in kinds:
+        near = difflib.get_close_matches(key, kinds, 1)
+        raise UsageError(f'found "{word}"; ' + (f"did you mean {near[0]}=…?" if near and key not in kinds else
+                         "arguments are wavelength=0.55um, theta=10deg, radius=5um"))
+    try:
+        value = parse_list(text, kinds[key]) if is_list(text) else parse(text, kinds[key])
+    except Wrong as wrong:
+        raise UsageError(f"{key}: {wrong.found}; {wrong.expected}") from None
+    return key, value
+
+
+def _find(asset: str, root, path: str):
+    """A dataset or group, or the value of an attribute (medium/achieved_error)."""
+    if not path:
+        return root
+    try:
+        return root[path]
+    except KeyError:
+        pass
+    parent, _, name = path.rpartition("/")
+    try:
+        return getattr(root[parent] if parent else root, "attributes", {})[name]
+    except KeyError:
+        pass
+    known = [name for name, _ in root.walk()]
+    known += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
+    raise UsageError(not_found(asset, path, known + list(root.attributes)))
+
+
+def _stage_error(root, path: str, answer) -> tuple[float | None, str]:
+    """What the stage says of the error of all its figures, where the dataset has none of its own."""
+    attributes = getattr(root.members[path.partition("/")[0]], "attributes", {})
+    if answer.error is not None or "achieved_error" not in attributes or answer.values.dtype.kind != "f":
+        return None, ""
+    return attributes["achieved_error"], str(attributes.get("error_measure", ""))
+
+
+def _print_plain(path: str, value, as_json: bool) -> None:
+    from bakery.report.summary import number
+    from bakery.report.text import clean, say, say_all
+
+    if as_json:
+        print_json({"path": path, "value": number(value)})
+    elif isinstance(value, str) and "\n" in value:
+        say_all(value)
+    else:
+        say(clean(value))
+
+
+def _print_json(answer, error, measure) -> None:
+    import numpy as np
+
+    def plain(array):
+        kept = np.where(np.isfinite(array), array, None) if array.dtype.kind == "f" else array
+        return kept.tolist()
+
+    print_json({
+        "path": answer.path, "units": answer.units, "value": plain(answer.values),
+        "axes": [{"name": name, "units": unit, "values": plain(at)} for name, unit, at in answer.axes],
+        "error": None if answer.error is None else plain(answer.error), "stage_error": error, "error_measure": measure,
+        "remarks": list(answer.remarks)})
+
+
+def _print(answer, error, measure) -> None:
+    from bakery.report.text import clean, say, table
+
+    unit = "" if answer.units == "1" else f" {clean(answer.units)}"
+    if answer.values.ndim == 0:
+        own = "" if answer.error is None else f" +- {float(answer.error):.2g}"
+        say(f"{_digits(answer.values[()])}{own}{unit}")
+    else:
+        for line in table(_rows(answer), right=range(answer.values.ndim + 64)):
+            say(line)
+    for remark in answer.remarks:
+        say(f"# {remark}")
+    if error is not None:
+        say(f"# error of the stage {error:.2g}: {clean(measure)}")
+
+
+def _rows(answer):
+    """One row for each place of the last axis; the columns go over what is before it (one column a wavelength)."""
+    import numpy as np
+
+    *across, (name, unit, at) = answer.axes
+    columns = [(f"{name} [{unit}]", at)]
+    what = answer.path.rpartition("/")[2]
+    for index in np.ndindex(answer.values.shape[:-1]):
+        places = zip(across, index, strict=True)
+        where = ", ".join(f"index {i}" if name == "index" else f"{axis[i]:g} {unit}" for (name, unit, axis), i in places)
+        head = f"{what} [{answer.units}]" + (f" at {where}" if where else "")
+        columns.append((head, answer.values[index]))
+        if answer.error is not None:
+            columns.append((f"+- at {where}" if where else "+-", answer.error[index]))
+    yield [head for head, _ in columns]
+    for i in range(answer.values.shape[-1]):
+        yield [_digits(values[i]) for _, values in columns]
+
+
+def _digits(value) -> str:
+    """Every digit that tells a float from its neighbours."""
+    return str(value.item() if hasattr(value, "item") else value)

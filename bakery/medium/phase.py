@@ -1,0 +1,119 @@
+"""A phase function as a table over the scattering angle, linear in cos theta between its nodes.
+
+Whatever is stated of such a table (integral, mean cosine, cumulative distribution, samples) is exact for that interpolant, not
+for the function it was made from.  Everything is written in v = 1 - cos theta = 2 sin^2(theta/2), and differences of v as
+products of sines: cosines of small angles have lost the digits that a forward peak needs.
+
+Shapes: theta (A,) rad, ascending from 0 to pi; f (..., A) 1/sr.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+def steps(theta):
+    """cos theta_i - cos theta_(i+1), (A-1,), to full relative precision however small the angles are."""
+    theta = np.asarray(theta, float)
+    return 2 * np.sin((theta[1:] + theta[:-1]) / 2) * np.sin((theta[1:] - theta[:-1]) / 2)
+
+
+def integral(theta, f):
+    """2 pi times the integral of f over cos theta, (...,)."""
+    f = np.asarray(f, float)
+    return 2 * math.pi * np.sum((f[..., 1:] + f[..., :-1]) / 2 * steps(theta), axis=-1)
+
+
+def normalised(theta, f):
+    """f scaled so that its integral over the sphere is 1, and the integral that it had.
+
+    Returns
+    -------
+    phase : (..., A) 1/sr
+    was : (...,) the integral before
+    """
+    f = np.asarray(f, float)
+    was = integral(theta, f)
+    phase = f / was[..., None]
+    # once more: the division leaves an error of a few units in the last place
+    return phase / integral(theta, phase)[..., None], was
+
+
+def cumulative(theta, f):
+    """Probability (..., A) that the angle is below theta: 0 at theta = 0, 1 at pi, exact for a normalised table."""
+    f = np.asarray(f, float)
+    cells = (f[..., 1:] + f[..., :-1]) / 2 * steps(theta)
+    total = np.cumsum(cells, axis=-1)
+    return np.concatenate([np.zeros_like(total[..., :1]), total / total[..., -1:]], axis=-1)
+
+
+def mean_cosine(theta, f):
+    """<cos theta> of a normalised table, (...,)."""
+    f = np.asarray(f, float)
+    v = 2 * np.sin(np.asarray(theta, float) / 2) ** 2
+    # integral of f v over a cell where both are linear in v; 1 - g keeps its digits when g -> 1
+    cells = steps(theta) * (f[..., :-1] * (2 * v[:-1] + v[1:]) + f[..., 1:] * (v[:-1] + 2 * v[1:])) / 6
+    return 1 - 2 * math.pi * np.sum(cells, axis=-1)
+
+
+def evaluate(theta, f, at):
+    """The table at any angles.
+
+    Parameters
+    ----------
+    theta : (A,) rad
+    f : (..., A)
+    at : angles of any shape, rad, 0 to pi
+
+    Returns
+    -------
+    (..., *at.shape), unit of f
+
+    Raises
+    ------
+    ValueError : an angle outside 0 .. pi, or not finite
+    """
+    theta, f, at = np.asarray(theta, float), np.asarray(f, float), np.asarray(at, float)
+    if not ((at >= 0) & (at <= math.pi)).all():
+        raise ValueError("scattering angles lie between 0 and pi")
+    i = np.clip(np.searchsorted(theta, at, side="right") - 1, 0, len(theta) - 2)
+    a, b = theta[i], theta[i + 1]
+    t = np.sin((at + a) / 2) * np.sin((at - a) / 2) / (np.sin((a + b) / 2) * np.sin((b - a) / 2))
+    return f[..., i] * (1 - t) + f[..., i + 1] * t
+
+
+def sample(theta, f, cdf, xi):
+    """Scattering angles distributed as the table.
+
+    Parameters
+    ----------
+    theta : (A,) rad
+    f : (A,) 1/sr, normalised
+    cdf : (A,) from `cumulative`
+    xi : uniform numbers in [0, 1), any shape
+
+    Returns
+    -------
+    angles : like xi, rad
+    density : like xi, 1/sr; f at these angles
+
+    Notes
+    -----
+    On a cell where f is linear in v the cumulative distribution is a quadratic; its root is taken in the form 2c/(b + sqrt(b^2 + 2ac))
+    that does not cancel when f is nearly constant, and gives 0 where f is 0 at the cell's start.
+    """
+    theta, f, cdf, xi = (np.asarray(value, float) for value in (theta, f, cdf, xi))
+    i = np.clip(np.searchsorted(cdf, xi, side="right") - 1, 0, len(theta) - 2)
+    step = steps(theta)[i]
+    slope = (f[i + 1] - f[i]) / step
+    c = (xi - cdf[i]) / (2 * math.pi)
+    root = f[i] + np.sqrt(np.maximum(f[i] ** 2 + 2 * slope * c, 0.0))
+    d = np.clip(np.divide(2 * c, root, out=np.zeros_like(c), where=root > 0), 0.0, step)
+    sine, cosine = np.sin(theta[i] / 2), np.cos(theta[i] / 2)
+    # whichever of sin(theta/2), cos(theta/2) is small keeps its relative precision
+    forward = 2 * np.arcsin(np.sqrt(np.clip(sine**2 + d / 2, 0.0, 1.0)))
+    backward = math.pi - 2 * np.arcsin(np.sqrt(np.clip(cosine**2 - d / 2, 0.0, 1.0)))
+    angles = np.clip(np.where(theta[i] + theta[i + 1] < math.pi, forward, backward), theta[i], theta[i + 1])
+    return angles, np.maximum(f[i] + slope * d, 0.0)

@@ -1,0 +1,31 @@
+"""Coefficients of the isotropic medium that diffuses like a given one (similarity relation of first order)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def reduced(sigma_s, sigma_a, g):
+    """Reduced coefficients.
+
+    Parameters
+    ----------
+    sigma_s, sigma_a : (L,) 1/m
+    g : (L,) 1, mean cosine
+
+    Returns
+    -------
+    sigma_t_reduced : (L,) 1/m, (1 - g) sigma_s + sigma_a
+    albedo_reduced : (L,) 1, (1 - g) sigma_s / sigma_t_reduced; 1 exactly where nothing is absorbed, 0 where the medium is empty
+    sigma_tr : (L,) 1/m, sqrt(3 sigma_a sigma_t_reduced), the decay of diffuse light; 0 where nothing is absorbed
+
+    Notes
+    -----
+    Formed from sigma_a itself, never from 1 - albedo: at albedo 1 - 1e-15 that difference has no digits left.
+    Source: Wyman, Patterson & Wilson 1989, J. Comput. Phys. 81, 137.
+    """
+    sigma_s, sigma_a, g = (np.asarray(value, float) for value in (sigma_s, sigma_a, g))
+    scattered = (1 - g) * sigma_s
+    sigma_t = scattered + sigma_a
+    albedo = np.divide(scattered, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
+    return sigma_t, albedo, np.sqrt(3 * sigma_a) * np.sqrt(sigma_t)

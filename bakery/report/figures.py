@@ -1,0 +1,298 @@
+"""The pictures of an asset: what each shows, and the numbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.medium.phase import evaluate
+from bakery.report.style import FAINT, INK, NEUTRAL, QUIET, colours, look, saved
+from bakery.store.tree import Dataset, Group
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure.
+
+    Attributes
+    ----------
+    name : end of the file name
+    title, caption : what is seen, in words
+    size : inches
+    draw : takes an empty matplotlib Figure
+    columns : (heading with unit, values (N,)) of the data shown
+    """
+
+    name: str
+    title: str
+    caption: str
+    size: tuple[float, float]
+    draw: Callable
+    columns: tuple[tuple[str, np.ndarray], ...]
+
+
+def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg")) -> dict[str, bytes]:
+    """A picture in each form; the same bytes on every run with the same packages."""
+    from matplotlib.figure import Figure
+
+    with look(picture.name):
+        figure = Figure(figsize=picture.size)
+        picture.draw(figure)
+        return {form: saved(figure, form) for form in forms}
+
+
+def pictures(root: Group) -> Iterator[Picture]:
+    """Every picture that the content of an asset allows."""
+    medium = root.members.get("medium")
+    wavelength = root.members.get("wavelength")
+    if not isinstance(wavelength, Dataset):
+        return
+    um = wavelength.data
+    if isinstance(medium, Group) and {"theta", "phase"} <= medium.members.keys():
+        yield phase_function(medium, um)
+        yield lobe(medium, um)
+        if {"s11", "s12"} <= medium.members.keys():
+            yield polarisation(medium, um)
+    if isinstance(medium, Group) and {"sigma_t", "albedo", "g"} <= medium.members.keys() and um.size > 1:
+        yield coefficients(medium, um)
+    optics = root.members.get("optics")
+    for name, component in (optics.members if isinstance(optics, Group) else {}).items():
+        if isinstance(component, Group) and {"radius", "weight", "extinction"} <= component.members.keys() \
+                and component["radius"].data.size > 2:
+            yield cross_sections(name, component, um)
+
+
+def phase_function(medium: Group, um) -> Picture:
+    """Phase functions on a logarithmic scale: all angles, and the forward peak on a logarithmic angle."""
+    theta, phase = np.degrees(medium["theta"].data), medium["phase"].data
+    stated = medium.members.get("phase_error")
+    error = stated.data if stated else phase * float(medium.attributes.get("achieved_error", 0.0))
+    largest = float(np.max(np.divide(error, phase, out=np.zeros_like(phase), where=phase > 0)))
+
+    left = _start_of_zoom(theta, phase)
+    near = np.union1d(np.geomspace(left, 30, 300), theta[(theta > left) & (theta < 30)])
+
+    def draw(figure):
+        wide, zoom = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
+        for axes, at in ((wide, theta), (zoom, near)):
+            rows, bands = (evaluate(medium["theta"].data, values, np.minimum(np.radians(at), np.pi)) for values in (phase, error))
+            for row, band, colour, label in zip(rows, bands, colours(um), _labels(um), strict=True):
+                row = _positive(row)
+                if largest > _SEEN:
+                    axes.fill_between(at, np.maximum(row - band, 1e-3 * row), row + band, color=colour, alpha=0.22, linewidth=0)
+                axes.plot(at, row, color=colour, label=label)
+        wide.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
+        wide.set_xticks(range(0, 181, 30))
+        wide.axhline(1 / (4 * np.pi), color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+        wide.annotate("isotropic", (0.5, 1 / (4 * np.pi)), xycoords=("axes fraction", "data"), xytext=(0, 3),
+                      textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
+        wide.set_title("All angles")
+        zoom.set(xscale="log", xlim=(left, 30), xlabel="θ (°), logarithmic")
+        zoom.set_title("Forward peak")
+        _plain_decades(zoom.xaxis)
+        _legend_beside(figure, wide)
+
+    band = f"  Largest error: {100 * largest:.2g} %" + (", the band." if largest > _SEEN else ", less than a line is wide.")
+    return Picture("phase", "Phase function", "Light scattered by the angle between the directions of travel; 2π times the "
+                   f"integral over cos θ is 1.{band}", (10.4, 4.3), draw, _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+
+
+def lobe(medium: Group, um) -> Picture:
+    """The phase function as a polar diagram whose radius is logarithmic."""
+    theta, phase = medium["theta"].data, medium["phase"].data
+    top = np.ceil(np.log10(phase.max()))
+    bottom = np.floor(np.log10(max(np.percentile(phase[phase > 0], 0.5), 10 ** (top - 9))))
+    bottom = min(bottom, top - 1)
+
+    def draw(figure):
+        axes = figure.add_subplot(projection="polar")
+        for row, colour, label in zip(phase, colours(um), _labels(um), strict=True):
+            radius = np.clip(np.log10(_positive(row)) - bottom, 0, None)
+            axes.plot(np.concatenate([theta, 2 * np.pi - theta[::-1]]), np.concatenate([radius, radius[::-1]]), color=colour,
+                      label=label, linewidth=1.3)
+        every = max(1, int(np.ceil((top - bottom) / 5)))
+        decades = np.arange(bottom, top + 1, every)
+        axes.set_rlim(0, top - bottom)
+        axes.set_rgrids(np.maximum(decades - bottom, 1e-9), [_power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
+        axes.set_thetagrids(range(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
+        axes.spines["polar"].set_color(FAINT)
+        axes.annotate("light", (0.17, 0.06), xytext=(0.0, 0.06), xycoords="axes fraction", va="center", fontsize=9,
+                      arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 4})
+        axes.set_title("Phase function (1/sr), logarithmic radius", pad=16)
+        _legend_beside(figure, axes)
+
+    return Picture("lobe", "Lobe", "The same phase function around the particle; light travels to the right, 0° is straight on.",
+                   (6.4, 5.2), draw, _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+
+
+def polarisation(medium: Group, um) -> Picture:
+    """Degree of linear polarisation of light that was unpolarised before a single scattering."""
+    theta = medium["theta"].data
+    s11, s12 = medium["s11"].data, medium["s12"].data
+    degree = -np.divide(s12, s11, out=np.zeros_like(s12), where=s11 > 0)
+
+    def draw(figure):
+        axes = figure.subplots()
+        axes.axhline(0, color=QUIET, linewidth=0.8)
+        for row, colour, label in zip(degree, colours(um), _labels(um), strict=True):
+            axes.plot(np.degrees(theta), 100 * row, color=colour, label=label)
+        axes.set(xlim=(0, 180), ylim=(-104 if (degree < -0.05).any() else -10, 104), xlabel="scattering angle θ (°)",
+                 ylabel="degree of linear polarisation (%)")
+        axes.set_xticks(range(0, 181, 30))
+        axes.set_title("Above 0: across the scattering plane; below: in it")
+        _legend_beside(figure, axes)
+
+    return Picture("polarisation", "Polarisation", "-s12 / s11 for a single scattering of unpolarised light.", (7.2, 4.0), draw,
+                   _by_angle(medium, um, "-s12/s11 at {:g} um [1]", degree))
+
+
+def coefficients(medium: Group, um) -> Picture:
+    """Extinction, scattering and absorption, albedo and mean cosine against wavelength."""
+    order = np.argsort(um)
+    names = [name for name in ("sigma_t", "sigma_s", "sigma_a") if name in medium.members]
+    said = {"sigma_t": "extinction σt", "sigma_s": "scattering σs", "sigma_a": "absorption σa"}
+    style = {"sigma_t": "-", "sigma_s": (0, (5, 2.5)), "sigma_a": "-"}
+
+    def draw(figure):
+        panels = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
+        for name, ink in zip(names, NEUTRAL, strict=False):
+            values = medium[name].data[order]
+            if (values > 0).any():
+                panels[0].plot(um[order], np.where(values > 0, values, np.nan), color=ink, linestyle=style[name], marker="o",
+                               markersize=4, label=said[name])
+        panels[0].set_yscale("log")
+        panels[0].set_title("Coefficients (1/m)")
+        panels[0].legend(loc="best")
+        absorbed = medium.members.get("sigma_a")  # 1 - albedo has lost its digits where little is absorbed
+        lost = (absorbed.data / medium["sigma_t"].data if absorbed else 1 - medium["albedo"].data)[order]
+        if (lost > 0).any():
+            panels[1].plot(um[order], np.where(lost > 0, lost, np.nan), color=INK, marker="o", markersize=4)
+            panels[1].set_yscale("log")
+        else:
+            panels[1].annotate("nothing is absorbed", (0.5, 0.5), xycoords="axes fraction", ha="center", color=QUIET)
+            panels[1].set_yticks([])
+        panels[1].set_title("1 − albedo")
+        panels[2].plot(um[order], medium["g"].data[order], color=INK, marker="o", markersize=4)
+        panels[2].set_title("Mean cosine g")
+        _plain_numbers(panels[2])
+        for axes in panels:
+            _wavelength_axis(axes, um[order])
+
+    shown = [*names, "albedo", "g"]
+    columns = [(f"{name} [{medium[name].units}]", medium[name].data[order]) for name in shown]
+    return Picture("coefficients", "Coefficients", "Of the medium, against the wavelength in vacuum; zeros are left out.",
+                   (9.6, 3.4), draw, (("wavelength [um]", um[order]), *columns))
+
+
+def cross_sections(name: str, component: Group, um) -> Picture:
+    """Efficiencies against radius, and which radii the particles and their extinction belong to."""
+    order = np.argsort(component["radius"].data, kind="stable")
+    radius, weight = component["radius"].data[order], component["weight"].data[order]
+    extinction = component["extinction"].data[:, order]
+    absorption = component["absorption"].data[:, order] if "absorption" in component.members else np.zeros_like(extinction)
+    disk = np.pi * radius**2
+
+    def draw(figure):
+        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.25, 1))
+        for ext, absorbed, colour, label in zip(extinction, absorption, colours(um), _labels(um), strict=True):
+            top.plot(radius, _positive(ext), color=colour, label=label, linewidth=1.2)
+            middle.plot(radius, ext / disk, color=colour, linewidth=0.9)
+            if (absorbed > 1e-6 * ext).any():
+                top.plot(radius, _positive(absorbed), color=colour, linestyle=(0, (3, 2)), linewidth=1.0)
+            if (absorbed > 0.01 * ext).any():
+                middle.plot(radius, absorbed / disk, color=colour, linestyle=(0, (3, 2)), linewidth=1.0)
+        top.plot(radius, disk, color=QUIET, linewidth=0.9, linestyle=":", label="πr²")
+        top.set(yscale="log", ylabel="µm²")
+        top.set_title(f"{name}: cross sections (full: extinction, dashed: absorption)")
+        top.legend(title=_WAVELENGTH, title_fontsize=9, loc="lower right", ncols=2)
+        if (extinction > disk).any():
+            middle.axhline(2, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))  # the limit of large spheres
+        else:
+            middle.set_yscale("log")
+        middle.set_title("Efficiencies: cross section over πr²")
+        number = _density(radius, weight)
+        share = _density(radius, weight * extinction.mean(axis=0))
+        for (at, value), ink, label in ((number, NEUTRAL[0], "number of particles"), (share, NEUTRAL[1], "their extinction")):
+            bottom.fill_between(at, value / value.max(), step="mid", color=ink, alpha=0.14, linewidth=0)
+            bottom.plot(at, value / value.max(), drawstyle="steps-mid", color=ink, linewidth=1.2, label=label)
+        bottom.set(xscale="log", xlabel="radius (µm)", ylim=(0, None), ylabel="relative to the maximum")
+        bottom.set_title("Size distribution per ln r")
+        bottom.legend(loc="best")
+        bottom.set_xlim(radius[0], radius[-1])
+        _plain_decades(bottom.xaxis)
+
+    columns = [("radius [um]", radius), ("weight [1]", weight)]
+    for x, ext, absorbed in zip(um, extinction, absorption, strict=True):
+        columns += [(f"extinction at {x:g} um [um^2]", ext), (f"absorption at {x:g} um [um^2]", absorbed)]
+    return Picture(f"{name}_cross_sections", f"Cross sections of {name}", "Of single particles against their radius, and how the "
+                   "particles and what they take out of a beam are spread over the radii.", (8.0, 8.0), draw, tuple(columns))
+
+
+def _by_angle(medium: Group, um, heading: str, rows) -> tuple:
+    """Columns of a picture over the scattering angle: one a wavelength."""
+    return (("theta [rad]", medium["theta"].data), *((heading.format(x), row) for x, row in zip(um, rows, strict=True)))
+
+
+_WAVELENGTH = "wavelength"
+_SEEN = 0.02  # a relative error below this is thinner than a line on a scale of decades
+
+
+def _labels(um) -> list[str]:
+    return [f"{x:g} µm" for x in um]
+
+
+def _legend_beside(figure, axes) -> None:
+    """One line a wavelength, beside the axes: inside, eight of them would cover the curves."""
+    figure.legend(*axes.get_legend_handles_labels(), title=_WAVELENGTH, title_fontsize=9, loc="outside right upper")
+
+
+def _power(exponent: float) -> str:
+    return f"$10^{{{int(exponent)}}}$"
+
+
+def _positive(row):
+    """A logarithmic axis has no zero: gaps instead."""
+    return np.where(row > 0, row, np.nan)
+
+
+def _start_of_zoom(theta, phase) -> float:
+    """An angle (degrees) inside the plateau of the sharpest peak: a fifth of where it has fallen to a half, in whole decades."""
+    halves = [theta[np.argmax(row < 0.5 * row[0])] for row in phase if (row < 0.5 * row[0]).any()]
+    sharpest = min(halves, default=30.0)
+    return float(10 ** np.floor(np.log10(min(max(sharpest / 5, 1e-5), 1.0))))
+
+
+def _density(radius, weight, bins: int = 70):
+    """Share per ln r in equal steps of ln r, from nodes and weights of a quadrature.
+
+    Half of a node's weight lies below it and half above; the cumulative curve in between is linear, so the nodes' spacing does
+    not show.
+    """
+    at = np.log(radius)
+    edges = np.linspace(at[0], at[-1], bins + 1)
+    below = np.interp(edges, at, np.cumsum(weight) - 0.5 * weight)
+    return np.exp(0.5 * (edges[1:] + edges[:-1])), np.diff(below) / np.diff(edges)
+
+
+def _wavelength_axis(axes, um) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_xlabel("wavelength (µm)")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlim(um[0] - 0.06 * np.ptp(um), um[-1] + 0.06 * np.ptp(um))
+
+
+def _plain_decades(axis) -> None:
+    """Ticks of a logarithmic axis as 0.1, 0.2, 0.5, 1, ...; decades only where those would crowd."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,), numticks=30))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _plain_numbers(axes) -> None:
+    axes.ticklabel_format(axis="y", useOffset=False)

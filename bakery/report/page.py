@@ -1,0 +1,118 @@
+"""One HTML page about an asset: no script, no link to anywhere, every text from the asset escaped."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from bakery.report.axes import axes
+from bakery.report.figures import drawn, pictures
+from bakery.report.summary import describe
+from bakery.store.tree import Dataset, Group, read_text
+
+# The policy keeps the page from fetching or running anything, should a text ever slip through unescaped.
+_HEAD = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+body {{ font: 16px/1.5 system-ui, sans-serif; color: #1c2530; max-width: 62rem; margin: 2.5rem auto; padding: 0 1.2rem; }}
+h1 {{ font-size: 1.9rem; margin: 0; }}
+h2 {{ font-size: 1.25rem; margin: 2.6rem 0 .8rem; border-bottom: 1px solid #dfe3e8; padding-bottom: .3rem; }}
+p.lead, figcaption {{ color: #5d6875; }}
+figure {{ margin: 1.4rem 0 2.2rem; }}
+figure img {{ max-width: 100%; height: auto; }}
+figcaption {{ font-size: .9rem; }}
+.wide {{ overflow-x: auto; }}
+table {{ border-collapse: collapse; font-size: .88rem; }}
+th, td {{ text-align: left; vertical-align: top; padding: .28rem .9rem .28rem 0; border-bottom: 1px solid #eef0f3; }}
+th {{ font-weight: 600; white-space: nowrap; }}
+td.n {{ text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }}
+td.hash, pre {{ font-family: ui-monospace, monospace; font-size: .82rem; overflow-wrap: anywhere; }}
+pre {{ background: #f5f6f8; padding: 1rem; overflow-x: auto; }}
+</style>
+</head>
+<body>
+"""
+
+
+def page(root: Group) -> str:
+    """The whole page, UTF-8."""
+    summary = describe(root)
+    name = str(summary["name"])
+    lead = f"Bakery asset, format {summary['format_version']}, baked by bakery {summary['bakery_version']}"
+    parts = [_HEAD.format(title=escape(name)), f'<h1>{escape(name)}</h1>\n<p class="lead">{escape(lead)}</p>\n']
+    parts += _section("Medium", _by_wavelength(root))
+    figures = [_figure(picture) for picture in pictures(root)]
+    parts += _section("Pictures", figures)
+    parts += _section("Stages", [_stages(summary), *(f"<p>{escape(key)} {escape(text)}.</p>\n"
+                                                     for key, text in summary["explained"].items())])
+    parts += _section("Content", [_datasets(summary)])
+    recipe = root.members.get("recipe")
+    if isinstance(recipe, Dataset):
+        parts += _section("Recipe", [f"<pre>{escape(read_text(recipe))}</pre>\n"])
+    parts += _section("Provenance", [_table((), [(key, str(value)) for key, value in summary["provenance"].items()])])
+    return "".join([*parts, "</body>\n</html>\n"])
+
+
+def _section(title: str, parts: Iterable[str]) -> list[str]:
+    parts = [part for part in parts if part]
+    return [f"<h2>{escape(title)}</h2>\n", *parts] if parts else []
+
+
+def _figure(picture) -> str:
+    # as an image, not inline: ids of several drawings cannot meet, and an image runs no script
+    data = base64.b64encode(drawn(picture, ("svg",))["svg"]).decode()
+    caption = escape(picture.caption)
+    return (f'<figure><img alt="{escape(picture.title)}. {caption}" src="data:image/svg+xml;base64,{data}">'
+            f"<figcaption><strong>{escape(picture.title)}.</strong> {caption}</figcaption></figure>\n")
+
+
+def _by_wavelength(root: Group) -> list[str]:
+    """Every value a wavelength of the medium, one row a wavelength."""
+    medium, wavelength = root.members.get("medium"), root.members.get("wavelength")
+    if not isinstance(medium, Group) or not isinstance(wavelength, Dataset):
+        return []
+    columns = {name: member for name, member in medium.members.items()
+               if isinstance(member, Dataset) and axes(root, f"medium/{name}") == ("L",)}
+    units = [f" ({member.units})" if member.units != "1" else "" for member in columns.values()]
+    header = ["wavelength (um)", *map("".join, zip(columns, units, strict=True))]
+    rows = [[f"{um:g}", *(f"{member.data[i]:.6g}" for member in columns.values())] for i, um in enumerate(wavelength.data)]
+    return [_table(header, rows, numbers=range(len(header)))]
+
+
+def _stages(summary: dict) -> str:
+    header = ("stage", "error", "allowed", "measure", "time", "memory", "input_hash", "content_hash")
+    rows = [(f"{stage['group']} {stage['stage_version']}", _short(stage["achieved_error"]), _short(stage["tolerance"]),
+             str(stage["error_measure"]), _in(stage["seconds"], 1, "s"), _in(stage["peak_memory"], 1e6, "MB"),
+             str(stage["input_hash"])[:16], str(stage["content_hash"])[:16]) for stage in summary["stages"]]
+    notes = "".join(f"<p>{escape(stage['group'])}: {escape(note)}</p>\n"
+                    for stage in summary["stages"] for note in stage["notes"])
+    return _table(header, rows, numbers=(1, 2, 4, 5), hashes=(6, 7)) + notes if rows else ""
+
+
+def _datasets(summary: dict) -> str:
+    header = ("dataset", "shape", "from", "to", "unit", "what it is")
+    rows = [(row["path"], " x ".join(map(str, row["shape"])), _short(row["minimum"]), _short(row["maximum"]),
+             "" if row["units"] == "1" else row["units"], row["description"]) for row in summary["datasets"]]
+    return _table(header, rows, numbers=(1, 2, 3))
+
+
+def _short(value) -> str:
+    return "" if value is None else f"{value:.5g}"
+
+
+def _in(value: float | None, unit: float, name: str) -> str:
+    return "" if value is None else f"{value / unit:.3g} {name}"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = (), hashes: Sequence[int] = ()) -> str:
+    kind = {**dict.fromkeys(numbers, ' class="n"'), **dict.fromkeys(hashes, ' class="hash"')}
+    lines = ["<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in header) + "</tr>"] if header else []
+    lines += ["<tr>" + "".join(f"<td{kind.get(i, '')}>{escape(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
+              for row in rows]
+    return '<div class="wide"><table>\n' + "\n".join(lines) + "\n</table></div>\n"

@@ -1,0 +1,60 @@
+"""How figures look, and how they become the same bytes on every run."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+# um and sRGB: hues of the spectrum, darkened until they stand out on white.
+_SPECTRUM = (
+    (0.38, (0.36, 0.16, 0.53)), (0.44, (0.25, 0.25, 0.68)), (0.47, (0.12, 0.40, 0.76)), (0.50, (0.03, 0.55, 0.62)),
+    (0.55, (0.16, 0.57, 0.22)), (0.58, (0.72, 0.58, 0.02)), (0.61, (0.85, 0.31, 0.10)), (0.66, (0.70, 0.10, 0.15)),
+    (0.78, (0.42, 0.03, 0.10)),
+)
+INK, QUIET, FAINT = "#1c2530", "#5d6875", "#dfe3e8"
+NEUTRAL = ("#1c2530", "#8a4fbf", "#b3541e")  # curves that belong to no wavelength
+
+_LOOK = {
+    "figure.facecolor": "white", "figure.dpi": 100, "savefig.dpi": 160, "figure.constrained_layout.use": True,
+    "font.family": "DejaVu Sans", "font.size": 9.5, "axes.titlesize": 10.5, "axes.titleweight": "bold",
+    "axes.titlelocation": "left", "axes.titlepad": 9, "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK,
+    "axes.edgecolor": QUIET, "axes.linewidth": 0.8, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "grid.color": FAINT, "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": QUIET, "ytick.color": QUIET,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK, "lines.linewidth": 1.5, "lines.solid_joinstyle": "round", "legend.frameon": False,
+    "legend.fontsize": 9, "path.simplify_threshold": 0.2, "svg.fonttype": "path",
+}
+
+
+def colours(wavelength) -> list[tuple[float, float, float]]:
+    """One colour a wavelength (um), close to what the eye sees of it; outside the visible, hues by position in the list."""
+    wavelength = np.asarray(wavelength, float)
+    at = np.array([um for um, _ in _SPECTRUM])
+    rgb = np.array([colour for _, colour in _SPECTRUM])
+    inside = (wavelength >= at[0]) & (wavelength <= at[-1])
+    if not inside.all() and wavelength.size > 1:
+        low, high = np.log(wavelength.min()), np.log(wavelength.max())
+        wavelength = 0.40 + 0.30 * (np.log(wavelength) - low) / max(high - low, 1e-9)
+    return [tuple(float(np.interp(um, at, rgb[:, i])) for i in range(3)) for um in wavelength]
+
+
+_NO_DATE = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
+
+
+@contextmanager
+def look(name: str) -> Iterator[None]:
+    """Settings under which a figure is made and saved; independent of the user's own, ids of the SVG derived from `name`."""
+    from matplotlib import style
+
+    with style.context(["default", _LOOK, {"svg.hashsalt": name}]):
+        yield
+
+
+def saved(figure, form: str) -> bytes:
+    """The figure as `png` or `svg` without date and version; letters of an SVG are outlines, so it needs no fonts."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=form, metadata=_NO_DATE[form])
+    return buffer.getvalue()

@@ -1,0 +1,213 @@
+"""Stage `medium`: what a continuous renderer needs, from particles or from given coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages.declaration import Cost, Output, Result, Stage
+from bakery.stages.optics import ELEMENTS, check_angles, check_phase
+from bakery.store.tree import Dataset, Group
+
+_ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
+_RULES = {
+    "sigma_t": ("(L,)", "1/m", "extinction coefficient"),
+    "sigma_s": ("(L,)", "1/m", "scattering coefficient"),
+    "sigma_a": ("(L,)", "1/m", "absorption coefficient"),
+    "albedo": ("(L,)", "1", "single-scattering albedo, sigma_s / sigma_t"),
+    "g": ("(L,)", "1", "mean cosine of the tabulated phase function"),
+    "sigma_t_reduced": ("(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
+    "albedo_reduced": ("(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced"),
+    "sigma_tr": ("(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
+    "theta": ("(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    "phase": ("(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
+    "phase_error": ("(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    "cdf": ("(L, A)", "1", "probability of a scattering angle below theta"),
+    "s11": ("(L, A)", "1/sr", "Mueller element s11, equal to phase"),
+    "s12": ("(L, A)", "1/sr", "Mueller element s12"),
+    "s33": ("(L, A)", "1/sr", "Mueller element s33"),
+    "s34": ("(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)"),
+}
+_REQUIRED = tuple(name for name in _RULES if name not in ("phase_error", "s11", *ELEMENTS))
+
+
+def _members(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None) -> dict:
+    """The group's datasets; elements (L, E, A)."""
+    from bakery.medium import phase, similarity
+
+    f = elements[:, 0]
+    g = phase.mean_cosine(theta, f)
+    sigma_t = sigma_s + sigma_a if sigma_t is None else sigma_t
+    if albedo is None:
+        albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
+    reduced = similarity.reduced(sigma_s, sigma_a, g)
+    values = dict(zip(("sigma_t", "sigma_s", "sigma_a", "albedo", "g", "sigma_t_reduced", "albedo_reduced", "sigma_tr", "theta", "phase",
+                       "phase_error", "cdf"),
+                      (sigma_t, sigma_s, sigma_a, albedo, g, *reduced, theta, f, error, phase.cumulative(theta, f))))
+    if elements.shape[1] > 1:
+        values |= dict(zip(("s11", *ELEMENTS), np.moveaxis(elements, 1, 0)))
+    return {name: Dataset(np.ascontiguousarray(value), *_RULES[name][1:]) for name, value in values.items()}
+
+
+def _inputs_of_particles(recipe, upstream) -> dict:
+    particles, optics = recipe.particles, upstream["optics"]
+    names = [c.name for c in particles.components]
+
+    def stacked(path):
+        return np.stack([np.asarray(optics[f"{name}/{path}"].data, float) for name in names])
+
+    fields = ["phase"] + [name for name in ELEMENTS if name in optics[names[0]].members]
+    return {
+        "names": names, "fraction": [float(c.fraction) for c in particles.components],
+        "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
+        "mean_volume": stacked("mean_volume")[:, 0], "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
+        "elements": np.stack([stacked(name) for name in fields], axis=2), "phase_error": stacked("phase_error"), "error": stacked("error"),
+        "theta": np.asarray(optics["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
+        "host_k": np.asarray(particles.host.k, float),
+    }
+
+
+def _compute_of_particles(inputs: dict, context) -> Result:
+    from bakery.medium import mixing
+
+    fraction, volume = inputs["fraction"], inputs["mean_volume"]
+    number = inputs["number_density"]
+    if number is None:
+        number = mixing.number_density(fraction, volume, inputs["volume_fraction"])
+    filled = mixing.volume_fraction(fraction, volume, number)
+    if filled > 1:
+        raise StageError(f"{number:.3g} particles per m^3 would fill {filled:.3g} of the volume; a smaller number_density would do")
+    sigma_s, sigma_a, elements, error = mixing.mixed(fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"],
+                                                     inputs["phase_error"], inputs["theta"])
+    host = (1 - filled) * mixing.bulk_absorption(inputs["host_k"], inputs["wavelength"])
+    notes = []
+    if filled > 0.01:
+        notes.append(f"particles fill {100 * filled:.2g} % of the volume: beyond about 1 % spheres no longer scatter independently, as assumed")
+    if (host > context.tolerance * sigma_a).any():
+        notes.append(f"the host absorbs up to {host.max():.2g} /m; that is added to sigma_a, the spheres are computed for its real index")
+    # a weighted mean is no worse than its worst part; the weights of several parts are off by the error of cross sections, which
+    # `optics` holds to a tenth of its tolerance
+    worst = float(inputs["error"].max()) + (0.2 * context.tolerance if len(fraction) > 1 else 0.0)
+    context.report(1.0, worst)
+    return Result(_members(sigma_s, sigma_a + host, inputs["theta"], elements, error), worst, tuple(notes))
+
+
+def _inputs_of_coefficients(recipe, upstream) -> dict:
+    medium = recipe.medium
+    return {"sigma_t": np.asarray(medium.sigma_t, float), "albedo": np.asarray(medium.albedo, float), "type": medium.phase.type,
+            "g": None if medium.phase.g is None else np.asarray(medium.phase.g, float), "spread": medium.phase.spread,
+            "table": medium.phase.table, "wavelengths": len(recipe.wavelength)}
+
+
+def _compute_of_coefficients(inputs: dict, context) -> Result:
+    from bakery.medium import analytic
+
+    try:
+        theta, values, error, worst = analytic.tabulated(inputs["type"], _ANALYTIC * context.tolerance, inputs["wavelengths"], inputs["g"],
+                                                         inputs["spread"], inputs["table"])
+    except ValueError as fault:
+        raise StageError(f"phase function {inputs['type']}: {fault}") from None
+    sigma_t, albedo = (np.broadcast_to(inputs[name], (inputs["wavelengths"],)).astype(float) for name in ("sigma_t", "albedo"))
+    context.report(1.0, worst)
+    return Result(_members(albedo * sigma_t, (1 - albedo) * sigma_t, theta, values[:, None], error, sigma_t, albedo), worst)
+
+
+def _cost_of_particles(recipe) -> Cost:
+    from bakery.stages.optics import _prediction
+
+    angles, rows = _prediction(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
+    return Cost(0.02 + 1e-6 * angles * rows, 8 * 4 * angles * rows + 2**20, 8 * angles * rows + 3000,
+                f"{angles} angles, {len(recipe.wavelength)} wavelengths")
+
+
+def _cost_of_coefficients(recipe) -> Cost:
+    # a bisected table of a formula of one peak takes some 60 angles at a relative error of 1 %, and 1/sqrt(error) of it
+    kind = recipe.medium.phase.type
+    if kind == "table":
+        angles = len(recipe.medium.phase.table[0])
+    else:
+        angles = 2 if kind == "isotropic" else int(180 + 25 / max(_ANALYTIC * recipe.tolerance, 1e-12) ** 0.5)
+    rows = 3 * len(recipe.wavelength)
+    return Cost(0.05 + 1e-6 * angles * rows, 8 * 6 * angles * rows + 2**20, 8 * angles * rows + 3000, f"about {angles} angles")
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `medium` group, in words."""
+    from bakery.medium import phase, similarity
+
+    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
+    missing = [name for name in _REQUIRED if name not in v]
+    if missing:
+        yield f"{', '.join(missing)} missing"
+        return
+    infinite = [name for name, value in v.items() if not np.isfinite(value).all()]
+    if infinite:
+        yield f"{', '.join(infinite)} not finite"
+        return
+    faults = list(check_angles(v["theta"]))
+    yield from faults
+    if faults:
+        return
+
+    def near(a, b, tolerance=1e-12):
+        return np.allclose(a, b, rtol=tolerance, atol=0)
+
+    if any((v[name] < 0).any() for name in ("sigma_t", "sigma_s", "sigma_a")):
+        yield "a coefficient below 0"
+    if not near(v["sigma_t"], v["sigma_s"] + v["sigma_a"]):
+        yield "sigma_t is not sigma_s + sigma_a"
+    if (v["albedo"] < 0).any() or (v["albedo"] > 1).any():
+        yield "albedo outside 0 .. 1"
+    if not near(v["albedo"] * v["sigma_t"], v["sigma_s"]):
+        yield "albedo is not sigma_s / sigma_t"
+    yield from check_phase(v["theta"], v["phase"], [v.get(name) for name in ELEMENTS])
+    if (np.abs(v["g"]) > 1).any() or not np.allclose(v["g"], phase.mean_cosine(v["theta"], v["phase"]), rtol=0, atol=1e-12):
+        yield "g is not the mean cosine of phase"
+    for name, value in zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"), similarity.reduced(v["sigma_s"], v["sigma_a"], v["g"])):
+        if not near(v[name], value):
+            yield f"{name} does not follow from sigma_s, sigma_a and g"
+    cdf = v["cdf"]
+    if (cdf[:, 0] != 0).any() or (cdf[:, -1] != 1).any() or (np.diff(cdf) < 0).any():
+        yield "cdf does not rise from 0 to 1"
+    elif not np.allclose(cdf, phase.cumulative(v["theta"], v["phase"]), rtol=0, atol=1e-12):
+        yield "cdf is not the integral of phase"
+    if "phase_error" in v and (v["phase_error"] < 0).any():
+        yield "phase_error below 0"
+    if "s11" in v and not near(v["s11"], v["phase"]):
+        yield "s11 is not phase"
+
+
+_OUTPUTS = tuple(Output(name, *rule, optional=name in ("s11", *ELEMENTS)) for name, rule in _RULES.items())
+
+OF_PARTICLES = Stage(
+    name="medium",
+    version=1,
+    title="coefficients and phase function of the suspended particles",
+    reads=("wavelengths", "tolerance", "particles.host", "particles.number_density", "particles.volume_fraction",
+           "particles.components[*].fraction", "particles.components[*].name"),
+    needs=("optics",),
+    applies=lambda recipe: recipe.particles is not None,
+    outputs=_OUTPUTS,
+    error_measure="largest relative error of any coefficient and of the phase function at any angle, as estimated by optics",
+    cost=_cost_of_particles,
+    inputs=_inputs_of_particles,
+    compute=_compute_of_particles,
+    check=check,
+)
+
+OF_COEFFICIENTS = Stage(
+    name="medium",
+    version=1,
+    title="coefficients and phase function as given by the recipe",
+    reads=("wavelengths", "tolerance", "medium"),
+    needs=(),
+    applies=lambda recipe: recipe.medium is not None,
+    outputs=_OUTPUTS,
+    error_measure="largest relative error of the tabulated phase function between its angles; a user's table is exact by definition",
+    cost=_cost_of_coefficients,
+    inputs=_inputs_of_coefficients,
+    compute=_compute_of_coefficients,
+    check=check,
+)

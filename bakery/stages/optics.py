@@ -1,0 +1,219 @@
+"""Stage `optics`: cross sections and phase functions of each component, averaged over its sizes (Lorenz-Mie)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages.declaration import Cost, Knob, Output, Result, Stage
+from bakery.store.tree import Dataset, Group
+
+METHODS = ("rayleigh", "mie", "goa")
+ELEMENTS = ("s12", "s33", "s34")
+_REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
+             "mean_absorption", "phase")
+
+
+def _population(component):
+    from bakery.sizes import population
+
+    try:
+        return population(component.size)
+    except ValueError as error:
+        raise StageError(f"{component.name}: {error}") from None
+
+
+def _components(recipe):
+    """Components with indices relative to the host's real index: an absorbing host is `medium`'s affair (medium/mixing.py)."""
+    from bakery.mie.averaged import Component
+
+    host = np.asarray(recipe.particles.host.n, float)
+    return [Component(c.name, (np.asarray(c.material.n, float) + 1j * np.asarray(c.material.k, float)) / host, _population(c))
+            for c in recipe.particles.components]
+
+
+def inputs(recipe, upstream) -> dict:
+    return {"components": _components(recipe), "wavelength": np.asarray(recipe.wavelength, float),
+            "host": np.asarray(recipe.particles.host.n, float), "polarized": bool(recipe.phase.polarized)}
+
+
+def operations(recipe) -> float:
+    """Predicted seconds on one core of the machine on which the rates of `bakery.mie.averaged` were measured."""
+    return _prediction(recipe).seconds
+
+
+def _prediction(recipe):
+    from bakery.mie.averaged import predict
+
+    return predict(_components(recipe), recipe.wavelength, recipe.particles.host.n, recipe.tolerance, recipe.phase.polarized)
+
+
+def cost(recipe) -> Cost:
+    made = _prediction(recipe)
+    return Cost(made.seconds, made.memory, made.file,
+                f"about {made.angles} angles, {made.spheres} spheres, {made.seconds:.2g} s of one core; rates from benchmarks/averages.py")
+
+
+def compute(inputs: dict, context) -> Result:
+    from bakery.mie.averaged import averages, predict
+
+    expected = predict(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"]).seconds
+
+    def report(seconds, error):
+        context.report(min(seconds / max(expected, 1e-9), 0.99), error)
+
+    theta, found = averages(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"],
+                            context.map, report)
+    members: dict[str, Dataset | Group] = {
+        "theta": Dataset(theta, "rad", "angle between the directions of travel, from 0 (forward) to pi")}
+    notes = []
+    for component, average in zip(inputs["components"], found):
+        members[component.name] = _group(component, average)
+        for wavelength, error, absorption, extinction in zip(inputs["wavelength"], average.absorption_error,
+                                                             *_means(average)):
+            if error > context.tolerance:
+                notes.append(
+                    f"{component.name} at {wavelength:g} um: the mean absorption, {absorption / extinction:.1g} of the extinction, changed by "
+                    f"{100 * error:.2g} % in the last halving: spheres that hardly absorb do so in resonances narrower than any grid")
+    context.report(1.0, max(float(a.error.max()) for a in found))
+    return Result(members, max(float(a.error.max()) for a in found), tuple(notes))
+
+
+def _means(average):
+    scattering = np.sum(average.scattering * average.weight, axis=-1)
+    absorption = np.sum(average.absorption * average.weight, axis=-1)
+    return absorption, scattering + absorption
+
+
+def _group(component, average) -> Group:
+    extinction = average.scattering + average.absorption
+    mean_absorption, _ = _means(average)
+    mean_scattering = np.sum(average.scattering * average.weight, axis=-1)
+    method = np.full(extinction.shape, METHODS.index("mie"), np.uint8)
+    members = {
+        "radius": Dataset(average.radius, "um", "quadrature nodes of the size distribution"),
+        "weight": Dataset(average.weight, "1", "share of the particle number at each node, adding up to 1"),
+        "mean_volume": Dataset(np.array([component.sizes.mean_volume]), "um^3", "mean volume of a particle, exact"),
+        "extinction": Dataset(extinction, "um^2", "extinction cross section of a sphere"),
+        "scattering": Dataset(average.scattering, "um^2", "scattering cross section of a sphere"),
+        "absorption": Dataset(average.absorption, "um^2", "absorption cross section of a sphere"),
+        "method": Dataset(method, "1", "how each sphere was computed", choices=METHODS),
+        "mean_extinction": Dataset(mean_scattering + mean_absorption, "um^2", "extinction averaged over the distribution"),
+        "mean_scattering": Dataset(mean_scattering, "um^2", "scattering averaged over the distribution"),
+        "mean_absorption": Dataset(mean_absorption, "um^2", "absorption averaged over the distribution"),
+        "absorption_error": Dataset(average.absorption_error, "1", "relative change of the mean absorption when nodes are halved"),
+        "error": Dataset(average.error, "1", "largest relative error of phase function and mean cross sections"),
+        "phase": Dataset(average.elements[:, 0], "1/sr", "phase function averaged by scattering, linear in cos theta"),
+        "phase_error": Dataset(average.phase_error, "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    }
+    for name, values in zip(ELEMENTS, np.moveaxis(average.elements[:, 1:], 1, 0)):
+        members[name] = Dataset(values, "1/sr", f"Mueller element {name}, in the scale of phase (= s11)")
+    return Group(members)
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of an `optics` group, in words."""
+    theta = group["theta"].data if "theta" in group.members else None
+    if theta is not None:
+        faults = list(check_angles(theta))
+        yield from faults
+        theta = None if faults else theta
+    for name, member in group.members.items():
+        if isinstance(member, Group):
+            yield from (f"{name}: {fault}" for fault in _check_component(member, theta))
+
+
+def _check_component(group: Group, theta) -> Iterable[str]:
+    values = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
+    missing = [name for name in _REQUIRED if name not in values]
+    if missing:
+        yield f"{', '.join(missing)} missing"
+        return
+    infinite = [name for name, value in values.items() if not np.isfinite(value).all()]
+    if infinite:
+        yield f"{', '.join(infinite)} not finite"
+        return
+    radius, weight = values["radius"], values["weight"]
+    if not ((radius > 0).all() and (np.diff(radius) >= 0).all()):
+        yield "radius not above 0 and ascending"
+    if (weight < 0).any() or abs(weight.sum() - 1) > 1e-12:
+        yield "weight does not add up to 1"
+    for prefix in ("", "mean_"):
+        ext, sca, ab = (values[prefix + kind] for kind in ("extinction", "scattering", "absorption"))
+        if (sca < 0).any() or (ab < 0).any():
+            yield f"{prefix}scattering or {prefix}absorption below 0"
+        if not np.allclose(ext, sca + ab, rtol=1e-12, atol=0):
+            yield f"{prefix}extinction is not {prefix}scattering + {prefix}absorption"
+    for kind in ("extinction", "scattering", "absorption"):
+        if not np.allclose(values["mean_" + kind], np.sum(values[kind] * weight, axis=-1), rtol=1e-12, atol=0):
+            yield f"mean_{kind} is not the weighted sum of {kind}"
+    if values["method"].size and values["method"].max() >= len(METHODS):
+        yield "method is none of " + ", ".join(METHODS)
+    if "mean_volume" in values and not (values["mean_volume"] > 0).all():
+        yield "mean_volume not above 0"
+    if any((values[name] < 0).any() for name in ("error", "absorption_error", "phase_error") if name in values):
+        yield "an error estimate below 0"
+    if theta is not None:
+        yield from check_phase(theta, values["phase"], [values.get(name) for name in ELEMENTS])
+    elif (values["phase"] < 0).any():
+        yield "phase below 0"
+
+
+def check_angles(theta) -> Iterable[str]:
+    if not np.isfinite(theta).all() or len(theta) < 2 or theta[0] != 0 or theta[-1] != np.pi or not (np.diff(theta) > 0).all():
+        yield "theta does not ascend from 0 to pi"
+
+
+def check_phase(theta, f, others=(None, None, None)) -> Iterable[str]:
+    """Broken rules of a phase function (L, A) and of s12, s33, s34 where they are given."""
+    from bakery.medium import phase
+
+    if (f < 0).any():
+        yield "phase below 0"
+    off = np.abs(phase.integral(theta, f) - 1).max()
+    if not off <= 1e-12:
+        yield f"phase integrates to 1 with an error of {off:.1g}, not 1e-12"
+    if all(value is not None for value in others):
+        # equality for a single sphere: leave room for rounding
+        if (sum(value**2 for value in others) > f**2 * (1 + 1e-9)).any():
+            yield "s12^2 + s33^2 + s34^2 exceeds s11^2"
+
+
+STAGE = Stage(
+    name="optics",
+    version=1,
+    title="single scattering of each component, averaged over its sizes",
+    reads=("wavelengths", "tolerance", "particles.host", "particles.components[*].name", "particles.components[*].material",
+           "particles.components[*].size", "phase.method", "phase.polarized"),
+    needs=(),
+    applies=lambda recipe: recipe.particles is not None,
+    outputs=(
+        Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+        Output("COMPONENT/radius", "(R,)", "um", "quadrature nodes of the size distribution"),
+        Output("COMPONENT/weight", "(R,)", "1", "share of the particle number at each node, adding up to 1"),
+        Output("COMPONENT/mean_volume", "(1,)", "um^3", "mean volume of a particle, exact"),
+        Output("COMPONENT/extinction", "(L, R)", "um^2", "extinction cross section of a sphere"),
+        Output("COMPONENT/scattering", "(L, R)", "um^2", "scattering cross section of a sphere"),
+        Output("COMPONENT/absorption", "(L, R)", "um^2", "absorption cross section of a sphere"),
+        Output("COMPONENT/method", "(L, R)", "1", "how each sphere was computed"),
+        Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
+        Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
+        Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
+        Output("COMPONENT/absorption_error", "(L,)", "1", "relative change of the mean absorption when nodes are halved"),
+        Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections"),
+        Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
+        Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+        *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)
+          for name in ELEMENTS),
+    ),
+    error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative to at "
+                  "least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of linear "
+                  "interpolation in cos theta half-way between angles; for spheres of one size relative to the nearest crest",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    knobs=(Knob("tolerance", "tolerance", 0.01, "largest relative error of cross sections and of the phase function at any angle"),),
+)

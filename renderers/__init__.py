@@ -1,0 +1,1 @@
+"""Renderers: each a thin folder that takes assets through `bakery.open` and makes pictures."""

@@ -1,0 +1,133 @@
+"""Pictures as arrays and files: tone curve, noise filter, and writing that leaves either the old files or the new ones.
+
+A picture is (H, W, 3) linear sRGB, float, 1 = white of the display before exposure.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from bakery.errors import StoreError, UsageError
+from renderers import colour
+
+TONE_CURVE = "luminance L -> L (1 + L / 16) / (1 + L) after exposure, colour ratios kept, then the sRGB curve"
+
+
+def tone_map(rgb, exposure=1.0):
+    """Linear radiance to sRGB display values, 0 to 1, by Reinhard's curve on luminance (SIGGRAPH 2002, eq. 4, white at 4)."""
+    rgb = np.maximum(rgb, 0.0) * exposure
+    luminance = rgb @ colour.LUMINANCE
+    curve = (1 + luminance / 16) / (1 + luminance)
+    return colour.encode(rgb * curve[..., None])
+
+
+def relative_noise(mean, variance):
+    """Root mean square standard error of a picture's luminance over its mean luminance; `variance` is that of `mean`."""
+    error = np.sqrt(np.mean(variance @ colour.LUMINANCE**2))
+    return float(error / max(np.mean(mean @ colour.LUMINANCE), 1e-30))
+
+
+def filtered(halves, variance, radius=9, patch=2, strength=0.7):
+    """Non-local means of two independent half renders.
+
+    Each half is averaged with weights that the other half gives, so a noise peak cannot vouch for itself.  Two pixels count
+    as equal as far as the luminance of their patches differs by no more than noise.
+
+    Parameters
+    ----------
+    halves : pair of (H, W, 3)
+    variance : (H, W, 3), of one half's pixel values
+    radius, patch : pixels; search window and compared patch are 2 radius + 1 and 2 patch + 1 wide
+    strength : 1, differences up to this many standard deviations count as none
+
+    Returns
+    -------
+    halves : pair of (H, W, 3), filtered; their mean is the picture, their difference measures the noise that is left
+
+    Notes
+    -----
+    Biased: detail below the noise is smoothed away.  Source: Rousselle, Knaus and Zwicker, ACM Trans. Graph. 31(6), 2012,
+    eqs. 5-8, on luminance.
+    """
+    from scipy.ndimage import uniform_filter
+
+    height, width = halves[0].shape[:2]
+    variance = variance @ colour.LUMINANCE**2
+    # A peak that only one pass found makes picture and variance large together; its neighbours say what is usual.
+    variance = uniform_filter(variance, 9) + 1e-8
+    guides = [half @ colour.LUMINANCE for half in halves]
+    halves, guides, variance = ([np.asarray(image, dtype=np.float32) for image in images]
+                                for images in (halves, guides, [variance]))
+    padded = [[np.pad(image, [(radius, radius)] * 2 + [(0, 0)] * (image.ndim - 2), mode="symmetric") for image in images]
+              for images in (halves, guides, variance)]
+    variance = variance[0]
+    sums = [np.zeros_like(half) for half in halves]
+    weights = [np.zeros_like(variance) for _ in halves]
+    for dy in range(2 * radius + 1):
+        for dx in range(2 * radius + 1):
+            others, other_guides, (other_variance,) = ([image[dy:dy + height, dx:dx + width] for image in images]
+                                                       for images in padded)
+            allowed = variance + np.minimum(variance, other_variance)
+            scale = 1 / (strength**2 * (variance + other_variance))
+            for k in (0, 1):
+                distance = ((guides[1 - k] - other_guides[1 - k]) ** 2 - allowed) * scale
+                weight = np.exp(-np.maximum(uniform_filter(distance, 2 * patch + 1, mode="nearest"), 0))
+                sums[k] += weight[..., None] * others[k]
+                weights[k] += weight
+    return tuple((total / weight[..., None]).astype(float) for total, weight in zip(sums, weights))
+
+
+def output_pair(output):
+    """Paths (PNG, EXR) beside each other for `X.png` or `X.exr`; raises UsageError where they cannot be written."""
+    output = Path(output)
+    if output.suffix.lower() not in (".png", ".exr"):
+        raise UsageError(f"{output}: a picture's name ends in .png or .exr (both are written, beside each other)")
+    pair = output.with_suffix(".png"), output.with_suffix(".exr")
+    for path in pair:
+        if path.is_dir():
+            raise UsageError(f"{path}: is a folder; give the name of a picture")
+    if not output.parent.is_dir():
+        raise UsageError(f"{output}: there is no folder {output.parent}; make it first")
+    try:
+        with tempfile.TemporaryFile(dir=output.parent):
+            pass
+    except OSError as error:
+        raise UsageError(f"{output}: cannot write in {output.parent}: {error.strerror}") from None
+    return pair
+
+
+def write(files):
+    """Writes pictures so that an interruption leaves no half of one.
+
+    Parameters
+    ----------
+    files : list of (path, function that writes to the path it is given)
+    """
+    finished = []
+    try:
+        for path, save in files:
+            # The ending stays: picture libraries choose the format by it.
+            handle, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+            os.close(handle)
+            finished.append(Path(temporary))
+            save(temporary)
+            if os.path.getsize(temporary) == 0:
+                raise OSError("nothing was written")
+            os.chmod(temporary, 0o666 & ~_umask())
+        for temporary, (path, _) in zip(finished, files):
+            os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:
+        raise StoreError(f"{files[len(finished) - 1][0]}: cannot be written: {error}") from None
+    finally:
+        for temporary in finished:
+            temporary.unlink(missing_ok=True)
+
+
+def _umask():
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,45 @@
+"""The Mitsuba 3 renderer: assets in, pictures out.
+
+`import renderers.mitsuba` registers the plugins (`bakedphase`) in the variant that is set, and in every variant that is
+set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
+"""
+
+from __future__ import annotations
+
+from bakery.errors import BakeryError
+from renderers.mitsuba import variants
+
+variants.find_llvm()
+variants.require_mitsuba()
+
+import mitsuba as _mi  # noqa: E402  after find_llvm: Dr.Jit looks for LLVM once, when it is imported
+
+from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
+from renderers.mitsuba.preview import preview  # noqa: E402
+from renderers.mitsuba.report import describe  # noqa: E402
+from renderers.mitsuba.scene import faults, render_scene  # noqa: E402
+
+__all__ = ["describe", "preview", "register", "render_scene", "variants"]
+
+
+def register() -> None:
+    """Registers the plugins in the variant that is set now; no effect where none is set."""
+    if _mi.variant() is None:
+        return
+    import drjit
+
+    baked_phase = _bakedphase.define(_mi, drjit)
+
+    def construct(properties):
+        try:
+            return baked_phase(properties)
+        except BakeryError as error:
+            faults.append(error)  # Mitsuba's parser keeps the text of an exception only
+            raise
+
+    _mi.register_phase("bakedphase", construct)
+
+
+# Base classes differ from variant to variant, so plugins are defined anew after each change.
+_mi.detail.add_variant_callback(lambda old, new: register())
+register()

@@ -1,0 +1,45 @@
+"""`python -m renderers.mitsuba ASSET|SCENE.xml -o IMAGE`: the preview of an asset, or a scene with bakery's plugins."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from bakery.errors import BakeryError
+
+
+def main(arguments=None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m renderers.mitsuba", description=__doc__)
+    parser.add_argument("source", help="a baked asset, or a Mitsuba scene (.xml)")
+    parser.add_argument("-o", "--output", required=True, help="X.png or X.exr; both are written")
+    parser.add_argument("--quality", default="preview", choices=("draft", "preview", "final"))
+    parser.add_argument("--variant")
+    parser.add_argument("--spp", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    try:
+        from renderers.mitsuba import preview, render_scene
+
+        common = {"variant": options.variant, "spp": options.spp, "seed": options.seed,
+                  "progress": _show if sys.stderr.isatty() else None}
+        if options.source.lower().endswith(".xml"):
+            report = render_scene(options.source, options.output, **common)
+        else:
+            report = preview(options.source, options.output, quality=options.quality, **common)
+    except BakeryError as error:
+        print(error, file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        print("interrupted; no picture was written", file=sys.stderr)
+        return 130
+    for key, value in report.items():
+        print(f"{key}: {value}")
+    return 0
+
+
+def _show(fraction, noise):
+    print(f"\r{100 * fraction:3.0f} %" + ("" if noise is None else f"   noise {noise:.3f}"), end="", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

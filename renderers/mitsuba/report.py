@@ -1,0 +1,18 @@
+"""What a render reports, in lines for people."""
+
+from __future__ import annotations
+
+
+def describe(report) -> list[str]:
+    """Lines for the report of `preview` or `render_scene`."""
+    noise = f"noise {100 * report['noise']:.2g} %"
+    if "noise_shown" in report:
+        noise += f", {100 * report['noise_shown']:.2g} % in the filtered PNG"
+    stopped = {"noise": "the noise wanted was reached", "samples": "all samples were taken",
+               "time": "the time limit was reached, so the picture depends on the machine"}[report["stopped_by"]]
+    lines = [f"pictures: {', '.join(report['files'])}",
+             f"variant: {report['variant']} ({report['reason']})",
+             f"samples: {report['samples']} a pixel and wavelength in {report['seconds']:.1f} s; {noise}; {stopped}"]
+    if "block" in report:
+        lines.append(f"block: edge {report['block']}, surface index-matched")
+    return lines

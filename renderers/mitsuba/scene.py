@@ -1,0 +1,73 @@
+"""Renders a Mitsuba scene file with bakery's plugins (the `mitsuba` command of 3.9 cannot load Python plugins)."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from bakery.errors import AssetError, BakeryError, UsageError
+from renderers import images
+from renderers.mitsuba import passes, variants
+
+
+# Share of the scene's own samples.
+QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
+# What plugins could not do while a scene was loaded, newest last.
+faults: list[BakeryError] = []
+
+
+def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=None, spp=None, tolerance=0.0,
+                 time_limit=None, seed=0,
+                 parameters=None, progress=None) -> dict:
+    """Renders an XML scene to a PNG and an EXR file beside each other.
+
+    Parameters
+    ----------
+    scene_path : Mitsuba XML; names of assets in it are relative to the scene
+    output : `X.png` or `X.exr`; both are written
+    colour : `rgb`, `mono`, `spectral` or `spectral_polarized`; the machine's best variant of that kind is used
+    variant : a variant by name, instead
+    quality : `final` takes the samples that the scene asks for, `preview` a quarter, `draft` a sixteenth
+    spp : samples a pixel, instead
+    tolerance, time_limit, seed, progress : as in `passes.render`
+    parameters : dict, `$name` in the scene -> value
+
+    Returns
+    -------
+    report : dict with `files`, `variant`, `reason`, `seconds`, `samples`, `noise`, `stopped_by`, `tone_curve`
+
+    Raises
+    ------
+    UsageError : no such scene, a faulty scene, or a place that cannot be written
+    AssetError : an asset that the scene names is damaged or lacks a stage
+    """
+    import mitsuba as mi
+
+    begin = time.monotonic()
+    scene_path = Path(scene_path)
+    if quality not in QUALITY:
+        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+    if not scene_path.is_file():
+        raise UsageError(f"{scene_path}: there is no such scene")
+    png, exr = images.output_pair(output)
+    chosen, reason = variants.activate(colour, variant)
+    faults.clear()
+    try:
+        scene = mi.load_file(str(scene_path), **{key: str(value) for key, value in (parameters or {}).items()})
+    except (RuntimeError, ValueError, TypeError, BakeryError) as error:
+        if faults:
+            kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
+            raise kind(f"{scene_path}: {faults[-1]}") from None
+        raise UsageError(f"{scene_path}: Mitsuba cannot load this scene: {error}") from None
+    if not scene.sensors():
+        raise UsageError(f"{scene_path}: the scene has no sensor, so there is no view to render")
+    samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
+    picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
+                            time_limit=time_limit, seed=seed, progress=progress)
+    display = np.round(255 * images.tone_map(picture.rgb)).astype(np.uint8)
+    images.write([(png, lambda path: mi.Bitmap(display).write(path)),
+                  (exr, lambda path: mi.Bitmap(picture.rgb.astype(np.float32)).write(path))])
+    return {"files": [str(png), str(exr)], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
+            "samples": picture.samples, "noise": picture.noise, "stopped_by": picture.stopped_by, "tone_curve": images.TONE_CURVE}

@@ -1,0 +1,140 @@
+"""Which variant of Mitsuba this machine can run.
+
+LLVM decides.  Dr.Jit picks its library once, when it is imported; it refuses versions up to 14, and accepts 15 and 16,
+which abort the process at the first `dr.minimum` of a kernel, that is in every render.  So the choice is made by number.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from bakery.errors import BakeryError, UsageError
+
+# The oldest version that was tried and works; 17 and 18 were not tried and count as too old.
+LLVM_MINIMUM = (19,)
+INSTALL = 'pip install "bakery[mitsuba,llvm]"'
+
+# colour -> (what follows cuda_ad_ and llvm_ad_, the scalar twin); there is no scalar_mono, grey goes through scalar_rgb.
+_NAMES = {"mono": ("mono", "scalar_rgb"), "rgb": ("rgb", "scalar_rgb"), "spectral": ("spectral", "scalar_spectral"),
+          "spectral_polarized": ("spectral_polarized", "scalar_spectral_polarized")}
+
+
+class MissingMitsuba(BakeryError, ImportError):
+    """The extra `mitsuba` is not installed."""
+
+
+class Choice(NamedTuple):
+    """`names`, best first, go to `mitsuba.set_variant(*names)`; `reason` says in words why."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+def find_llvm():
+    """Points Dr.Jit to the libLLVM of this Python environment; returns its path, or None where there is none.
+
+    Does nothing where the user has set DRJIT_LIBLLVM_PATH, and comes too late once drjit is imported.
+    """
+    if "DRJIT_LIBLLVM_PATH" in os.environ:
+        return os.environ["DRJIT_LIBLLVM_PATH"]
+    name = {"win32": "LLVM-C.dll", "darwin": "libLLVM.dylib"}.get(sys.platform, "libLLVM.so")
+    path = Path(sys.prefix, "lib", name)
+    if "drjit" in sys.modules or not path.exists():
+        return None
+    os.environ["DRJIT_LIBLLVM_PATH"] = str(path)
+    return str(path)
+
+
+def require_mitsuba() -> None:
+    """Raises MissingMitsuba, naming the extra, where Mitsuba cannot be imported."""
+    if importlib.util.find_spec("mitsuba") is None:
+        raise MissingMitsuba(f"Mitsuba 3 is not installed, which renders pictures; get it by: {INSTALL}")
+
+
+def decide(cuda: bool, llvm: tuple[int, ...], colour: str = "mono") -> Choice:
+    """The choice for a machine whose CUDA works or not and whose LLVM has this version ((-1, -1, -1): none usable)."""
+    if colour not in _NAMES:
+        raise UsageError(f"variants: colour {colour!r}; one of {', '.join(_NAMES)} would do")
+    suffix, scalar = _NAMES[colour]
+    names, reason = [scalar], ""
+    version = ".".join(map(str, llvm))
+    if llvm >= LLVM_MINIMUM:
+        names.insert(0, f"llvm_ad_{suffix}")
+        reason = f"LLVM {version} works"
+    elif llvm[0] < 0:
+        reason = f"no usable LLVM (15 or newer) was found, so the slow scalar variant is used; get one by: {INSTALL}"
+    else:
+        reason = (f"LLVM {version} is older than {LLVM_MINIMUM[0]} (15 and 16 abort while rendering, 17 and 18 are untried), "
+                  f"so the slow scalar variant is used; get one that works by: {INSTALL}")
+    if cuda:
+        names.insert(0, f"cuda_ad_{suffix}")
+        reason = "a CUDA device works"
+    return Choice(tuple(names), reason)
+
+
+def choose(colour: str = "mono") -> Choice:
+    """The best variants of this machine, for `mono`, `rgb`, `spectral` or `spectral_polarized`; never raises, never aborts."""
+    import drjit as dr
+
+    return decide(_cuda_works(), tuple(dr.detail.llvm_version()), colour)
+
+
+def activate(colour: str = "mono", variant: str | None = None) -> tuple[str, str]:
+    """Sets the best variant, or the one that the user names; returns its name and the reason.
+
+    Raises
+    ------
+    UsageError : the user's variant does not exist, or would not work here
+    """
+    import mitsuba as mi
+
+    choice = choose(colour)
+    if variant is None:
+        mi.set_variant(*choice.names)
+        return mi.variant(), choice.reason
+    if variant not in mi.variants():
+        raise UsageError(f"variant {variant!r}: this Mitsuba has {', '.join(mi.variants())}")
+    if variant.startswith("llvm") and not any(name.startswith("llvm") for name in choose(colour).names):
+        raise UsageError(f"variant {variant!r}: {decide(False, _llvm_version(), colour).reason}")
+    try:
+        mi.set_variant(variant)
+    except ImportError as error:
+        raise UsageError(f"variant {variant!r} does not work on this machine: {error}; "
+                         f"{', '.join(choice.names)} would do") from None
+    return variant, "asked for"
+
+
+def _llvm_version() -> tuple[int, ...]:
+    import drjit as dr
+
+    return tuple(dr.detail.llvm_version())
+
+
+_CUDA_TEST = """
+import mitsuba as mi
+mi.set_variant("cuda_ad_mono")
+scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere"}, "light": {"type": "constant"},
+                      "integrator": {"type": "path"}, "sensor": {"type": "perspective", "film": {"type": "hdrfilm",
+                      "width": 4, "height": 4}}})
+import numpy
+assert numpy.isfinite(numpy.array(mi.render(scene, spp=1))).all()
+"""
+
+
+@functools.cache
+def _cuda_works() -> bool:
+    """A driver can be there and OptiX not: renders 4 x 4 pixels in a child process, which may crash without harm."""
+    import drjit as dr
+
+    if not dr.has_backend(dr.JitBackend.CUDA):
+        return False
+    try:
+        return subprocess.run([sys.executable, "-c", _CUDA_TEST], capture_output=True, timeout=120).returncode == 0
+    except (OSError, subprocess.SubprocessError):
+        return False

@@ -1,0 +1,231 @@
+"""`bake export`: tables that hold every number, and a phase function for stock Mitsuba whose loss is what it says."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import math
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from bakery.export.tabphase import adaptive_table, loss, regular_table
+from bakery.medium.phase import evaluate, mean_cosine, normalised
+from bakery.store.tree import Dataset
+from bakery.store.write import write
+from tests.samples import small_asset, with_member
+
+
+def henyey_greenstein(g: float, angles: int = 4000):
+    """A table of Henyey and Greenstein's phase function, normalised as baked ones are."""
+    theta = np.concatenate([[0.0], np.geomspace(1e-6, math.pi, angles)])
+    theta[-1] = math.pi
+    v = 2 * np.sin(theta / 2) ** 2
+    return theta, normalised(theta, (1 - g * g) / ((1 - g) ** 2 + 2 * g * v) ** 1.5)[0]
+
+
+def integral(values):
+    """2 pi times the integral over the cosine of a regular table, by the trapezoid, which is exact for it."""
+    return 2 * math.pi * np.trapezoid(values, np.linspace(-1, 1, len(values)))
+
+
+def mean(values):
+    """Mean cosine of a regular table, exact for its interpolant (Simpson on each cell)."""
+    mu, step = np.linspace(-1, 1, len(values)), 2 / (len(values) - 1)
+    middle = (values[1:] + values[:-1]) * (mu[1:] + mu[:-1])
+    return 2 * math.pi * step / 6 * np.sum(values[:-1] * mu[:-1] + middle + values[1:] * mu[1:])
+
+
+@pytest.mark.parametrize("g", [-0.9, 0.0, 0.7, 0.99, 0.9999])
+@pytest.mark.parametrize("count", [2, 3, 65, 4097])
+def test_the_grid_keeps_the_integral_and_nearly_the_mean_cosine(g, count):
+    theta, phase = henyey_greenstein(g)
+    values = regular_table(theta, phase, count)
+    assert (values > 0).all()
+    # rounding only: sums of up to 8000 terms
+    assert integral(values) == pytest.approx(1, abs=1e-11)
+    # the bound that the docstring states: a third of a cell times the light in the two end halves of a cell
+    edge = 2 * math.pi * (values[0] + values[-1]) / (count - 1)
+    assert abs(mean(values) - mean_cosine(theta, phase)) <= edge * 2 / (count - 1) / 3 + 1e-11
+
+
+def test_loss_is_what_brute_force_finds():
+    theta, phase = henyey_greenstein(0.9, 300)
+    values = regular_table(theta, phase, 65)
+    found = loss(theta, phase, values)
+
+    def table(angle):
+        return np.interp(math.cos(angle), np.linspace(-1, 1, 65), values)
+
+    def source(angle):
+        return float(evaluate(theta, phase, angle))
+
+    points = np.union1d(theta, np.arccos(np.linspace(-1, 1, 65)))
+    difference = sum(quad(lambda t: abs(table(t) - source(t)) * math.sin(t), a, b)[0] for a, b in itertools.pairwise(points))
+    assert found.misdirected == pytest.approx(math.pi * difference, rel=1e-4)  # kinks inside a piece limit the quadrature
+    assert found.g == pytest.approx(mean(values) - mean_cosine(theta, phase), abs=1e-12)
+    relative = [abs(table(t) / p - 1) for t, p in zip(theta, phase, strict=True)]
+    assert found.largest == pytest.approx(max(relative), rel=1e-9) and found.largest_at == theta[np.argmax(relative)]
+    inside = points[points <= found.peak_angle + 1e-12]
+
+    def light(f):
+        return sum(quad(lambda t: f(t) * math.sin(t), a, b)[0] for a, b in itertools.pairwise(inside))
+
+    assert source(found.peak_angle) < 0.5 * source(0) and found.peak == pytest.approx(1 - light(table) / light(source), rel=1e-6)
+
+
+def test_the_table_is_as_long_as_it_must_be():
+    lengths = {}
+    for g in (0.0, 0.7, 0.95):
+        theta, phase = henyey_greenstein(g)
+        values, lost = adaptive_table(theta, phase, 1e-3)
+        assert lost.misdirected <= 1e-3 and values.dtype == np.float32
+        lengths[g] = len(values)
+        if len(values) > 65:  # half as many would not do
+            assert loss(theta, phase, regular_table(theta, phase, (len(values) + 1) // 2)).misdirected > 1e-3
+    assert lengths[0.0] == 65 < lengths[0.7] < lengths[0.95]
+
+
+def test_what_no_table_can_hold_is_stated():
+    theta, phase = henyey_greenstein(0.99999)
+    values, lost = adaptive_table(theta, phase, 1e-3, largest=14)
+    assert len(values) == 2**14 + 1 and lost.misdirected > 0.1 and lost.peak > 0.9
+
+
+@pytest.fixture(scope="module")
+def root():
+    return small_asset()
+
+
+@pytest.fixture(scope="module")
+def fog(tmp_path_factory, root):
+    path = tmp_path_factory.mktemp("export") / "fog.h5"
+    write(path, root)
+    return path
+
+
+def test_csv_holds_every_number(call, fog, root, tmp_path):
+    status, out, _ = call("export", fog, "--to", "csv", "-o", tmp_path / "t")
+    assert status == 0 and "nothing is lost" in out
+    found = {}
+    for path in (tmp_path / "t").glob("*.csv"):
+        with open(path, newline="") as file:
+            head, *rows = csv.reader(file)
+        for name, column in zip(head, zip(*rows, strict=True), strict=True):
+            found[f"{path.stem.removeprefix('fog_')}: {name}"] = column
+    rows_of = {"A": "theta", "R": "radius", "L": "wavelength"}
+    held = 0
+    for path, member in root.walk():
+        group, _, name = path.rpartition("/")
+        if group not in ("optics/droplets", "medium") or not isinstance(member, Dataset) or name == "mean_volume":
+            continue
+        by = {2: "L", 60: "R"}.get(member.data.shape[-1], "A")
+        columns = [(f"{name} at {um:g} um", row) for um, row in zip((0.61, 0.465), member.data, strict=True)] \
+            if member.data.ndim == 2 else [(name, member.data)]
+        for heading, values in columns:
+            column = found[f"{group.replace('/', '_')}_by_{rows_of[by]}: {heading} [{member.units}]"]
+            assert list(column) == ["mie"] * 60 if name == "method" else np.array_equal(np.array(column, float), values), heading
+            held += 1
+    (volume,) = found["optics_droplets_mean_volume: mean_volume [um^3]"]
+    assert held > 20 and float(volume) == root["optics/droplets/mean_volume"].data[0]
+    assert (tmp_path / "t" / "fog_recipe.yaml").read_bytes() == root["recipe"].data.tobytes()
+    assert found["stages: achieved_error"] == ("0.004", "0.004")
+
+
+def test_mitsuba_fragment(call, fog, root, tmp_path):
+    status, out, _ = call("export", fog, "--to", "mitsuba", "-o", tmp_path, "--json")
+    report = json.loads(out)
+    assert status == 0 and report["files"] == [str(tmp_path / "fog.xml")]
+    tree = ElementTree.parse(tmp_path / "fog.xml").getroot()
+    medium = tree.find("medium")
+    assert tree.get("version") == "3.0.0" and medium.get("type") == "homogeneous" and medium.get("id") == "fog"
+    values = np.array(medium.find("phase/string").get("value").split(","), float)
+    assert len(values) == report["lost"][0]["values"]
+    # -1 first: the forward peak stands at the end
+    assert values[-1] > 100 * values[0] and integral(values) == pytest.approx(1, abs=1e-6)
+    sigma_s, phase = root["medium/sigma_s"].data, root["medium/phase"].data
+    mixture = sigma_s @ phase / sigma_s.sum()
+    # the text gives back every single-precision number
+    assert np.array_equal(values.astype(np.float32), adaptive_table(root["medium/theta"].data, mixture)[0])
+    lost = loss(root["medium/theta"].data, mixture, values.astype(np.float32))
+    stated = report["lost"][0]["resampling"]
+    assert stated["misdirected"] == pytest.approx(lost.misdirected, rel=1e-9) and stated["misdirected"] <= 1e-3
+    assert [row["wavelength_um"] for row in report["lost"][0]["wavelengths"]] == [0.61, 0.465]
+    g = root["medium/g"].data
+    for row, own in zip(report["lost"][0]["wavelengths"], g, strict=True):
+        assert row["g"] == pytest.approx(sigma_s @ g / sigma_s.sum() - own, abs=1e-5)
+    text = call("export", fog, "--to", "mitsuba", "-o", tmp_path)[1]
+    assert all(word in text for word in ("mean error", "largest error", "error of g", "forward peak cut", "at 0.465 um"))
+
+
+def test_stock_mitsuba_loads_it(call, fog, root, tmp_path):
+    """Mitsuba's own numbers: sigma_t, albedo, the phase function at angles, g of its samples."""
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    assert call("export", fog, "--to", "mitsuba", "-o", tmp_path, "--each-wavelength")[0] == 0
+    names = ["fog_610nm", "fog_465nm"]
+    assert sorted(path.stem for path in tmp_path.glob("*.xml")) == sorted(names)
+    for i, name in enumerate(names):
+        (tmp_path / "scene.xml").write_text(
+            f'<scene version="3.0.0"><include filename="{name}.xml"/>'
+            f'<shape type="cube"><bsdf type="null"/><ref name="interior" id="{name}"/></shape></scene>')
+        medium = mi.load_file(str(tmp_path / "scene.xml")).shapes()[0].interior_medium()
+        at = mi.MediumInteraction3f()
+        at.wi = mi.Vector3f(0, 0, -1)  # light travels along +z
+        at.sh_frame = mi.Frame3f(at.wi)
+        sigma_s, _, sigma_t = medium.get_scattering_coefficients(at)
+        assert float(sigma_t[0]) == pytest.approx(root["medium/sigma_t"].data[i], rel=1e-6)
+        assert float(sigma_s[0]) == pytest.approx(root["medium/sigma_s"].data[i], rel=1e-6)
+        phase, context = medium.phase_function(), mi.PhaseFunctionContext()
+        theta, table = root["medium/theta"].data, root["medium/phase"].data[i]
+        for angle in np.radians([5, 20, 60, 120, 175]):
+            value, _ = phase.eval_pdf(context, at, mi.Vector3f(math.sin(angle), 0, math.cos(angle)))
+            assert float(value[0]) == pytest.approx(evaluate(theta, table, angle), rel=5e-3)
+        draw = np.random.default_rng(7).random((20000, 3))
+        cosines = [phase.sample(context, at, a, [b, c])[0][2] for a, b, c in draw]
+        # 5 standard errors: a false alarm once in 1.7 million
+        assert abs(np.mean(cosines) - root["medium/g"].data[i]) < 5 * np.std(cosines) / math.sqrt(len(cosines))
+
+
+def test_colour_in_stock_mitsuba(call, root, tmp_path):
+    """A thick medium of three wavelengths: coefficients above 1 and colours arrive as red, green, blue."""
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    sigma_t = np.array([800.0, 1200.0, 2000.0])
+    albedo = np.array([0.9, 0.8, 1.0])
+    three = with_member(root, "wavelength", Dataset(np.array([0.465, 0.61, 0.55]), "um", "wavelengths"))
+    for name, values in (("sigma_t", sigma_t), ("sigma_s", sigma_t * albedo), ("albedo", albedo)):
+        three = with_member(three, f"medium/{name}", Dataset(values, "1/m", name))
+    three = with_member(three, "medium/phase", Dataset(root["medium/phase"].data[[0, 0, 0]], "1/sr", "phase"))
+    write(tmp_path / "thick.h5", with_member(three, "optics", None))
+    assert call("export", tmp_path / "thick.h5", "--to", "mitsuba")[0] == 0
+    scene = mi.load_file(str(tmp_path / "thick-mitsuba" / "thick.xml"))
+    assert scene is not None
+    (tmp_path / "scene.xml").write_text('<scene version="3.0.0"><include filename="thick-mitsuba/thick.xml"/>'
+                                        '<shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape></scene>')
+    medium = mi.load_file(str(tmp_path / "scene.xml")).shapes()[0].interior_medium()
+    scattering, _, extinction = medium.get_scattering_coefficients(mi.MediumInteraction3f())
+    assert np.allclose(np.array(extinction), sigma_t[[1, 2, 0]], rtol=1e-6)
+    assert np.allclose(np.array(scattering), (sigma_t * albedo)[[1, 2, 0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (("--to", "pbrt"), "not available yet; there is csv"),
+    (("--to", "vtk"), "no format of ours; there is csv"),
+    (("--to", "csv", "--each-wavelength"), "has no effect on csv"),
+    ((), "--to"),
+])
+def test_wrong_calls(call, fog, args, said):
+    status, out, err = call("export", fog, *args)
+    assert status == 2 and not out and said in err
+
+
+def test_a_medium_that_only_absorbs(call, root, tmp_path):
+    for name, values in (("sigma_s", np.zeros(2)), ("albedo", np.zeros(2))):
+        root = with_member(root, f"medium/{name}", Dataset(values, "1/m", name))
+    write(tmp_path / "black.h5", root)
+    assert call("export", tmp_path / "black.h5", "--to", "mitsuba")[0] == 0
+    assert 'name="albedo" value="0.0, 0.0, 0.0"' in (tmp_path / "black-mitsuba" / "black.xml").read_text()

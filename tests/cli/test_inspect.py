@@ -1,0 +1,210 @@
+"""`bake inspect` and `bake report`: what an asset holds, on any terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from bakery.store.tree import Dataset, Group, text
+from bakery.store.write import write
+from tests.conftest import ROOT
+from tests.samples import small_asset, with_member
+
+HOSTILE = '<script>alert("x")</script>\x1b[2J'
+
+
+@pytest.fixture
+def fog(tmp_path):
+    path = tmp_path / "fog.h5"
+    write(path, small_asset())
+    return path
+
+
+@pytest.fixture
+def hostile(tmp_path):
+    """Texts from a stranger in every place that the format leaves free."""
+    root = small_asset()
+    root = with_member(root, "recipe", text(f"name: fog\n# {HOSTILE}\n", "the recipe"))
+    root = with_member(root, "medium/g", replace(root["medium/g"], description=HOSTILE))
+    medium = root["medium"]
+    root = with_member(root, "medium", Group(medium.members, medium.attributes | {"error_measure": HOSTILE}))
+    root = with_member(root, "provenance", Group(root["provenance"].members, {"command": HOSTILE}))
+    root = with_member(with_member(root, "medium/phase", None), "optics", None)  # leaves one picture to draw
+    path = tmp_path / "hostile.h5"
+    write(path, Group(root.members, root.attributes | {"name": HOSTILE}))
+    return path
+
+
+def test_every_member_stands_in_the_tree_with_its_shape_range_and_unit(call, fog):
+    status, out, _ = call("inspect", fog)
+    assert status == 0
+    lines = {line.lstrip("├└│─ ").split()[0]: line for line in out.split("\n\n")[0].splitlines()[1:]}
+    root = small_asset()
+    assert set(lines) == {path.rpartition("/")[2] for path, _ in root.walk()}
+    assert "2 x 60" in lines["extinction"] and "um^2" in lines["extinction"] and "120 mie" in lines["method"]
+    assert "0.61 0.465 um" in lines["wavelength"] and "0 .. 3.14159 rad" in lines["theta"]
+    assert "+- 0.01 %" in lines["scattering"]  # from scattering_error, 1e-4 of it
+    for said in ("stage optics, version 1", "error 0.004 of 0.01", "largest relative change of a coefficient", "input_hash names",
+                 "content_hash names", "bake fog.yaml", "2026-01-01"):
+        assert said in out, said
+
+
+def test_a_path_shows_what_lies_below_it(call, fog):
+    status, out, _ = call("inspect", fog, "optics/droplets/radius")
+    assert status == 0 and "radius" in out and "sigma_t" not in out and "weight" not in out and "provenance" not in out
+    status, out, err = call("inspect", fog, "medium/fase")
+    assert status == 2 and not out and "did you mean medium/phase?" in err
+
+
+def test_json_says_the_same(call, fog):
+    status, out, _ = call("inspect", fog, "--json")
+    found = json.loads(out)
+    root = small_asset()
+    assert status == 0 and found["bytes"] == fog.stat().st_size
+    assert found["members"] == [path for path, _ in root.walk()]
+    for row in found["datasets"]:
+        data = root[row["path"]].data
+        assert row["shape"] == list(data.shape) and row["units"] == root[row["path"]].units
+        if row["minimum"] is not None:
+            assert (row["minimum"], row["maximum"]) == (data.min(), data.max())
+    assert [stage["stage"] for stage in found["stages"]] == ["optics", "medium"]
+    assert found["stages"][0]["seconds"] == 1.5 and found["stages"][0]["notes"] == ["none"]
+
+
+def test_nothing_is_written(call, milk):
+    """Read-only commands leave no trace, not even a time stamp."""
+    asset = milk.with_suffix(".h5")
+    assert call(milk, "-o", asset)[0] == 0
+    before, beside = asset.stat(), sorted(milk.parent.iterdir())
+    os.chmod(milk.parent, 0o500)
+    try:
+        for args in (("inspect", asset), ("query", asset, "medium/g"), ("diff", asset, asset), ("verify", asset)):
+            assert call(*args)[0] == 0, args
+    finally:
+        os.chmod(milk.parent, 0o700)
+    after = asset.stat()
+    assert (before.st_mtime_ns, before.st_ino) == (after.st_mtime_ns, after.st_ino) and sorted(milk.parent.iterdir()) == beside
+
+
+def test_foreign_damaged_and_missing_files_end_in_one_message(call, fog, tmp_path):
+    (tmp_path / "text.h5").write_text("hello")
+    damaged = bytearray(fog.read_bytes())
+    damaged[-1000] ^= 1
+    (tmp_path / "damaged.h5").write_bytes(damaged)
+    cases = (("text.h5", "not a bakery asset"), ("damaged.h5", "damaged"), ("none.h5", "no such file"), (".", "folder"))
+    for name, said in cases:
+        for args in (("inspect", tmp_path / name), ("query", tmp_path / name, "medium/g"), ("plot", tmp_path / name),
+                     ("report", tmp_path / name), ("export", tmp_path / name, "--to", "csv")):
+            status, out, err = call(*args)
+            assert status == 2 and not out and said in err and len(err.splitlines()) == 1, (args, err)
+
+
+def test_control_characters_do_not_reach_the_terminal(call, hostile):
+    out = call("inspect", hostile)[1] + call("query", hostile, "medium/error_measure")[1]
+    assert "\x1b" not in out and "\\x1b[2J" in out
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_any_encoding(fog, encoding):
+    done = subprocess.run([sys.executable, "-m", "bakery", "inspect", str(fog)], capture_output=True, check=True,
+                          env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": encoding, "COLUMNS": "1"})
+    text = done.stdout.decode(encoding)
+    assert ("└─ " in text) == (encoding == "utf-8") and ("`- " in text) == (encoding != "utf-8")
+    assert not done.stderr
+
+
+def test_a_reader_that_goes_away_is_no_error(fog):
+    shell = f"{sys.executable} -m bakery query {fog} medium/phase | head -n 1; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, check=True,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert done.stdout.splitlines()[-1] == "0" and not done.stderr
+
+
+def test_a_narrow_terminal_gets_short_lines(fog):
+    """In a pseudo-terminal one column wide: lines are cut at 20 columns, nothing fails."""
+    import pty
+
+    def lines(columns: str) -> list[str]:
+        ours, theirs = pty.openpty()
+        around = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": columns, "PYTHONIOENCODING": "utf-8"}
+        with subprocess.Popen([sys.executable, "-m", "bakery", "inspect", str(fog), "medium/g"], stdout=theirs, stderr=theirs,
+                              env=around) as child:
+            os.close(theirs)
+            out = b""
+            try:
+                while part := os.read(ours, 4096):
+                    out += part
+            except OSError:
+                pass  # the other end is closed
+            os.close(ours)
+        assert child.returncode == 0
+        return out.decode().splitlines()
+
+    assert max(map(len, lines("1"))) <= 20 and any(line.endswith("…") for line in lines("1"))
+    assert max(map(len, lines("200"))) > 60
+
+
+class Page(HTMLParser):
+    """Collects what matters of a page: tags, the addresses that it names, the text."""
+
+    def __init__(self, content: str):
+        super().__init__()
+        self.tags, self.addresses, self.open, self.text = [], [], [], ""
+        self.feed(content)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attributes if name in ("src", "href", "action", "data", "srcset")]
+        if tag not in ("meta", "img", "link", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_the_page_is_whole_and_self_contained(call, fog):
+    status, out, _ = call("report", fog, "--json")
+    page = fog.with_suffix(".html")
+    assert status == 0 and json.loads(out) == {"file": str(page), "bytes": page.stat().st_size}
+    found = Page(page.read_text())
+    assert not found.open and found.tags.count("img") >= 3
+    assert found.addresses and all(address.startswith("data:image/svg+xml;base64,") for address in found.addresses)
+    g = small_asset()["medium/g"].data
+    for said in ("sigma_t (1/m)", "# a comment as people write them", "bake fog.yaml", f"{g[0]:.6g}"):
+        assert said in found.text, said
+
+
+def test_texts_of_strangers_stay_texts(call, hostile, tmp_path):
+    status, out, _ = call("report", hostile, "-o", tmp_path / "x.html")
+    assert status == 0 and out == f"{tmp_path / 'x.html'}\n"
+    found = Page((tmp_path / "x.html").read_text())
+    assert "script" not in found.tags and HOSTILE.split("\x1b")[0] in found.text
+    assert call("report", hostile, "-o", tmp_path)[0] == 2
+    assert call("report", hostile, "-o", tmp_path / "no" / "x.html")[0] == 2
+
+
+def test_an_asset_of_other_stages_is_shown_too(call, tmp_path):
+    """Groups that no declaration of this version speaks of, values that are not finite."""
+    root = small_asset()
+    odd = Group({"centers": Dataset(np.zeros((5, 3)), "1", "centres"), "r": Dataset(np.array([np.nan, 1.0]), "1", "distance")},
+                root["medium"].attributes | {"stage": "packing"})
+    path = tmp_path / "odd.h5"
+    write(path, Group({"recipe": root["recipe"], "wavelength": root["wavelength"], "packing": odd, "provenance": Group()},
+                      root.attributes))
+    status, out, _ = call("inspect", path)
+    assert status == 0 and "5 x 3" in out and "nan" in out
+    assert json.loads(call("inspect", path, "--json")[1])["datasets"][3]["minimum"] is None
+    assert call("report", path)[0] == 0
+    assert "holds nothing that is drawn" in call("plot", path)[2]
+    assert "holds no stage `medium`" in call("export", path, "--to", "mitsuba")[2]
+    assert call("query", path, "packing/centers")[0] == 0

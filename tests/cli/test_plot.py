@@ -1,0 +1,128 @@
+"""`bake plot`: pictures that show what the asset holds, the same bytes each time."""
+
+from __future__ import annotations
+
+import csv
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from bakery.report.figures import drawn, pictures
+from bakery.report.style import colours
+from bakery.store.tree import Dataset, Group
+from bakery.store.write import write
+from tests.samples import small_asset, with_member
+
+
+def polarised() -> Group:
+    root = small_asset()
+    theta, phase = root["medium/theta"].data, root["medium/phase"].data
+    s12 = -phase * np.sin(theta) ** 2 / (1 + np.cos(theta) ** 2)
+    for name, values in (("s11", phase), ("s12", s12)):
+        root = with_member(root, f"medium/{name}", Dataset(values, "1/sr", f"Mueller element {name}"))
+    return root
+
+
+@pytest.fixture(scope="module")
+def fog(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plot") / "fog.h5"
+    write(path, polarised())
+    return path
+
+
+def test_each_picture_as_png_svg_and_csv(call, fog, tmp_path):
+    status, out, err = call("plot", fog, "-o", tmp_path / "a")
+    assert status == 0, err
+    paths = out.split()
+    assert sorted(paths) == sorted(str(path) for path in (tmp_path / "a").iterdir())
+    names = {path.rpartition("fog_")[2].partition(".")[0] for path in paths}
+    assert names == {"phase", "lobe", "polarisation", "coefficients", "droplets_cross_sections"}
+    for name in names:
+        assert (tmp_path / "a" / f"fog_{name}.png").read_bytes().startswith(b"\x89PNG")
+        drawing = (tmp_path / "a" / f"fog_{name}.svg").read_bytes()
+        ElementTree.fromstring(drawing)
+        assert b"dc:date" not in drawing
+    # the data beside the picture is the asset's
+    with open(tmp_path / "a" / "fog_phase.csv", newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["theta [rad]", "phase at 0.61 um [1/sr]", "phase at 0.465 um [1/sr]"]
+    values = np.array(rows, float).T
+    medium = polarised()["medium"]
+    assert np.array_equal(values[0], medium["theta"].data) and np.array_equal(values[1:], medium["phase"].data)
+
+
+def test_the_same_bytes_each_time_whatever_the_users_own_style(monkeypatch):
+    import matplotlib
+
+    (picture,) = [picture for picture in pictures(small_asset()) if picture.name == "coefficients"]
+    expected = drawn(picture)
+    monkeypatch.setitem(matplotlib.rcParams, "font.size", 30.0)
+    monkeypatch.setitem(matplotlib.rcParams, "svg.hashsalt", "mine")
+    assert drawn(picture) == expected
+
+
+def test_the_curves_are_the_values():
+    """Read back from the drawing's axes: the phase function over degrees, forward at the left; polarisation 1 at 90 degrees."""
+    from matplotlib.figure import Figure
+
+    root = polarised()
+    found = {picture.name: picture for picture in pictures(root)}
+    figure = Figure()
+    found["phase"].draw(figure)
+    line = figure.axes[0].lines[0]
+    assert np.allclose(line.get_xdata(), np.degrees(root["medium/theta"].data))
+    assert np.allclose(line.get_ydata(), root["medium/phase"].data[0], rtol=1e-9)
+    assert line.get_ydata()[0] == line.get_ydata().max()
+    figure = Figure()
+    found["polarisation"].draw(figure)
+    line = figure.axes[0].lines[1]
+    assert line.get_ydata().max() == pytest.approx(100) and line.get_xdata()[line.get_ydata().argmax()] == pytest.approx(90)
+
+
+def test_the_size_distribution_integrates_to_one():
+    """From nodes that crowd in one place: neither the sum nor the shape may show them."""
+    from bakery.report.figures import _density
+
+    at = np.sort(np.concatenate([np.linspace(-3, 3, 2000), np.linspace(0, 0.5, 3000)]))
+    cell = np.gradient(at)
+    weight = np.exp(-at**2 / 2) * cell
+    weight /= weight.sum()
+    where, density = _density(np.exp(at), weight)
+    step = 6 / where.size
+    assert density.sum() * step == pytest.approx(1, abs=1e-3)
+    assert np.allclose(density, np.exp(-np.log(where) ** 2 / 2) / np.sqrt(2 * np.pi) / 0.9973, atol=4e-3)
+
+
+def test_extremes_are_drawn(tmp_path):
+    """Isotropic, without absorption, one wavelength, a zero in the phase function, eight wavelengths in the infrared."""
+    theta = np.linspace(0, np.pi, 181)
+    isotropic, doughnut = np.full((1, 181), 1 / (4 * np.pi)), np.sin(np.tile(theta, (8, 1)))
+    for um, phase in ((np.array([0.55]), isotropic), (np.linspace(2, 12, 8), doughnut)):
+        one, zero = np.ones(um.size), np.zeros(um.size)
+        medium = {"theta": (theta, "rad"), "phase": (phase, "1/sr"), "sigma_t": (one, "1/m"), "sigma_s": (one, "1/m"),
+                  "sigma_a": (zero, "1/m"), "albedo": (one, "1"), "g": (zero, "1")}
+        root = Group({"wavelength": Dataset(um, "um", "w"),
+                      "medium": Group({name: Dataset(data, unit, name) for name, (data, unit) in medium.items()})})
+        for picture in pictures(root):
+            assert drawn(picture, ("png",))["png"].startswith(b"\x89PNG")
+    assert len(set(colours(np.linspace(2, 12, 8)))) == 8
+
+
+def test_colours_are_those_of_light():
+    red, green, blue = colours(np.array([0.610, 0.550, 0.465]))
+    assert max(red) == red[0] and max(green) == green[1] and max(blue) == blue[2]
+
+
+def test_where_pictures_go(call, fog, tmp_path):
+    (tmp_path / "file").write_text("")
+    status, out, err = call("plot", fog, "-o", tmp_path / "file")
+    assert status == 2 and not out and "found a file where a folder should be" in err
+    root = with_member(small_asset(), "optics", None)
+    write(tmp_path / "x.h5", with_member(root, "medium/phase", None))  # one picture is left
+    status, out, _ = call("plot", tmp_path / "x.h5", "--json")
+    (picture,) = json.loads(out)
+    assert status == 0 and picture["files"]["csv"] == str(tmp_path / "x-plots" / "x_coefficients.csv")
+    written = sorted(path.name for path in (tmp_path / "x-plots").iterdir())
+    assert written == ["x_coefficients.csv", "x_coefficients.png", "x_coefficients.svg"]

@@ -1,0 +1,128 @@
+"""`bake query`: baked values, and values looked up at arguments."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from bakery.medium.phase import evaluate
+from bakery.store.write import write
+from tests.samples import small_asset
+
+
+@pytest.fixture(scope="module")
+def root():
+    return small_asset()
+
+
+@pytest.fixture(scope="module")
+def fog(tmp_path_factory, root):
+    path = tmp_path_factory.mktemp("query") / "fog.h5"
+    write(path, root)
+    return path
+
+
+@pytest.fixture
+def ask(call, fog):
+    def run(*args):
+        status, out, err = call("query", fog, *args)
+        assert status == 0 and not err, err
+        return out.splitlines()
+
+    return run
+
+
+def test_a_stored_value_comes_back_with_all_its_digits(ask, root):
+    first, *remarks = ask("medium/sigma_t", "wavelength=0.61um")
+    value, unit = first.split()
+    assert float(value) == root["medium/sigma_t"].data[0] and unit == "1/m"
+    assert remarks == ["# error of the stage 0.004: largest relative change of a coefficient"]
+    assert float(ask("medium/g", "wavelength=465 nm")[0]) == root["medium/g"].data[1]
+
+
+def test_between_two_wavelengths_it_is_linear_and_says_so(ask, root):
+    first, remark, _ = ask("medium/sigma_t", "wavelength=0.5um")
+    low, high = root["medium/sigma_t"].data[::-1]
+    share = (0.5 - 0.465) / (0.61 - 0.465)
+    assert float(first.split()[0]) == pytest.approx(low + share * (high - low), rel=1e-14)
+    assert remark == "# linear between the wavelengths 0.465 and 0.61 um"
+
+
+def test_phase_functions_are_looked_up_as_the_format_says(ask, root):
+    theta, phase = root["medium/theta"].data, root["medium/phase"].data
+    lines = ask("medium/phase", "theta=10deg")
+    assert lines[0].split() == ["wavelength", "[um]", "phase", "[1/sr]", "+-"]
+    values = [float(line.split()[1]) for line in lines[1:3]]
+    assert values == evaluate(theta, phase, math.radians(10)).tolist()
+    first = ask("medium/phase", "theta=0.25 rad", "wavelength=0.465")[0]
+    assert float(first.split()[0]) == evaluate(theta, phase[1], 0.25)
+    # 0 is forward: were the sign of the cosine wrong, the small value would come first
+    forward, backward = (float(ask("medium/phase", f"theta={at} deg", "wavelength=0.61")[0].split()[0]) for at in (0, 180))
+    assert forward == phase[0, 0] > 100 * backward
+
+
+def test_several_arguments_give_a_table(ask, root):
+    lines = ask("medium/phase", "theta=[0, 90, 180] deg")
+    table = np.array([[float(cell) for cell in line.split()] for line in lines[1:4]])
+    assert np.array_equal(table[:, 1::2].T, evaluate(root["medium/theta"].data, root["medium/phase"].data, table[:, 0]))
+    assert np.allclose(table[:, 2::2], 1e-3 * table[:, 1::2], rtol=1e-12)  # phase_error
+    assert len(ask("optics/droplets/radius")) == 1 + 60 + 1
+
+
+def test_radii_are_nodes(ask, root):
+    radius = root["optics/droplets/radius"].data
+    lines = ask("optics/droplets/scattering", f"radius={float(radius[7])!r} um", "wavelength=0.61")
+    value, sign, error, unit = lines[0].split()
+    assert float(value) == root["optics/droplets/scattering"].data[0, 7] and unit == "um^2"
+    # its own error stands beside it, so the stage's is not shown
+    assert sign == "+-" and float(error) == pytest.approx(1e-4 * float(value), rel=0.05) and len(lines) == 1
+    lines = ask("optics/droplets/extinction", "radius=5um", "wavelength=0.61")
+    nearest = int(np.argmin(abs(radius - 5)))
+    assert float(lines[0].split()[0]) == root["optics/droplets/extinction"].data[0, nearest]
+    assert lines[1] == f"# at the nearest node of the size distribution, {radius[nearest]:.8g} um"
+    assert ask("optics/droplets/method", "radius=5um", "wavelength=0.61")[0] == "mie"
+
+
+def test_texts_and_attributes(ask, call, fog, root):
+    assert "\n".join(ask("recipe")).strip() == bytes(root["recipe"].data).decode().strip()
+    assert ask("medium/achieved_error") == ["0.004"] and ask("name") == ["fog"]
+    assert json.loads(call("query", fog, "medium/tolerance", "--json")[1]) == {"path": "medium/tolerance", "value": 0.01}
+
+
+def test_json_says_the_same(call, fog, root):
+    found = json.loads(call("query", fog, "medium/phase", "theta=[0, 10] deg", "--json")[1])
+    assert found["units"] == "1/sr" and [axis["name"] for axis in found["axes"]] == ["wavelength", "theta"]
+    expected = evaluate(root["medium/theta"].data, root["medium/phase"].data, np.radians([0, 10]))
+    assert found["value"] == expected.tolist() and found["stage_error"] is None
+    assert json.loads(call("query", fog, "medium/g", "--json")[1])["stage_error"] == 0.004
+    found = json.loads(call("query", fog, "optics/droplets/scattering", "--json")[1])
+    assert found["error"] == root["optics/droplets/scattering_error"].data.tolist() and found["stage_error"] is None
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (("medium/phse",), "did you mean medium/phase?"),
+    (("sigma_t",), "did you mean medium/sigma_t?"),
+    (("quite_another_thing",), "it holds recipe, wavelength, optics, medium, provenance"),
+    (("medium",), "is a group; it holds sigma_t, "),
+    (("medium/sigma_t", "theta=10deg"), "theta has no effect on it; wavelength would"),
+    (("medium/theta", "wavelength=0.55um"), "wavelength has no effect on it; theta would"),
+    (("recipe", "theta=10deg"), "theta has no effect on it"),
+    (("name", "theta=10deg"), "theta has no effect on it"),
+    (("medium/phase", "tetha=10deg"), "did you mean theta=…?"),
+    (("medium/phase", "theta"), "arguments are wavelength=0.55um"),
+    (("medium/phase", "theta=10"), "has no unit; angles take deg, rad (10 deg?)"),
+    (("medium/phase", "theta=10 um"), "angles take deg, rad"),
+    (("medium/phase", "theta=181deg"), "from 0 (forward) to 180 deg"),
+    (("medium/phase", "theta=-1deg"), "from 0 (forward) to 180 deg"),
+    (("medium/phase", "theta=1deg", "theta=2deg"), "the same argument twice"),
+    (("medium/sigma_t", "wavelength=0.7um"), "the asset holds 0.61, 0.465 um and what lies between"),
+    (("medium/sigma_t", "wavelength=nan"), 'found "nan"'),
+    (("optics/droplets/method", "wavelength=0.5um"), "take one of 0.61, 0.465 um"),
+    (("optics/droplets/extinction", "radius=100um"), "the asset holds 0.1 to 60 um"),
+])
+def test_wrong_questions(call, fog, args, said):
+    status, out, err = call("query", fog, *args)
+    assert status == 2 and not out and said in err and len(err.splitlines()) == 1, err

@@ -1,0 +1,103 @@
+"""Wavelengths to colour, and pictures to files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery.errors import StoreError, UsageError
+from renderers import colour, images
+
+VISIBLE8 = np.arange(0.405, 0.76, 0.05)
+
+
+def test_observer_against_the_tables():
+    """Mitsuba's copy of the CIE 1931 tables, every 5 nm; the fit's stated error is 0.024."""
+    pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    nm = np.arange(360, 831, 5)
+    table = np.array([np.array(mi.cie1931_xyz(float(w))).ravel() for w in nm]).T
+    difference = np.abs(colour.observer(nm / 1e3) - table).max()
+    assert 0.015 < difference < 0.024
+
+
+@pytest.mark.parametrize("wavelength", [[0.55], [0.61, 0.55, 0.465], [0.465, 0.55, 0.61], VISIBLE8, VISIBLE8[::-1], [0.4, 0.7],
+                                        [0.5, 0.52, 0.54]])
+def test_equal_radiance_is_white(wavelength):
+    np.testing.assert_allclose(colour.srgb_matrix(wavelength).sum(axis=1), 1, atol=2e-4)
+    band = colour.band_matrix(wavelength)
+    np.testing.assert_allclose(band.sum(axis=1), 1)
+    assert np.all(band >= 0)
+
+
+def test_three_display_wavelengths_are_the_channels():
+    np.testing.assert_array_equal(colour.srgb_matrix([0.61, 0.55, 0.465]), np.eye(3))
+    np.testing.assert_array_equal(colour.srgb_matrix([0.465, 0.61, 0.55]) @ [1, 2, 3], [2, 3, 1])
+    assert colour.rgb_order([0.5, 0.52, 0.54]) is None
+
+
+def test_hues():
+    """Light at 450, 550 and 650 nm alone is blue, green, red."""
+    fine = np.arange(0.4, 0.71, 0.01)
+    matrix = colour.srgb_matrix(fine)
+    for at, channel in ((0.45, 2), (0.55, 1), (0.65, 0)):
+        assert np.argmax(matrix @ np.exp(-(((fine - at) / 0.01) ** 2))) == channel
+
+
+def test_order_of_wavelengths_does_not_matter():
+    values = np.random.default_rng(0).random(8)
+    np.testing.assert_allclose(colour.srgb_matrix(VISIBLE8) @ values, colour.srgb_matrix(VISIBLE8[::-1]) @ values[::-1])
+
+
+def test_interpolation_is_linear_and_clamped():
+    np.testing.assert_allclose(colour.interpolate([0.6, 0.5], [0.4, 0.55, 0.7]) @ [1, 3], [3, 2, 1])
+
+
+def test_display_curve_round_trip():
+    display = np.linspace(0, 1, 101)
+    np.testing.assert_allclose(colour.encode(colour.decode(display)), display, atol=1e-6)
+    grey = images.tone_map(np.linspace(0, 4, 50)[:, None, None] * np.ones(3))
+    assert np.all(np.diff(grey[:, 0, 0]) > 0) and grey[-1, 0, 0] == pytest.approx(1)
+
+
+def test_filter_lowers_noise_and_keeps_edges():
+    random = np.random.default_rng(0)
+    truth = np.ones((60, 80, 3)) * 0.2
+    truth[:, 40:] = 1.0
+    halves = [truth + 0.2 * random.standard_normal(truth.shape) for _ in range(2)]
+    first, second = images.filtered(halves, np.full(truth.shape, 0.04))
+    left = (first + second) / 2 - truth
+    assert left.std() < 0.2 * np.std((halves[0] + halves[1]) / 2 - truth)
+    assert np.abs(left[:, 38:42].mean(axis=0)).max() < 0.06
+
+
+@pytest.mark.parametrize("name", ["x.jpg", "x", "nowhere/x.png"])
+def test_impossible_outputs_are_refused_first(tmp_path, name):
+    with pytest.raises(UsageError):
+        images.output_pair(tmp_path / name)
+    (tmp_path / "y.exr").mkdir()
+    with pytest.raises(UsageError, match="folder"):
+        images.output_pair(tmp_path / "y.png")
+    assert images.output_pair(tmp_path / "z.exr") == (tmp_path / "z.png", tmp_path / "z.exr")
+
+
+@pytest.mark.parametrize("fault", [RuntimeError("disk full"), KeyboardInterrupt()])
+def test_a_failed_write_changes_nothing(tmp_path, fault):
+    old, new = tmp_path / "a.png", tmp_path / "b.exr"
+    old.write_text("old")
+
+    def save(path):
+        with open(path, "w") as file:
+            file.write("new")
+
+    def fail(path):
+        save(path)
+        raise fault
+
+    with pytest.raises(StoreError if isinstance(fault, RuntimeError) else KeyboardInterrupt):
+        images.write([(old, save), (new, fail)])
+    assert old.read_text() == "old" and sorted(tmp_path.iterdir()) == [old]
+    images.write([(old, save), (new, save)])
+    assert old.read_text() == new.read_text() == "new" and sorted(tmp_path.iterdir()) == [old, new]
