@@ -64,6 +64,14 @@ class Commands(click.Group):
             self.unknown(first)
         return super().parse_args(ctx, args)
 
+    def shell_complete(self, ctx, incomplete):
+        import glob
+
+        from click.shell_completion import CompletionItem
+
+        recipes = sorted(glob.glob(glob.escape(incomplete) + "*.y*ml")) + sorted(glob.glob(glob.escape(incomplete) + "*/"))
+        return super().shell_complete(ctx, incomplete) + [CompletionItem(name) for name in recipes]
+
     def unknown(self, word: str):
         import difflib
 

@@ -6,6 +6,7 @@ import click
 
 from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option
 from bakery.errors import RecipeError, UsageError
+from bakery.report.text import write
 
 
 @click.command(
@@ -13,7 +14,7 @@ from bakery.errors import RecipeError, UsageError
     short_help="bake recipes into assets",
     epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
 )
-@click.argument("recipes", nargs=-1, required=True, metavar="RECIPE…")
+@click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
 @click.option("-o", "--output", metavar="FILE or DIR/", help="Asset to write; DIR/ puts NAME.h5 into a folder.")
 @recipe_options
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads; all processors by default (or BAKERY_JOBS).")
@@ -66,15 +67,15 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
         for plan in plans:
             baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=progress)
             if depfile:
-                from bakery.run.depfile import write
+                from bakery.run import depfile as rules
 
-                write(Path(depfile), str(plan.output), [str(file) for file in baked.files])
+                rules.write(Path(depfile), str(plan.output), [str(file) for file in baked.files])
             if verbose:
                 for step in baked.steps:
                     progress.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
             reports.append(baked.as_dict())
             if not as_json:
-                click.echo(f"{baked.output}" + ("" if baked.written else " is up to date"))
+                write(f"{baked.output}" + ("\n" if baked.written else " is up to date\n"))
         if as_json:
             print_json(reports)
     finally:

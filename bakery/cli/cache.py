@@ -6,6 +6,7 @@ import click
 
 from bakery.cli.options import json_option, print_json
 from bakery.errors import UsageError
+from bakery.report.text import say
 
 
 @click.group(name="cache", short_help="look at and tidy the cache of finished stages")
@@ -30,9 +31,9 @@ def info(as_json):
         print_json({"folder": str(cache.where), "entries": len(entries), "bytes": size,
                     "stages": {name: {"entries": len(sizes), "bytes": sum(sizes)} for name, sizes in by_stage.items()}})
         return
-    click.echo(f"{cache.where}: {len(entries)} entries, {in_words(size)}")
+    say(f"{cache.where}: {len(entries)} entries, {in_words(size)}")
     for name, sizes in sorted(by_stage.items()):
-        click.echo(f"  {name:<8} {len(sizes)} entries, {in_words(sum(sizes))}")
+        say(f"  {name:<8} {len(sizes)} entries, {in_words(sum(sizes))}")
 
 
 @command.command()
@@ -59,7 +60,7 @@ def _tell(removed, as_json: bool) -> None:
     if as_json:
         print_json({"removed": [path.name for path in removed]})
     else:
-        click.echo(f"{len(removed)} entries removed")
+        say(f"{len(removed)} entries removed")
 
 
 def _bytes(text: str) -> float:

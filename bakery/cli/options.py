@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import click
 
 from bakery.errors import UsageError
+from bakery.report.text import write
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
@@ -48,5 +48,4 @@ def settings_of(quality, tolerance, seed, settings) -> dict[str, str]:
 
 def print_json(value) -> None:
     """One JSON document on standard output; NaN is not JSON, so it is refused rather than printed."""
-    json.dump(value, sys.stdout, indent=2, allow_nan=False, ensure_ascii=False)
-    sys.stdout.write("\n")
+    write(json.dumps(value, indent=2, allow_nan=False) + "\n")

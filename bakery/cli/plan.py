@@ -5,10 +5,11 @@ from __future__ import annotations
 import click
 
 from bakery.cli.options import json_option, print_json, recipe_options, settings_of, verbose_option
+from bakery.report.text import say
 
 
 @click.command(name="plan", short_help="say what a bake would run, why, and what it will cost")
-@click.argument("recipes", nargs=-1, required=True, metavar="RECIPE…")
+@click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
 @click.option("-o", "--output", metavar="FILE or DIR/", help="Asset that the bake would write.")
 @recipe_options
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
@@ -31,17 +32,17 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
     from bakery.run.resources import duration, in_words
 
     for plan in plans:
-        click.echo(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
+        say(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
         for step in plan.steps:
             cost = (f"{duration(step.cost.seconds)}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")
-            click.echo(f"  {step.action:<6} {step.stage.name:<8} {cost}{in_words(step.cost.file)} in the file")
+            say(f"  {step.action:<6} {step.stage.name:<8} {cost}{in_words(step.cost.file)} in the file")
             shown = step.why if verbose else step.why[:6]
             for reason in shown:
-                click.echo(f"         because {reason}")
+                say(f"         because {reason}")
             if len(step.why) > len(shown):
-                click.echo(f"         and {len(step.why) - len(shown)} more (--verbose)")
+                say(f"         and {len(step.why) - len(shown)} more (--verbose)")
             if verbose:
-                click.echo(f"         input {step.input_hash}")
-                click.echo(f"         estimate: {step.cost.basis}")
+                say(f"         input {step.input_hash}")
+                say(f"         estimate: {step.cost.basis}")
         if plan.write:
-            click.echo(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} file")
+            say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} file")

@@ -6,6 +6,7 @@ import click
 
 from bakery.cli.options import json_option, print_json, quiet_option
 from bakery.errors import UsageError
+from bakery.report.text import say
 
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
@@ -40,4 +41,4 @@ def command(source, output, quality, variant, seed, as_json, quiet):
         print_json(report)
         return
     for line in renderer.describe(report):
-        click.echo(line)
+        say(line)

@@ -235,7 +235,7 @@ def predict(components: Sequence[Component], wavelength, host, tolerance: float,
             most, last = _doublings(channel, tolerance)
             seconds += float(np.sum(fresh)) * (last * _PASSES * COEFFICIENT + most * per_angle * 2.3 * angles)
             spheres += int(len(fresh) * last)
-            rows += len(fresh) * 2 ** (_FIRST + 1)
+            rows += len(fresh) * 2**_FIRST
     elements = 4 if polarized else 1
     memory = 8 * angles * len(channels) * (8 * elements + 20) + 2 * _HELD + 100 * spheres
     file = 8 * (len(channels) * angles * (elements + 1) + 4 * rows)

@@ -22,7 +22,7 @@ def say(line: str = "") -> None:
     if out.isatty():
         columns = max(shutil.get_terminal_size().columns, FEWEST_COLUMNS)
         line = line if len(line) <= columns else line[:columns - 1] + (">" if plain(out) else "…")
-    _write(line + "\n")
+    write(line + "\n")
 
 
 def say_all(text: str) -> None:
@@ -31,10 +31,11 @@ def say_all(text: str) -> None:
         for line in text.splitlines():
             say(clean(line))
         return
-    _write(text)
+    write(text)
 
 
-def _write(text: str) -> None:
+def write(text: str) -> None:
+    """Text on standard output as it is; what the encoding lacks is written as an escape."""
     encoding = sys.stdout.encoding or "ascii"
     try:
         sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import special
 
 _MONODISPERSE = 1e-9  # relative width below which sizes cannot be told apart: phases change by < 1e-3 even at x = 1e6
+_NOTHING = 1e-30  # share of a law between min and max below which nothing is said to be left
 _GAUSS, _GAUSS_WEIGHT = np.polynomial.legendre.leggauss(5)  # exact to degree 9
 
 
@@ -235,7 +236,7 @@ def _parts(size):
         before = law.moment(0, lower, upper)
         lower, upper = max(lower, low), min(upper, high)
         left = law.moment(0, lower, upper) if lower <= upper else 0.0
-        if weight > 0 and left > 1e-290:
+        if weight > 0 and left > _NOTHING:
             kept.append((weight * left / before, law, lower, upper))
     if not kept:
         raise ValueError(f"no particle has a radius between min = {low:g} um and max = {high:g} um; a wider interval would do"

@@ -116,7 +116,7 @@ def test_samples_follow_the_table(make):
     cdf = phase.cumulative(theta, f)
     xi = np.random.default_rng(11).random(1_000_000)
     angle, density = phase.sample(theta, f, cdf, xi)
-    assert density == pytest.approx(phase.evaluate(theta, f, angle), rel=1e-6, abs=1e-12)
+    assert np.allclose(density, phase.evaluate(theta, f, angle), rtol=1e-6, atol=1e-12)
     def counts(angle):
         # probability below each sampled angle by exact integration of the interpolant, written independently
         i = np.clip(np.searchsorted(theta, angle, side="right") - 1, 0, len(theta) - 2)

@@ -20,12 +20,16 @@ def start(recipe, output, *more):
                             env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+def ends_well(process):
+    _, message = process.communicate(timeout=240)
+    assert process.returncode == 0, message
+
+
 @pytest.fixture
 def undisturbed(drops, monkeypatch, tmp_path):
     """The hash of a bake that nobody disturbs, and how long the process takes once kernels are compiled."""
     started = time.monotonic()
-    process = start(drops, tmp_path / "reference.h5", "--force")
-    assert process.wait(timeout=240) == 0, process.stderr.read()
+    ends_well(start(drops, tmp_path / "reference.h5", "--force"))
     return read(tmp_path / "reference.h5").attributes["content_hash"], time.monotonic() - started
 
 
@@ -44,8 +48,7 @@ def test_kill_at_random_moments(drops, tmp_path, undisturbed):
         process.communicate()
         if output.exists():
             assert read(output).attributes["content_hash"] == expected, f"turn {turn}"
-    process = start(drops, output)
-    assert process.wait(timeout=240) == 0, process.stderr.read()
+    ends_well(start(drops, output))
     assert read(output).attributes["content_hash"] == expected
     assert no_parts(tmp_path)
 
@@ -86,11 +89,10 @@ def test_the_holder_of_a_lock_dies(drops, tmp_path):
         env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
     assert holder.stdout.readline() == "held\n"
     waiting = start(drops, tmp_path / "out.h5")
-    line = waiting.stderr.readline()
-    assert "another bake computes it; waiting" in line
+    assert "another bake computes it; waiting" in waiting.stderr.readline()
     holder.kill()
     holder.communicate()
-    assert waiting.wait(timeout=240) == 0
+    ends_well(waiting)
 
 
 @pytest.mark.slow

@@ -18,8 +18,8 @@ MAY = {
     "stages": PHYSICS | {"store.tree", "recipe"},
     "run": {"plan", "recipe", "stages", "store", "__version__"},
     "store": set(),
-    "report": {"__version__", "asset", "medium", "store", "recipe.units"},
-    "export": {"asset", "medium", "store"},
+    "report": {"__version__", "asset", "medium", "stages", "store", "recipe.units"},
+    "export": {"asset", "medium", "report", "store"},
 } | {folder: PHYSICS for folder in PHYSICS}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
            "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading"}
