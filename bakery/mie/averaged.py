@@ -149,8 +149,8 @@ def averages(
 
     Notes
     -----
-    Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them the reference
-    is the largest value within half a ripple, pi/(2x).
+    Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
+    x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
     wavelength, host = np.asarray(wavelength, float), np.asarray(host, float)
     k = 2 * math.pi * host / wavelength

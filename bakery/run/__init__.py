@@ -94,8 +94,8 @@ def prepare(
 
     def price(stage: Stage, cost: Cost) -> Cost:
         ratio, count = cache.speed(stage.name)
-        basis = f"{cost.basis}; {count} earlier bakes here took {ratio:.2g} times that" if count else cost.basis
-        return replace(cost, seconds=cost.seconds * ratio / workers, basis=basis)
+        basis = f"{cost.basis}; on {workers} cores" + (f"; {count} earlier bakes here took {ratio:.2g} times that" if count else "")
+        return replace(cost, seconds=cost.startup + cost.seconds * ratio / workers, basis=basis)
 
     plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
                 same_recipe=same)
@@ -192,9 +192,9 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
             return *entry, _report(step, "from the cache", 0.0, entry[0])
         group, provenance, seconds = _compute(step, plan, groups, pool, workers, progress)
         cache.put(stage.name, step.input_hash, group, provenance)
-    model = stage.cost(plan.recipe).seconds / workers
-    if seconds > 0.2 and model > 0:  # below that the clock measures everything but the model
-        cache.note_speed(stage.name, seconds / model)
+    cost = stage.cost(plan.recipe)
+    if seconds > 4 * cost.startup + 0.5:  # below that the clock measures everything but the model
+        cache.note_speed(stage.name, workers * (seconds - cost.startup) / cost.seconds)
     return group, provenance, _report(step, "computed", seconds, group)
 
 

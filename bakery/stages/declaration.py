@@ -38,10 +38,11 @@ class Knob:
 class Cost:
     """What a stage is expected to take on this machine; `basis` says in words where the figures come from."""
 
-    seconds: float
+    seconds: float  # of one core
     memory: float  # bytes, on top of the interpreter
     file: float  # bytes in the asset
     basis: str
+    startup: float = 0.0  # seconds before the first block, whatever the number of cores: loading or compiling kernels
 
 
 @dataclass(frozen=True)

@@ -210,7 +210,7 @@ STAGE = Stage(
     ),
     error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative to at "
                   "least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of linear "
-                  "interpolation in cos theta half-way between angles; for spheres of one size relative to the nearest crest",
+                  "interpolation in cos theta half-way between angles; for spheres of (nearly) one size relative to the nearest crest",
     cost=cost,
     inputs=inputs,
     compute=compute,
