@@ -56,9 +56,13 @@ def differences(old: Mapping, new: Mapping) -> list[str]:
         elif name.startswith("stage "):
             sentences.append(f"stage {before or 'is new'} -> {after}" if before else f"{name} is new")
         elif before is None:
-            sentences.append(f"{name} is new ({after})")
+            sentences.append(f"{name} is new ({_short(after)})")
         elif after is None:
-            sentences.append(f"{name} is gone (was {before})")
+            sentences.append(f"{name} is gone (was {_short(before)})")
         else:
-            sentences.append(f"{name}: {before} -> {after}")
+            sentences.append(f"{name}: {_short(before)} -> {_short(after)}")
     return sentences
+
+
+def _short(value) -> str:
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
