@@ -1,7 +1,7 @@
 """Averages over size distributions: our time against a plain loop over lxmie, and claimed errors against true ones.
 
     python -m benchmarks.averages            both tables
-    python -m benchmarks.averages --rates    the rates that predictions use (bakery/mie/averaged.py)
+    python -m benchmarks.averages --rates    the rates that predictions use (bakery/mie/predicted.py)
     python -m benchmarks.averages --model    predicted against actual work and angles
 
 True errors are against averages over several times as many nodes at unrelated radii, with tails a hundred times less cut.
@@ -19,6 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from bakery.errors import StageError  # noqa: E402
 from bakery.medium import phase  # noqa: E402
 from bakery.mie import averaged  # noqa: E402
 from bakery.mie.averaged import Component, averages, predict  # noqa: E402
@@ -29,18 +30,21 @@ RGB = (0.610, 0.550, 0.465)
 
 
 def size(distribution, **given):
-    return SimpleNamespace(**(dict(distribution=distribution, radius=None, sigma=None, variance=None, min=None, max=None, table=None, of=()) | given))
+    return SimpleNamespace(**(dict(distribution=distribution, radius=None, sigma=None,
+                           variance=None, min=None, max=None, table=None, of=()) | given))
 
 
 def lognormal(radius, sigma, low=None, high=None):
     return size("lognormal", radius=radius, sigma=sigma, min=low, max=high)
 
 
-# name: size, m relative to the host, host, wavelengths (the indices of the recipes that ship, taken as constant), doublings for the truth
+# name: size, m relative to the host, host, wavelengths (the indices of
+# the recipes that ship, taken as constant), doublings for the truth
 CASES = {
     "fog": (lognormal(5.0, 1.5, 0.1, 60.0), 1.333 + 2e-9j, 1.0, RGB, 11),
     "cirrus": (size("gamma", radius=40.0, variance=0.1, min=1.0, max=200.0), 1.31 + 3e-9j, 1.0, RGB[:1], 8),
-    "blowing snow": (size("mixture", of=((0.995, lognormal(10.0, 1.4)), (0.005, lognormal(80.0, 1.3))), min=1.0, max=250.0), 1.31 + 3e-9j, 1.0, RGB[:1], 7),
+    "blowing snow": (size("mixture", of=((0.995, lognormal(10.0, 1.4)), (0.005, lognormal(80.0, 1.3))), min=1.0, max=250.0),
+                     1.31 + 3e-9j, 1.0, RGB[:1], 7),
     "dust": (lognormal(0.5, 2.2, 0.02, 5.0), 1.53 + 0.0055j, 1.0, RGB, 9),
     "soot": (lognormal(0.1, 1.6), 1.8 + 0.7j, 1.0, RGB, 8),
     "bubbles": (lognormal(30.0, 1.6, 5.0, 300.0), 0.75, 1.333, RGB[:1], 6),
@@ -50,15 +54,28 @@ CASES = {
     "gamma": (size("gamma", radius=10.0, variance=0.1), 1.333, 1.0, RGB, 11),
 }
 MORE = {
-    "one size, x 27": (size("single", radius=2.0), 1.333, 1.0, RGB, 0), "one size, x 1000": (size("single", radius=90.0), 1.333, 1.0, RGB[:1], 0),
-    "glass": (lognormal(10.0, 1.5), 1.5 + 1e-7j, 1.0, RGB[:1], 0), "small": (lognormal(0.3, 1.5), 1.4, 1.0, RGB, 0),
-    "black": (lognormal(20.0, 1.5), 1.5 + 0.1j, 1.0, RGB[:1], 0), "n = 2.5": (size("gamma", radius=3.0, variance=0.1), 2.5, 1.0, RGB[:1], 0),
-}
+    "one size, x 27": (size("single", radius=2.0),
+                      1.333, 1.0, RGB, 0),
+    "one size, x 1000": (size("single", radius=90.0),
+                        1.333, 1.0, RGB[: 1],
+                        0),
+    "glass": (lognormal(10.0, 1.5),
+             1.5 +1e-7j, 1.0, RGB[: 1],
+             0),
+    "small": (lognormal(0.3, 1.5),
+             1.4, 1.0, RGB, 0),
+    "black": (lognormal(20.0, 1.5),
+             1.5 +0.1j, 1.0, RGB[: 1],
+             0),
+    "n = 2.5": (size("gamma", radius=3.0, variance=0.1),
+               2.5, 1.0, RGB[: 1],
+               0),}
 
 
 def ours(case, tolerance, threads=None, report=lambda seconds, error: None):
     s, m, host, wavelength, _ = case
-    way = (lambda f, tasks: [f(*t) for t in tasks]) if threads is None else lambda f, tasks: list(threads.map(lambda t: f(*t), tasks))
+    way = (lambda f, tasks: [f(*t) for t in tasks]
+           ) if threads is None else lambda f, tasks: list(threads.map(lambda t: f(*t), tasks))
     component = Component("spheres", np.full(len(wavelength), m, complex), population(s))
     return averages([component], wavelength, np.full(len(wavelength), host), tolerance, map=way, report=report)
 
@@ -74,7 +91,7 @@ def truth(case, at, which=0):
 
 
 def speed():
-    """Fog, three wavelengths, 1 %: the plain loop takes nodes uniform in ln r, doubled until it is as good as we are asked to be."""
+    """Fog, three wavelengths, 1 %: the plain loop takes nodes uniform in ln r, doubled until it meets the tolerance."""
     lxmie = optional("lxmie")
     case = CASES["fog"]
     s, m, host, wavelength, _ = case
@@ -116,7 +133,8 @@ def speed():
 
 
 def errors():
-    print("\n| case | tolerance | angles | s, one core | claimed, largest | true, largest | claimed, median | true, median | above claim |")
+    print("\n| case | tolerance | angles | s, one core | claimed, largest | true, largest | claimed, median | true, median "
+          "| above claim |")
     print("|---|---|---|---|---|---|---|---|---|")
     draw = np.random.default_rng(1)
     for name, case in CASES.items():
@@ -129,8 +147,8 @@ def errors():
             f, claimed = (phase.evaluate(theta, table, at) for table in (found[0].elements[0, 0], found[0].phase_error[0]))
             off = np.abs(f / truth(case, at) - 1)
             claimed = claimed / f
-            print(f"| {name} | {tolerance:g} | {len(theta)} | {seconds:.2f} | {found[0].error[0]:.4f} | {off.max():.4f} | {np.median(claimed):.4f} "
-                  f"| {np.median(off):.4f} | {100 * np.mean(off > claimed):.1f} % |", flush=True)
+            print(f"| {name} | {tolerance:g} | {len(theta)} | {seconds:.2f} | {found[0].error[0]:.4f} | {off.max():.4f} "
+                  f"| {np.median(claimed):.4f} | {np.median(off):.4f} | {100 * np.mean(off > claimed):.1f} % |", flush=True)
 
 
 def model():
@@ -145,14 +163,21 @@ def model():
                 continue
             charged = [0.0]
             start = time.perf_counter()
-            theta, _ = ours(case, tolerance, report=lambda seconds, error: charged.append(seconds))
+            try:
+                theta, _ = ours(case, tolerance, report=lambda seconds, error: charged.append(seconds))
+            except StageError as refusal:
+                print(f"| {name} | {tolerance:g} | {refusal} |")
+                continue
             seconds = time.perf_counter() - start
             fixed = 0.02 + 0.005 * len(wavelength)
             spread.append((made.angles / len(theta), made.seconds / (charged[-1] + fixed)))
-            print(f"| {name} | {tolerance:g} | {len(theta)} | {made.angles} | {charged[-1]:.2f} | {made.seconds:.2f} | {seconds:.2f} |", flush=True)
+            print(f"| {name} | {tolerance:g} | {len(theta)} | {made.angles} | {charged[-1]:.2f} | {made.seconds:.2f} "
+                  f"| {seconds:.2f} |",
+     flush=True)
     for what, ratio in zip(("angles", "seconds"), np.log2(np.array(spread)).T):
-        print(f"{what}: predicted/actual, median {2 ** np.median(ratio):.2f}, from {2 ** ratio.min():.2f} to {2 ** ratio.max():.2f}, "
-              f"{100 * np.mean(np.abs(ratio) <= 1):.0f} % of {len(ratio)} within a factor of 2")
+        print(
+    f"{what}: predicted/actual, median {2 ** np.median(ratio):.2f}, from {2 ** ratio.min():.2f} to {2 ** ratio.max():.2f}, "
+    f"{100 * np.mean(np.abs(ratio) <= 1):.0f} % of {len(ratio)} within a factor of 2")
 
 
 def rates():
@@ -170,9 +195,13 @@ def rates():
             return 1e9 * min(times) / count
 
         few, many = np.linspace(0, math.pi, 64), np.linspace(0, math.pi, 512)
-        a, b, c, d = (best(f) for f in (lambda: averaged.cross_block(1.33, spheres), lambda: averaged.angular_block(1.33, spheres, weight, few, False),
-                                        lambda: averaged.angular_block(1.33, spheres, weight, many, False),
-                                        lambda: averaged.angular_block(1.33, spheres, weight, many, True)))
+        a, b, c, d = (
+    best(f) for f in (
+        lambda: averaged.cross_block(
+            1.33, spheres), lambda: averaged.angular_block(
+                1.33, spheres, weight, few, False), lambda: averaged.angular_block(
+                    1.33, spheres, weight, many, False), lambda: averaged.angular_block(
+                        1.33, spheres, weight, many, True)))
         slope = (c - b) / (512 - 64)
         print(f"| {x:g} | {a:.1f} | {b - 64 * slope:.1f} | {slope:.3f} | {(d - (b - 64 * slope)) / 512:.3f} |")
 

@@ -28,7 +28,7 @@ def rayleigh(theta):
 
 
 def gaussian(theta, spread):
-    """exp(-theta^2 / (2 spread^2)), not normalised; `spread` in rad is the standard deviation of theta along one axis if small."""
+    """exp(-theta^2 / (2 spread^2)), not normalised; `spread` (rad) is the deviation of theta along one axis if small."""
     return np.exp(-0.5 * (theta / spread) ** 2)
 
 

@@ -111,8 +111,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT):
     Parameters
     ----------
     theta : (A,) rad, first grid
-    evaluate : (theta (B,), floor (C, B)) -> values (C, E, B), error (C, B), tag (C, B).  `error` is relative to element 0; `floor` is
-        the larger tag of the two neighbours, None at first: what the values should at least be made with
+    evaluate : (theta (B,), floor (C, B)) -> values (C, E, B), error (C, B), tag (C, B).  `error` is relative to element 0;
+        `floor` is the larger tag of the two neighbours, None at first: what the values should at least be made with
     tolerance : the interpolation error plus the value's own error, over the reference value, stays below it
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself

@@ -1,7 +1,7 @@
 """Components with numbers per volume become a medium: coefficients in 1/m and one phase function.
 
-Independent scattering: cross sections add, phase functions add in proportion to what they scatter.  That holds for volume fractions
-below about 1 %; denser suspensions scatter less than the sum (not modelled).
+Independent scattering: cross sections add, phase functions add in proportion to what they scatter.  That holds for volume
+fractions below about 1 %; denser suspensions scatter less than the sum (not modelled).
 
 A host that absorbs: the spheres are computed for its real index alone (the usual definitions of cross sections fail in an
 absorbing host, and k of water or ice in the visible changes nothing visible over one particle), and its bulk absorption

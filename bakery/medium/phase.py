@@ -101,8 +101,8 @@ def sample(theta, f, cdf, xi):
 
     Notes
     -----
-    On a cell where f is linear in v the cumulative distribution is a quadratic; its root is taken in the form 2c/(b + sqrt(b^2 + 2ac))
-    that does not cancel when f is nearly constant, and gives 0 where f is 0 at the cell's start.
+    On a cell where f is linear in v the cumulative distribution is a quadratic; its root as 2c/(b + sqrt(b^2 + 2ac))
+    does not cancel when f is nearly constant, and gives 0 where f is 0 at the cell's start.
     """
     theta, f, cdf, xi = (np.asarray(value, float) for value in (theta, f, cdf, xi))
     i = np.clip(np.searchsorted(cdf, xi, side="right") - 1, 0, len(theta) - 2)

@@ -1,13 +1,13 @@
 """Cross sections and phase functions averaged over a size distribution, refined until a tolerance is met.
 
-The error that counts is pointwise: at every stored angle, the change of the averaged intensity when the number of nodes is halved,
+The error that counts is pointwise: at every stored angle, the change of the averaged intensity when the nodes are halved,
 relative to the intensity itself (Mueller elements: to S11), and the same for each mean cross section.  Angles stop being computed
 when they have converged, and only the stubborn ones (the glory, where spheres without absorption converge like 1/nodes) go on.
 
 One quantity is beyond any grid: the absorption of spheres that hardly absorb.  Per unit of k it grows by some 2 % with every
-decade that k falls (fog, 1e-4 .. 1e-8: docs/averages.md), because ever narrower resonances, down to a width of k x, take part.  Its
-error therefore counts relative to the absorption or to `0.01 tolerance` times the extinction, whichever is larger: an error of
-0.01 tolerance^2 in the albedo changes what a half-space of cloud reflects by less than the tolerance.  The relative change of
+decade that k falls (fog, 1e-4 .. 1e-8: docs/averages.md), because ever narrower resonances, down to a width of k x, take part.
+Its error therefore counts relative to the absorption or to `0.01 tolerance` times the extinction, whichever is larger: an error
+of 0.01 tolerance^2 in the albedo changes what a half-space of cloud reflects by less than the tolerance.  The relative change of
 the absorption itself is kept beside it.
 
 All work is cut into blocks whose size depends on the inputs alone; sums of blocks are formed in their order, so values do not
@@ -24,33 +24,18 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.medium import grid, phase
-from bakery.sizes.distributions import Population
+from bakery.mie.predicted import (
+    COEFFICIENT, CROSS, FIRST_LEVEL, HELD, INTENSITY, MUELLER, Channel, Component, features_of, predict, predicted_angles, terms,
+)
 from bakery.sizes.nodes import Nodes
 
-# seconds on one core of an AMD EPYC (Zen 5, AVX-512): benchmarks/averages.py --rates
-CROSS = 2e-9  # per term of a sphere's series, cross sections only
-COEFFICIENT = 11e-9  # per term, where angles follow
-INTENSITY = 0.13e-9  # per term and angle
-MUELLER = 0.15e-9
 LONGEST = 6 * 3600.0  # seconds of work beyond which a stage is refused
 _BLOCK = 0.2  # seconds in a block
 _FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
-_DAMPED, _RIPPLES, _RESONANT, _PASSES = 3.5, 5.0, 400.0, 4.0  # of the prediction, fitted
-_HELD = 64 * 2**20  # bytes of block results held at a time
-_FIRST = 2  # level before which nothing has converged: steps in size parameter of ~1
 _WINDOW = 4  # neighbours on either side whose error an angle shares, and those within one ripple pi/x
 _SHARE = 0.45  # of the tolerance, for the quadrature; the rest is the interpolant's
 _MARGIN = 0.8  # of the tolerance, for both together; the rest is the normalisation's
 _CROSS = 0.1  # of the tolerance, for cross sections: they cost little, and bound what the normalisation may be off
-
-
-@dataclass(frozen=True)
-class Component:
-    """One kind of sphere.  `m` (L,) complex index n + ik relative to the host, k >= 0."""
-
-    name: str
-    m: np.ndarray
-    sizes: Population
 
 
 @dataclass(frozen=True)
@@ -80,20 +65,6 @@ class Average:
     error: np.ndarray
     absorption_error: np.ndarray
     scale: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Channel:
-    component: str
-    wavelength: float
-    m: complex
-    k: float
-    nodes: Nodes
-
-
-def terms(x):
-    """Terms of the series at size parameter x."""
-    return x + 7.5 * np.cbrt(x) + 2
 
 
 def cross_block(m, x):
@@ -158,9 +129,9 @@ def averages(
     work.expect(predict(components, wavelength, host, tolerance, polarized))
     nodes = [Nodes(component.sizes, k, tolerance) for component in components]
     crosses = [_cross_sections(c, n, wavelength, k, tolerance, work) for c, n in zip(components, nodes)]
-    channels = [_Channel(c.name, float(w), complex(m), float(q), n)
+    channels = [Channel(c.name, float(w), complex(m), float(q), n)
                 for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
-    reach = np.array([math.pi / (2 * _features(c)[0][0]) if len(_features(c)) == 1 and _rippled(*_features(c)[0]) else 0.0
+    reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
                       for c in channels])
     theta = first_grid(channels, tolerance)
     margin, target, known = _MARGIN * tolerance, _SHARE * tolerance, None
@@ -188,94 +159,21 @@ def averages(
         own = found[i * len(k) : (i + 1) * len(k)]
         out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
                            np.array([f[0] for f in own]), np.array([f[1] for f in own]),
-                           np.array([max(f[3], float(e)) for f, e in zip(own, cross.error)]), cross.absorption_error,
+                           np.array([max(f[3], float(e)) for f, e in zip(own, cross.all_error)]), cross.absorption_error,
                            np.array([f[2] for f in own])))
     return table.theta, out
 
 
 def first_grid(channels, tolerance):
     """First angles for all channels together; StageError where the predicted number of angles is beyond the limit."""
-    if predicted_angles([f for c in channels for f in _features(c)], tolerance) > grid.LIMIT:
+    if predicted_angles([f for c in channels for f in features_of(c)], tolerance) > grid.LIMIT:
         raise StageError(_too_many(channels, tolerance))
-    features = sorted({f for c in channels for f in _features(c)})
-    bows = [(angle, x ** (-2 / 3)) for c in channels for x, _ in _features(c) if x > 20 for angle in grid.bows(c.m.real)]
+    features = sorted({f for c in channels for f in features_of(c)})
+    bows = [(angle, x ** (-2 / 3)) for c in channels for x, _ in features_of(c) if x > 20 for angle in grid.bows(c.m.real)]
     try:
         return grid.start(features, bows)
     except grid.TooManyAngles:
         raise StageError(_too_many(channels, tolerance)) from None
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What averages are expected to take: seconds of one core, bytes of memory, bytes stored, number of angles, of spheres."""
-
-    seconds: float
-    memory: float
-    file: float
-    angles: int
-    spheres: int
-
-
-def predict(components: Sequence[Component], wavelength, host, tolerance: float, polarized: bool = False) -> Prediction:
-    """Predicted work of `averages`, same arguments; fitted to 30 varied runs (docs/averages.md gives the spread)."""
-    k = 2 * math.pi * np.asarray(host, float) / np.asarray(wavelength, float)
-    nodes = [Nodes(component.sizes, k, tolerance) for component in components]
-    channels = [_Channel(c.name, float(w), complex(m), float(q), n)
-                for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
-    angles = predicted_angles([f for c in channels for f in _features(c)], tolerance)
-    per_angle = MUELLER if polarized else INTENSITY
-    seconds, spheres, rows = 0.02 + 0.005 * len(channels), 0, 0
-    for channel in channels:
-        fixed = terms(channel.k * channel.nodes.fixed()[0])
-        seconds += float(np.sum(fixed)) * (5 * COEFFICIENT + per_angle * 2.3 * angles)
-        spheres += len(fixed)
-        rows += len(fixed)
-        if channel.nodes.refinable:
-            fresh = terms(channel.k * channel.nodes.fresh(0)[0])
-            most, last = _doublings(channel, tolerance)
-            seconds += float(np.sum(fresh)) * (last * _PASSES * COEFFICIENT + most * per_angle * 2.3 * angles)
-            spheres += int(len(fresh) * last)
-            rows += len(fresh) * 2**_FIRST
-    elements = 4 if polarized else 1
-    memory = 8 * angles * len(channels) * (8 * elements + 20) + 2 * _HELD + 100 * spheres
-    file = 8 * (len(channels) * angles * (elements + 1) + 4 * rows)
-    return Prediction(seconds, memory, file, int(angles), spheres)
-
-
-def _doublings(channel, tolerance):
-    """Nodes that most angles take, and that the last one takes, over the nodes of the first level.
-
-    Spheres that absorb, and bubbles, are smooth once the ripples are resolved; in others resonances decide, and nodes go like
-    the square root of the size parameter and nearly like 1/tolerance.
-    """
-    fine = 0.01 / tolerance
-    absorption = 4 * channel.m.imag
-    last = 2.0 ** (channel.nodes.levels - 1)
-    most, resonant = 2.0**_FIRST * max(1.0, fine) ** 0.6, False
-    for (x, width), first in zip(_features(channel)[len(channel.nodes.fixed()[0]) :], channel.nodes.first):
-        if channel.m.real > 1:
-            need = _RESONANT * math.sqrt(x) * fine**0.8 / (1 + 5 * absorption * x) * min(1.0, width / 0.05) / first
-            most, resonant = max(most, need), resonant or need > most
-    return min(most, last), min(4 * most * (fine if resonant else 1.0), last)
-
-
-def predicted_angles(features, tolerance):
-    """Angles that a tolerance takes, from (size parameter, relative width) of each distribution."""
-    fine = math.sqrt(0.01 / tolerance)
-    smooth = 180 + 60 * fine * math.log10(max(1.0, *(x for x, _ in features)))
-    ripples = 0.0
-    for x, width in features:
-        if x > 1:
-            reach = min(math.pi, _DAMPED / (x * max(width, 1e-300)))
-            ripples = max(ripples, _RIPPLES * x * reach * fine)
-    return smooth + ripples
-
-
-def _features(channel):
-    """(size parameter, relative width) of each part, at the channel's own wavelength."""
-    longest = max(x for x, _ in channel.nodes.features)
-    scale = channel.k / channel.nodes.wavenumber if longest > 0 else 1.0
-    return [(x * scale, width) for x, width in channel.nodes.features]
 
 
 def _rippled(x, width):
@@ -283,12 +181,14 @@ def _rippled(x, width):
 
 
 def _too_many(channels, tolerance):
-    worst = max(channels, key=lambda c: predicted_angles(_features(c), tolerance))
-    x, width = max(_features(worst), key=lambda f: predicted_angles([f], tolerance))
-    what = f"spheres of one size, x = {x:.3g}," if width == 0 else f"a narrow distribution at x = {x:.3g} (relative width {width:.2g})"
-    return (f"{worst.component} at {worst.wavelength:g} um: {what} scatter in ripples of {math.degrees(math.pi / x):.2g} degrees, "
-            f"about {predicted_angles([(x, width)], tolerance):.2g} angles at a tolerance of {tolerance:g} and at most {grid.LIMIT:g} are "
-            "stored; give the size a width (distribution: lognormal, sigma: 1.05) or take a larger tolerance")
+    worst = max(channels, key=lambda c: predicted_angles(features_of(c), tolerance))
+    x, width = max(features_of(worst), key=lambda f: predicted_angles([f], tolerance))
+    what = f"spheres of one size, x = {x:.3g}," if width == 0 else f"sizes of a relative width of {width:.2g} at x = {x:.3g}"
+    count = predicted_angles([(x, width)], tolerance)
+    return (f"{worst.component} at {worst.wavelength:g} um: {what} scatter in ripples of "
+            f"{math.degrees(math.pi / x):.2g} degrees, about {count:.2g} angles at a tolerance of {tolerance:g}, "
+            f"and at most {grid.LIMIT:g} are stored; give the size a width (distribution: lognormal, sigma: 1.05) "
+            "or take a larger tolerance")
 
 
 class _Work:
@@ -299,14 +199,15 @@ class _Work:
 
     def expect(self, made):
         if made.seconds > LONGEST and made.angles <= grid.LIMIT:
-            raise StageError(f"about {made.seconds / 3600:.3g} hours of one core for {made.angles} angles and {made.spheres} spheres, more than "
-                             f"the {LONGEST / 3600:g} hours allowed; smaller spheres, a narrower size range or a larger tolerance would do")
+            raise StageError(
+    f"about {made.seconds / 3600:.3g} hours of one core for {made.angles} angles and {made.spheres} spheres, more than "
+    f"the {LONGEST / 3600:g} hours allowed; smaller spheres, a narrower size range or a larger tolerance would do")
 
     def charge(self, seconds, what):
         self.seconds += seconds
         if self.seconds > LONGEST:
-            raise StageError(f"{what}: the work has grown beyond {LONGEST / 3600:g} hours of one core; smaller spheres, a narrower size range "
-                             "or a larger tolerance would do")
+            raise StageError(f"{what}: the work has grown beyond {LONGEST / 3600:g} hours of one core; smaller spheres, "
+                             "a narrower size range or a larger tolerance would do")
 
 
 @dataclass(frozen=True)
@@ -316,8 +217,9 @@ class _Cross:
     scattering: np.ndarray
     absorption: np.ndarray
     cosine: np.ndarray
-    error: np.ndarray
-    absorption_error: np.ndarray
+    error: np.ndarray  # of extinction and scattering
+    all_error: np.ndarray  # with absorption
+    absorption_error: np.ndarray  # of absorption alone
 
 
 def _cross_sections(component, nodes, wavelength, k, tolerance, work):
@@ -331,34 +233,40 @@ def _cross_sections(component, nodes, wavelength, k, tolerance, work):
         radius, weight = nodes.whole(level)
         values = _assembled(nodes, known, level)
         means.append(np.stack([np.sum(values[0] * weight, axis=-1), np.sum(values[1] * weight, axis=-1)]))
-        error, absorption_error = _halving(means, tolerance) if nodes.refinable else np.zeros((2, len(k)))
-        if not nodes.refinable or (level >= _FIRST and (error <= _CROSS * tolerance).all()):
+        error, absorption, alone = _halving(means, tolerance) if nodes.refinable else np.zeros((3, len(k)))
+        if not nodes.refinable or (
+                level >= FIRST_LEVEL and (error <= _CROSS * tolerance).all() and (absorption <= _SHARE * tolerance).all()):
             break
     else:
-        worst = int(np.argmax(error))
-        raise StageError(f"{component.name} at {wavelength[worst]:g} um: the mean cross sections reach a relative error of "
-                         f"{error[worst]:.2g} with {nodes.count(level)} sizes, not {_CROSS:g} of the tolerance of {tolerance:g}; "
-                         "a larger tolerance or a narrower size range would do")
+        what, off, allowed = max(("extinction and scattering", error, _CROSS), ("absorption", absorption, _SHARE),
+                                 key=lambda item: item[1].max() / item[2])
+        worst = int(np.argmax(off))
+        raise StageError(f"{component.name} at {wavelength[worst]:g} um: mean {what} reach a relative error of "
+                         f"{off[worst]:.2g} with {nodes.count(level)} sizes, and the tolerance leaves "
+                         f"{allowed * tolerance:.2g} for it; a larger tolerance or a narrower size range would do")
     dark = np.flatnonzero(means[-1][0] <= 0)
     if len(dark):
-        raise StageError(f"{component.name} at {wavelength[dark[0]]:g} um does not scatter: its index is that of the host, or it is too "
-                         "small for double precision; another material or host would do")
-    return _Cross(radius, weight, values[0], values[1], values[2], error, absorption_error)
+        raise StageError(
+    f"{component.name} at {wavelength[dark[0]]:g} um does not scatter: its index is that of the host, or it is too "
+    "small for double precision; another material or host would do")
+    return _Cross(radius, weight, values[0], values[1], values[2], error, np.maximum(error, absorption), alone)
 
 
 def _halving(means, tolerance):
-    """(2, L): largest relative change of the mean cross sections in the last two halvings, the older one halved; absorption alone."""
+    """(3, L): relative change of the mean cross sections in the last two halvings, the older one halved.
+
+    Rows: the larger of extinction and scattering; absorption, over at least 0.01 tolerance of the extinction; absorption alone.
+    """
     if len(means) < 3:
-        return np.full((2, means[0].shape[-1]), math.inf)
+        return np.full((3, means[0].shape[-1]), math.inf)
     s, a = means[-1]
-    floor = np.stack([s + a, s, np.maximum(a, 0.01 * tolerance * (s + a)), a])
-    floor[2:] *= _SHARE / _CROSS  # absorption converges last and shifts nothing else: it may use up its share of the tolerance
-    change = np.zeros_like(floor)
+    scale = np.stack([s + a, s, np.maximum(a, 0.01 * tolerance * (s + a)), a])
+    change = np.zeros_like(scale)
     for new, old, share in ((means[-1], means[-2], 1.0), (means[-2], means[-3], 0.5)):
-        step = share * np.abs(new - old)
-        step = np.stack([share * np.abs(np.sum(new - old, axis=0)), step[0], step[1], step[1]])
-        change = np.maximum(change, np.divide(step, floor, out=np.zeros_like(step), where=floor > 0))
-    return np.stack([change[:3].max(axis=0), change[3] * _SHARE / _CROSS])
+        ds, da = new - old
+        step = share * np.abs(np.stack([ds + da, ds, da, da]))
+        change = np.maximum(change, np.divide(step, scale, out=np.zeros_like(step), where=scale > 0))
+    return np.stack([change[:2].max(axis=0), change[2], change[3]])
 
 
 def _spheres(component, radius, k, work):
@@ -405,7 +313,7 @@ class _Batch:
         count = len(theta)
         self.channel, self.theta, self.target, self.elements = channel, theta, target, elements
         self.last = channel.nodes.levels - 1
-        self.floor = np.minimum(np.full(count, _FIRST) if floor is None else np.maximum(floor, _FIRST), self.last)
+        self.floor = np.minimum(np.full(count, FIRST_LEVEL) if floor is None else np.maximum(floor, FIRST_LEVEL), self.last)
         self.level = np.full(count, -1)
         self.fixed = np.zeros((elements, count))
         self.sums = np.zeros((elements, count))
@@ -413,7 +321,7 @@ class _Batch:
         self.change, self.earlier = np.full(count, unknown), np.full(count, unknown)
         self.weights = [0.0]  # of the refinable nodes, by level, shifted by one
         self.begun = False
-        ripple = math.pi / max(x for x, _ in _features(channel))
+        ripple = math.pi / max(x for x, _ in features_of(channel))
         here = np.arange(count)
         low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), here - _WINDOW)
         high = np.maximum(np.searchsorted(theta, theta + ripple, side="right"), here + _WINDOW + 1)
@@ -439,15 +347,15 @@ class _Batch:
     def _give_up(self, open_, error):
         """Raise where the last level is used up, or cannot be expected to suffice: halving the step at best halves the error."""
         left = self.last - self.level
-        hopeless = open_ & ((left <= 0) | ((self.level >= _FIRST + 3) & (error > 4 * self.target * 2.0**left)))
+        hopeless = open_ & ((left <= 0) | ((self.level >= FIRST_LEVEL + 3) & (error > 4 * self.target * 2.0**left)))
         if hopeless.any():
             worst = int(np.argmax(np.where(hopeless, error, 0.0)))
             c = self.channel
             raise StageError(
-                f"{c.component} at {c.wavelength:g} um: the phase function at {math.degrees(self.theta[worst]):.4g} degrees reaches a "
-                f"relative error of {error[worst]:.2g} with {c.nodes.count(int(self.level[worst]))} sizes of at most "
-                f"{c.nodes.count(self.last)}, and the tolerance leaves {self.target:.2g} for it; a larger tolerance, a wider size "
-                "distribution or a little absorption would do")
+                f"{c.component} at {c.wavelength:g} um: the phase function at {math.degrees(self.theta[worst]):.4g} degrees "
+                f"reaches a relative error of {error[worst]:.2g} with {c.nodes.count(int(self.level[worst]))} sizes of at most "
+                f"{c.nodes.count(self.last)}, and the tolerance leaves {self.target:.2g} for it; a larger tolerance, "
+                "a wider size distribution or a little absorption would do")
 
     def absorb(self, index, level, sums):
         """Take the sums (E, B) over the nodes that `level` adds, for the angles `index`."""
@@ -520,7 +428,7 @@ def _run(jobs, polarized, work):
                 tasks.append((channel.m, x[a:b], weight[a:b], batch.theta[index[part]], polarized))
                 places.append((job, part))
                 held += 8 * batch.elements * len(part) + 16 * (b - a)
-                if held > _HELD:
+                if held > HELD:
                     flush()
                     held = 0
     if tasks:

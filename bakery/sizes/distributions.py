@@ -95,8 +95,11 @@ class Gamma:
             whole = self.scale**power * math.exp(math.lgamma(k + power) - math.lgamma(k))
         a, b = lower / self.scale, upper / self.scale
         p = k + power
-        upper_side = a > p
-        share = special.gammaincc(p, a) - special.gammaincc(p, b) if upper_side else special.gammainc(p, b) - special.gammainc(p, a)
+        # each from the side where it is small
+        if a > p:
+            share = special.gammaincc(p, a) - special.gammaincc(p, b)
+        else:
+            share = special.gammainc(p, b) - special.gammainc(p, a)
         return whole * float(share)
 
     def reach(self):

@@ -17,7 +17,7 @@ import numpy as np
 
 from bakery.sizes.distributions import Part, Population, Single
 
-LAST_NODES = 2**18  # nodes of one part beyond which no level goes
+LAST_NODES = 2**18  # nodes of a part at the last level; in a mixture the finest part may have four times as many
 _FIRST_STEP = 4.0  # step in size parameter, at the sizes that scatter most, of the first level: coarser tells nothing
 _FEWEST, _MOST = 64, 4096  # nodes of the first level
 
@@ -70,7 +70,9 @@ class Nodes:
             self._maps.append(grid)
             self.first.append(first)
             self.features.append(feature)
-        self.levels = 1 if not self._parts else 1 + int(math.log2(LAST_NODES / max(self.first)))
+        self.levels = 1
+        if self._parts:
+            self.levels += int(math.log2(min(LAST_NODES / min(self.first), 4 * LAST_NODES / max(self.first))))
 
     @property
     def refinable(self) -> bool:

@@ -42,10 +42,9 @@ def _members(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None
     sigma_t = sigma_s + sigma_a if sigma_t is None else sigma_t
     if albedo is None:
         albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
-    reduced = similarity.reduced(sigma_s, sigma_a, g)
-    values = dict(zip(("sigma_t", "sigma_s", "sigma_a", "albedo", "g", "sigma_t_reduced", "albedo_reduced", "sigma_tr", "theta", "phase",
-                       "phase_error", "cdf"),
-                      (sigma_t, sigma_s, sigma_a, albedo, g, *reduced, theta, f, error, phase.cumulative(theta, f))))
+    reduced = dict(zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"), similarity.reduced(sigma_s, sigma_a, g)))
+    values = {"sigma_t": sigma_t, "sigma_s": sigma_s, "sigma_a": sigma_a, "albedo": albedo, "g": g, **reduced,
+              "theta": theta, "phase": f, "phase_error": error, "cdf": phase.cumulative(theta, f)}
     if elements.shape[1] > 1:
         values |= dict(zip(("s11", *ELEMENTS), np.moveaxis(elements, 1, 0)))
     return {name: Dataset(np.ascontiguousarray(value), *_RULES[name][1:]) for name, value in values.items()}
@@ -62,8 +61,10 @@ def _inputs_of_particles(recipe, upstream) -> dict:
     return {
         "names": names, "fraction": [float(c.fraction) for c in particles.components],
         "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
-        "mean_volume": stacked("mean_volume")[:, 0], "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
-        "elements": np.stack([stacked(name) for name in fields], axis=2), "phase_error": stacked("phase_error"), "error": stacked("error"),
+        "mean_volume": stacked("mean_volume")[:, 0],
+        "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
+        "elements": np.stack([stacked(name) for name in fields], axis=2),
+        "phase_error": stacked("phase_error"), "error": stacked("error"),
         "theta": np.asarray(optics["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
         "host_k": np.asarray(particles.host.k, float),
     }
@@ -78,15 +79,19 @@ def _compute_of_particles(inputs: dict, context) -> Result:
         number = mixing.number_density(fraction, volume, inputs["volume_fraction"])
     filled = mixing.volume_fraction(fraction, volume, number)
     if filled > 1:
-        raise StageError(f"{number:.3g} particles per m^3 would fill {filled:.3g} of the volume; a smaller number_density would do")
-    sigma_s, sigma_a, elements, error = mixing.mixed(fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"],
-                                                     inputs["phase_error"], inputs["theta"])
+        raise StageError(f"{number:.3g} particles per m^3 would fill {filled:.3g} of the volume; "
+                         "a smaller number_density would do")
+    sigma_s, sigma_a, elements, error = mixing.mixed(
+        fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"], inputs["phase_error"], inputs["theta"])
     host = (1 - filled) * mixing.bulk_absorption(inputs["host_k"], inputs["wavelength"])
     notes = []
     if filled > 0.01:
-        notes.append(f"particles fill {100 * filled:.2g} % of the volume: beyond about 1 % spheres no longer scatter independently, as assumed")
+        notes.append(
+            f"particles fill {100 * filled:.2g} % of the volume: beyond about 1 % spheres no longer scatter independently, "
+            "as assumed")
     if (host > context.tolerance * sigma_a).any():
-        notes.append(f"the host absorbs up to {host.max():.2g} /m; that is added to sigma_a, the spheres are computed for its real index")
+        notes.append(
+            f"the host absorbs up to {host.max():.2g} /m; that is added to sigma_a, the spheres are computed for its real index")
     # a weighted mean is no worse than its worst part; the weights of several parts are off by the error of cross sections, which
     # `optics` holds to a tenth of its tolerance
     worst = float(inputs["error"].max()) + (0.2 * context.tolerance if len(fraction) > 1 else 0.0)
@@ -105,8 +110,8 @@ def _compute_of_coefficients(inputs: dict, context) -> Result:
     from bakery.medium import analytic
 
     try:
-        theta, values, error, worst = analytic.tabulated(inputs["type"], _ANALYTIC * context.tolerance, inputs["wavelengths"], inputs["g"],
-                                                         inputs["spread"], inputs["table"])
+        theta, values, error, worst = analytic.tabulated(
+            inputs["type"], _ANALYTIC * context.tolerance, inputs["wavelengths"], inputs["g"], inputs["spread"], inputs["table"])
     except ValueError as fault:
         raise StageError(f"phase function {inputs['type']}: {fault}") from None
     sigma_t, albedo = (np.broadcast_to(inputs[name], (inputs["wavelengths"],)).astype(float) for name in ("sigma_t", "albedo"))
@@ -165,7 +170,8 @@ def check(group: Group) -> Iterable[str]:
     yield from check_phase(v["theta"], v["phase"], [v.get(name) for name in ELEMENTS])
     if (np.abs(v["g"]) > 1).any() or not np.allclose(v["g"], phase.mean_cosine(v["theta"], v["phase"]), rtol=0, atol=1e-12):
         yield "g is not the mean cosine of phase"
-    for name, value in zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"), similarity.reduced(v["sigma_s"], v["sigma_a"], v["g"])):
+    for name, value in zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"),
+                           similarity.reduced(v["sigma_s"], v["sigma_a"], v["g"])):
         if not near(v[name], value):
             yield f"{name} does not follow from sigma_s, sigma_a and g"
     cdf = v["cdf"]
@@ -205,7 +211,8 @@ OF_COEFFICIENTS = Stage(
     needs=(),
     applies=lambda recipe: recipe.medium is not None,
     outputs=_OUTPUTS,
-    error_measure="largest relative error of the tabulated phase function between its angles; a user's table is exact by definition",
+    error_measure="largest relative error of the tabulated phase function between its angles; "
+                  "a user's table is exact by definition",
     cost=_cost_of_coefficients,
     inputs=_inputs_of_coefficients,
     compute=_compute_of_coefficients,

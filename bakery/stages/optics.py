@@ -12,6 +12,7 @@ from bakery.store.tree import Dataset, Group
 
 METHODS = ("rayleigh", "mie", "goa")
 ELEMENTS = ("s12", "s33", "s34")
+_OF_ABSORPTION = "relative change of the mean absorption when nodes are halved"
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
              "mean_absorption", "phase")
 
@@ -27,7 +28,7 @@ def _population(component):
 
 def _components(recipe):
     """Components with indices relative to the host's real index: an absorbing host is `medium`'s affair (medium/mixing.py)."""
-    from bakery.mie.averaged import Component
+    from bakery.mie.predicted import Component
 
     host = np.asarray(recipe.particles.host.n, float)
     return [Component(c.name, (np.asarray(c.material.n, float) + 1j * np.asarray(c.material.k, float)) / host, _population(c))
@@ -40,24 +41,25 @@ def inputs(recipe, upstream) -> dict:
 
 
 def operations(recipe) -> float:
-    """Predicted seconds on one core of the machine on which the rates of `bakery.mie.averaged` were measured."""
+    """Predicted seconds on one core of the machine on which the rates of `bakery.mie.predicted` were measured."""
     return _prediction(recipe).seconds
 
 
 def _prediction(recipe):
-    from bakery.mie.averaged import predict
+    from bakery.mie.predicted import predict
 
     return predict(_components(recipe), recipe.wavelength, recipe.particles.host.n, recipe.tolerance, recipe.phase.polarized)
 
 
 def cost(recipe) -> Cost:
     made = _prediction(recipe)
-    return Cost(made.seconds, made.memory, made.file,
-                f"about {made.angles} angles, {made.spheres} spheres, {made.seconds:.2g} s of one core; rates from benchmarks/averages.py")
+    basis = f"about {made.angles} angles, {made.spheres} spheres, {made.seconds:.2g} s of one core"
+    return Cost(made.seconds, made.memory, made.file, basis + "; rates from benchmarks/averages.py")
 
 
 def compute(inputs: dict, context) -> Result:
-    from bakery.mie.averaged import averages, predict
+    from bakery.mie.averaged import averages
+    from bakery.mie.predicted import predict
 
     expected = predict(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"]).seconds
 
@@ -71,12 +73,13 @@ def compute(inputs: dict, context) -> Result:
     notes = []
     for component, average in zip(inputs["components"], found):
         members[component.name] = _group(component, average)
-        for wavelength, error, absorption, extinction in zip(inputs["wavelength"], average.absorption_error,
-                                                             *_means(average)):
-            if error > context.tolerance:
-                notes.append(
-                    f"{component.name} at {wavelength:g} um: the mean absorption, {absorption / extinction:.1g} of the extinction, changed by "
-                    f"{100 * error:.2g} % in the last halving: spheres that hardly absorb do so in resonances narrower than any grid")
+        worst = int(np.argmax(average.absorption_error))
+        if average.absorption_error[worst] > context.tolerance:
+            absorption, extinction = (mean[worst] for mean in _means(average))
+            notes.append(
+                f"{component.name} at {inputs['wavelength'][worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
+                f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
+                "hardly absorb do so in resonances narrower than any grid")
     context.report(1.0, max(float(a.error.max()) for a in found))
     return Result(members, max(float(a.error.max()) for a in found), tuple(notes))
 
@@ -103,7 +106,7 @@ def _group(component, average) -> Group:
         "mean_extinction": Dataset(mean_scattering + mean_absorption, "um^2", "extinction averaged over the distribution"),
         "mean_scattering": Dataset(mean_scattering, "um^2", "scattering averaged over the distribution"),
         "mean_absorption": Dataset(mean_absorption, "um^2", "absorption averaged over the distribution"),
-        "absorption_error": Dataset(average.absorption_error, "1", "relative change of the mean absorption when nodes are halved"),
+        "absorption_error": Dataset(average.absorption_error, "1", _OF_ABSORPTION),
         "error": Dataset(average.error, "1", "largest relative error of phase function and mean cross sections"),
         "phase": Dataset(average.elements[:, 0], "1/sr", "phase function averaged by scattering, linear in cos theta"),
         "phase_error": Dataset(average.phase_error, "1/sr", "estimated error of phase (and of s12, s33, s34)"),
@@ -201,19 +204,20 @@ STAGE = Stage(
         Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
         Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
         Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
-        Output("COMPONENT/absorption_error", "(L,)", "1", "relative change of the mean absorption when nodes are halved"),
+        Output("COMPONENT/absorption_error", "(L,)", "1", _OF_ABSORPTION),
         Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections"),
         Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
         Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
         *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)
           for name in ELEMENTS),
     ),
-    error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative to at "
-                  "least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of linear "
-                  "interpolation in cos theta half-way between angles; for spheres of (nearly) one size relative to the nearest crest",
+    error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
+                  "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
+                  "linear interpolation in cos theta half-way between angles; for (nearly) equal spheres relative to the "
+                  "nearest crest",
     cost=cost,
     inputs=inputs,
     compute=compute,
     check=check,
-    knobs=(Knob("tolerance", "tolerance", 0.01, "largest relative error of cross sections and of the phase function at any angle"),),
+    knobs=(Knob("tolerance", "tolerance", 0.01, "largest relative error of cross sections and phase function"),),
 )

@@ -29,8 +29,12 @@ def test_normalisation_and_cdf_are_exact_for_the_interpolant(seed):
     assert (cdf[:, 0] == 0).all() and (cdf[:, -1] == 1).all() and (np.diff(cdf) >= 0).all()
     # brute force over mu in each cell with a rule that is exact for quadratics
     mu = np.cos(theta)
-    g = sum(integrate.fixed_quad(lambda m: m * phase.evaluate(theta, f[0], np.arccos(np.clip(m, -1, 1))), mu[i + 1], mu[i], n=3)[0]
-            for i in range(len(theta) - 1))
+    g = sum(integrate.fixed_quad(
+                lambda m: m * phase.evaluate(theta, f[0],
+                                             np.arccos(np.clip(m, -1, 1))),
+                mu[i +1],
+                mu[i],
+                n=3) [0] for i in range(len(theta) -1))
     # cosines lose 1e-16/theta at the smallest angles: the brute force, not the table
     assert phase.mean_cosine(theta, f)[0] == pytest.approx(2 * math.pi * g, abs=1e-6)
 

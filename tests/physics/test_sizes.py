@@ -43,7 +43,8 @@ def test_gamma_density_is_scipys(variance):
     assert np.allclose(law.density(r), there.pdf(r), rtol=1e-7)
 
 
-@pytest.mark.parametrize("s", [size("lognormal", radius=5.0, sigma=1.5, min=3.0, max=8.0), size("gamma", radius=5.0, variance=0.2, min=2.0, max=30.0)])
+@pytest.mark.parametrize("s", [size("lognormal", radius=5.0, sigma=1.5, min=3.0, max=8.0),
+                         size("gamma", radius=5.0, variance=0.2, min=2.0, max=30.0)])
 def test_cuts_restrict_and_renormalise(s):
     p = population(s)
     n = p.parts[0].law.density
@@ -105,7 +106,8 @@ SIZES = [
     size("lognormal", radius=5.0, sigma=1.0001), size("lognormal", radius=5.0, sigma=1.5, min=4.0, max=6.0),
     size("gamma", radius=5.0, variance=0.1), size("gamma", radius=5.0, variance=0.45), size("gamma", radius=5.0, variance=1e-8),
     size("table", table=(np.array([0.0, 1.0, 1.0001, 5.0]), np.array([0.0, 0.0, 1.0, 0.0]))),
-    size("mixture", of=((0.995, size("lognormal", radius=5.0, sigma=1.5)), (0.005, size("single", radius=50.0))), min=1.0, max=60.0),
+    size("mixture", of=((0.995, size("lognormal", radius=5.0, sigma=1.5)), (0.005, size("single", radius=50.0))),
+         min=1.0, max=60.0),
     size("single", radius=1e-9),
 ]
 
@@ -116,7 +118,8 @@ def test_levels_are_nested_and_converge_to_exact_moments(s):
     nodes = Nodes(p, K, 0.01)
     level = min(5, nodes.levels - 1)
     radius, weight = nodes.whole(level)
-    assert abs(weight.sum() - 1) < 1e-14 and (weight >= 0).all() and (np.diff(radius) >= 0).all() and len(radius) == nodes.count(level)
+    assert abs(weight.sum() - 1) < 1e-14 and (weight >= 0).all() and (np.diff(radius) >= 0).all()
+    assert len(radius) == nodes.count(level)
     for power in (2, 3, 4):
         # what is neglected is below a hundredth of the tolerance at each end; the sum of both, and of the number
         assert np.sum(weight * radius**power) == pytest.approx(p.moment(power), rel=4e-4)

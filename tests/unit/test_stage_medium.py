@@ -27,8 +27,8 @@ def of_particles(upstream, **given):
 
 def of_coefficients(tolerance=0.01, albedo=(0.9, 1.0), **kind):
     phase = dict(type="hg", g=np.array([0.7, -0.2]), spread=None, table=None) | kind
-    made = SimpleNamespace(wavelength=(0.6, 0.5), medium=SimpleNamespace(sigma_t=np.array([2.0, 5.0]), albedo=np.array(albedo),
-                                                                         phase=SimpleNamespace(**phase)), particles=None, tolerance=tolerance)
+    medium = SimpleNamespace(sigma_t=np.array([2.0, 5.0]), albedo=np.array(albedo), phase=SimpleNamespace(**phase))
+    made = SimpleNamespace(wavelength=(0.6, 0.5), medium=medium, particles=None, tolerance=tolerance)
     return OF_COEFFICIENTS.compute(OF_COEFFICIENTS.inputs(made, {}), Here(tolerance)), made
 
 
@@ -52,7 +52,8 @@ def test_volume_fraction_and_number_density_say_the_same(upstream):
     by_volume = of_particles(upstream, number=None, filled=1e8 * volume * 1e-18)
     assert by_volume.members["sigma_t"].data == pytest.approx(of_particles(upstream).members["sigma_t"].data, rel=1e-12)
     # the drops' mean volume is the closed form of the log-normal law
-    assert upstream["optics"]["drops/mean_volume"].data[0] == pytest.approx(4 / 3 * math.pi * 0.125 * math.exp(4.5 * math.log(1.5) ** 2), rel=1e-12)
+    assert upstream["optics"]["drops/mean_volume"].data[0] == pytest.approx(
+        4 / 3 * math.pi * 0.125 * math.exp(4.5 * math.log(1.5) ** 2), rel=1e-12)
 
 
 def test_absorbing_host_adds_its_bulk_absorption(upstream):
@@ -69,12 +70,22 @@ def test_too_many_particles_are_refused_or_noted(upstream):
 
 
 TAMPERED = [
-    ("phase", lambda a: a * 1.0001, "integrates"), ("sigma_s", lambda a: a * 1.01, "sigma_t is not"), ("albedo", lambda a: a * 1.2, "albedo"),
-    ("g", lambda a: a + 1e-6, "mean cosine"), ("cdf", lambda a: a**1.01, "integral of phase"), ("cdf", lambda a: a[:, ::-1], "rise"),
-    ("theta", lambda a: a * 1.01, "ascend"), ("sigma_tr", lambda a: a * 1.01, "sigma_tr"), ("s11", lambda a: a * 1.01, "s11"),
-    ("s33", lambda a: a * 2 + 1, "exceeds"), ("sigma_a", lambda a: a * np.inf, "finite"), ("sigma_t", lambda a: -a, "below 0"),
-    ("phase", lambda a: np.roll(a, 1, axis=1), "mean cosine"), ("sigma_t_reduced", lambda a: a * 0.99, "sigma_t_reduced"),
-]
+    ("phase", lambda a: a * 1.0001, "integrates"),
+    ("sigma_s", lambda a: a * 1.01, "sigma_t is not"),
+    ("albedo", lambda a: a * 1.2, "albedo"),
+    ("g", lambda a: a +1e-6, "mean cosine"),
+    ("cdf", lambda a: a ** 1.01, "integral of phase"),
+    ("cdf", lambda a: a[:,:: -1],
+     "rise"),
+    ("theta", lambda a: a * 1.01, "ascend"),
+    ("sigma_tr", lambda a: a * 1.01, "sigma_tr"),
+    ("s11", lambda a: a * 1.01, "s11"),
+    ("s33", lambda a: a * 2 +1, "exceeds"),
+    ("sigma_a", lambda a: a * np.inf, "finite"),
+    ("sigma_t", lambda a: -a, "below 0"),
+    ("phase", lambda a: np.roll(a, 1, axis=1),
+     "mean cosine"),
+    ("sigma_t_reduced", lambda a: a * 0.99, "sigma_t_reduced"),]
 
 
 @pytest.mark.parametrize("path, change, words", TAMPERED)
@@ -100,9 +111,14 @@ def test_given_coefficients_are_kept():
     assert values["sigma_t_reduced"] == pytest.approx(reduced, rel=1e-13)
 
 
-@pytest.mark.parametrize("kind", [dict(type="isotropic", g=None), dict(type="rayleigh", g=None), dict(type="gaussian", g=None, spread=0.5),
-                                  dict(g=np.array([0.9999, -0.9999])), dict(g=np.array([0.0, 0.0])),
-                                  dict(type="table", g=None, table=(np.array([0.0, 1.0, math.pi]), np.array([3.0, 1.0, 0.0])))])
+@pytest.mark.parametrize("kind",
+                         [dict(type="isotropic", g=None),
+                          dict(type="rayleigh", g=None),
+                          dict(type="gaussian", g=None, spread=0.5),
+                          dict(g=np.array([0.9999, -0.9999])),
+                          dict(g=np.array([0.0, 0.0])),
+                          dict(type="table", g=None, table=(np.array([0.0, 1.0, math.pi]),
+                                                            np.array([3.0, 1.0, 0.0])))])
 def test_every_kind_of_phase_function_passes_its_rules(kind):
     result, made = of_coefficients(**kind)
     assert list(OF_COEFFICIENTS.check(Group(result.members))) == []
@@ -117,7 +133,20 @@ def test_impossible_phase_functions_are_stage_errors():
 def test_what_each_reads():
     from bakery.plan.inputs import reads_key
 
-    assert all(reads_key(OF_PARTICLES, key) for key in ("particles.number_density", "particles.volume_fraction", "particles.components[0].fraction"))
-    assert not any(reads_key(OF_PARTICLES, key) for key in ("particles.components[0].size.sigma", "description", "phase.polarized", "name"))
+    assert all(
+    reads_key(
+        OF_PARTICLES,
+        key) for key in (
+            "particles.number_density",
+            "particles.volume_fraction",
+             "particles.components[0].fraction"))
+    assert not any(
+    reads_key(
+        OF_PARTICLES,
+        key) for key in (
+            "particles.components[0].size.sigma",
+            "description",
+            "phase.polarized",
+             "name"))
     assert reads_key(OF_COEFFICIENTS, "medium.phase.g[0]") and not reads_key(OF_COEFFICIENTS, "name")
     assert OF_PARTICLES.name == OF_COEFFICIENTS.name == "medium" and OF_PARTICLES.needs == ("optics",)

@@ -26,8 +26,11 @@ def recipe(polarized=False, tolerance=0.03, number=1e8, filled=None, host=1.0, h
     components = (SimpleNamespace(name="drops", material=index(1.33, 1e-3), fraction=0.8, size=size(**of_size)),
                   SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2)))
     return SimpleNamespace(
-        wavelength=(0.6, 0.45), tolerance=tolerance, medium=None, phase=SimpleNamespace(method="auto", orders=3, polarized=polarized),
-        particles=SimpleNamespace(host=index(host, host_k), number_density=number, volume_fraction=filled, components=components))
+    wavelength=(
+        0.6, 0.45), tolerance=tolerance, medium=None, phase=SimpleNamespace(
+            method="auto", orders=3, polarized=polarized), particles=SimpleNamespace(
+                host=index(
+                    host, host_k), number_density=number, volume_fraction=filled, components=components))
 
 
 class Here:
@@ -74,13 +77,22 @@ def test_rules_hold_and_the_tolerance_is_met(baked):
 
 
 TAMPERED = [
-    ("drops/phase", lambda a: a * 1.001, "integrates"), ("drops/phase", lambda a: -a, "below 0"), ("drops/weight", lambda a: a * 0.999, "add up"),
-    ("drops/scattering", lambda a: a * 1.01, "scattering"), ("drops/mean_scattering", lambda a: a * 1.01, "mean_"),
-    ("drops/extinction", lambda a: a * (1 + 1e-9), "extinction"), ("dust/mean_absorption", lambda a: a + 1, "mean_"),
-    ("theta", lambda a: a[::-1], "ascend"), ("theta", lambda a: a * 0.999, "ascend"), ("dust/s12", lambda a: a + 1, "exceeds"),
-    ("drops/radius", lambda a: a * np.nan, "not finite"), ("drops/method", lambda a: a + 2, "method"), ("drops/error", lambda a: -a, "below 0"),
-    ("drops/radius", lambda a: -a, "radius"),
-]
+    ("drops/phase", lambda a: a * 1.001, "integrates"),
+    ("drops/phase", lambda a: -a, "below 0"),
+    ("drops/weight", lambda a: a * 0.999, "add up"),
+    ("drops/scattering", lambda a: a * 1.01, "scattering"),
+    ("drops/mean_scattering", lambda a: a * 1.01, "mean_"),
+    ("drops/extinction", lambda a: a * (1 +1e-9),
+     "extinction"),
+    ("dust/mean_absorption", lambda a: a +1, "mean_"),
+    ("theta", lambda a: a[:: -1],
+     "ascend"),
+    ("theta", lambda a: a * 0.999, "ascend"),
+    ("dust/s12", lambda a: a +1, "exceeds"),
+    ("drops/radius", lambda a: a * np.nan, "not finite"),
+    ("drops/method", lambda a: a +2, "method"),
+    ("drops/error", lambda a: -a, "below 0"),
+    ("drops/radius", lambda a: -a, "radius"),]
 
 
 def tamper(group: Group, path, change) -> Group:
@@ -109,9 +121,24 @@ def test_index_is_relative_to_the_host():
 def test_reads_what_matters_and_nothing_else():
     from bakery.plan.inputs import reads_key
 
-    yes = ["particles.components[0].size.sigma", "particles.components[1].size.of[0].share", "particles.components[0].material.n[1]",
-           "particles.host", "wavelengths[2]", "tolerance", "phase.polarized", "particles.components[0].name", "particles.components[0].size.file"]
-    no = ["particles.number_density", "particles.volume_fraction", "particles.components[0].fraction", "name", "description", "seed", "phase.orders"]
+    yes = [
+    "particles.components[0].size.sigma",
+    "particles.components[1].size.of[0].share",
+    "particles.components[0].material.n[1]",
+    "particles.host",
+    "wavelengths[2]",
+    "tolerance",
+    "phase.polarized",
+    "particles.components[0].name",
+     "particles.components[0].size.file"]
+    no = [
+    "particles.number_density",
+    "particles.volume_fraction",
+    "particles.components[0].fraction",
+    "name",
+    "description",
+    "seed",
+     "phase.orders"]
     assert all(reads_key(STAGE, key) for key in yes) and not any(reads_key(STAGE, key) for key in no)
 
 
