@@ -7,8 +7,10 @@ Seconds are operation counts times rates.  The counts were fitted to runs of 16 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -20,6 +22,7 @@ CROSS = 2e-9  # per term of a sphere's series, cross sections only
 COEFFICIENT = 11e-9  # per term, where angles follow
 INTENSITY = 0.13e-9  # per term and angle
 MUELLER = 0.15e-9
+LOADING, COMPILING = 0.6, 12.0  # seconds, same machine
 FIRST_LEVEL = 2  # level before which nothing has converged: steps in size parameter of ~1
 HELD = 64 * 2**20  # bytes of block results held at a time
 _DAMPED, _RIPPLES, _RESONANT, _PASSES = 3.5, 5.0, 400.0, 4.0  # fitted
@@ -43,6 +46,15 @@ class Channel:
     m: complex
     k: float
     nodes: Nodes
+
+
+def startup() -> tuple[float, str]:
+    """Seconds before the first sphere, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
+    here = Path(__file__).parent
+    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
+    source = (here / "_kernels.py").stat().st_mtime
+    compiled = [path for path in kept.rglob("_kernels.*intensity_block*.nbi") if path.stat().st_mtime >= source]
+    return (LOADING, "kernels loaded") if compiled else (COMPILING, "kernels compiled first, once")
 
 
 def terms(x):

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
+
 from bakery.store.tree import Dataset, Group
 
 
@@ -22,6 +24,18 @@ class Output:
     units: str
     description: str
     optional: bool = False
+    choices: tuple[str, ...] = ()  # names of the values of an integer array
+
+
+def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str = "") -> dict[str, Dataset]:
+    """Arrays as the datasets that a stage declares: units and descriptions stand in the declaration only.
+
+    `values` maps names to arrays, `prefix` is the declared path before them (`COMPONENT/`).  A value that is not declared is a bug of the
+    stage: KeyError.
+    """
+    declared = {output.path: output for output in outputs}
+    return {name: Dataset(np.ascontiguousarray(data), declared[prefix + name].units, declared[prefix + name].description,
+                          declared[prefix + name].choices) for name, data in values.items()}
 
 
 @dataclass(frozen=True)

@@ -7,30 +7,30 @@ from collections.abc import Iterable
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.stages.declaration import Cost, Output, Result, Stage
+from bakery.stages.declaration import Cost, Output, Result, Stage, datasets
 from bakery.stages.optics import ELEMENTS, check_angles, check_phase
 from bakery.store.tree import Dataset, Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
-_RULES = {
-    "sigma_t": ("(L,)", "1/m", "extinction coefficient"),
-    "sigma_s": ("(L,)", "1/m", "scattering coefficient"),
-    "sigma_a": ("(L,)", "1/m", "absorption coefficient"),
-    "albedo": ("(L,)", "1", "single-scattering albedo, sigma_s / sigma_t"),
-    "g": ("(L,)", "1", "mean cosine of the tabulated phase function"),
-    "sigma_t_reduced": ("(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
-    "albedo_reduced": ("(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced"),
-    "sigma_tr": ("(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
-    "theta": ("(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
-    "phase": ("(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
-    "phase_error": ("(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
-    "cdf": ("(L, A)", "1", "probability of a scattering angle below theta"),
-    "s11": ("(L, A)", "1/sr", "Mueller element s11, equal to phase"),
-    "s12": ("(L, A)", "1/sr", "Mueller element s12"),
-    "s33": ("(L, A)", "1/sr", "Mueller element s33"),
-    "s34": ("(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)"),
-}
-_REQUIRED = tuple(name for name in _RULES if name not in ("phase_error", "s11", *ELEMENTS))
+OUTPUTS = (
+    Output("sigma_t", "(L,)", "1/m", "extinction coefficient"),
+    Output("sigma_s", "(L,)", "1/m", "scattering coefficient"),
+    Output("sigma_a", "(L,)", "1/m", "absorption coefficient"),
+    Output("albedo", "(L,)", "1", "single-scattering albedo, sigma_s / sigma_t"),
+    Output("g", "(L,)", "1", "mean cosine of the tabulated phase function"),
+    Output("sigma_t_reduced", "(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
+    Output("albedo_reduced", "(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced"),
+    Output("sigma_tr", "(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    Output("phase", "(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
+    Output("phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    Output("cdf", "(L, A)", "1", "probability of a scattering angle below theta"),
+    Output("s11", "(L, A)", "1/sr", "Mueller element s11, equal to phase", optional=True),
+    Output("s12", "(L, A)", "1/sr", "Mueller element s12", optional=True),
+    Output("s33", "(L, A)", "1/sr", "Mueller element s33", optional=True),
+    Output("s34", "(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)", optional=True),
+)
+_REQUIRED = tuple(output.path for output in OUTPUTS if not output.optional and output.path != "phase_error")
 
 
 def _members(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None) -> dict:
@@ -47,7 +47,7 @@ def _members(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None
               "theta": theta, "phase": f, "phase_error": error, "cdf": phase.cumulative(theta, f)}
     if elements.shape[1] > 1:
         values |= dict(zip(("s11", *ELEMENTS), np.moveaxis(elements, 1, 0)))
-    return {name: Dataset(np.ascontiguousarray(value), *_RULES[name][1:]) for name, value in values.items()}
+    return datasets(OUTPUTS, values)
 
 
 def _inputs_of_particles(recipe, upstream) -> dict:
@@ -185,8 +185,6 @@ def check(group: Group) -> Iterable[str]:
         yield "s11 is not phase"
 
 
-_OUTPUTS = tuple(Output(name, *rule, optional=name in ("s11", *ELEMENTS)) for name, rule in _RULES.items())
-
 OF_PARTICLES = Stage(
     name="medium",
     version=1,
@@ -195,7 +193,7 @@ OF_PARTICLES = Stage(
            "particles.components[*].fraction", "particles.components[*].name"),
     needs=("optics",),
     applies=lambda recipe: recipe.particles is not None,
-    outputs=_OUTPUTS,
+    outputs=OUTPUTS,
     error_measure="largest relative error of any coefficient and of the phase function at any angle, as estimated by optics",
     cost=_cost_of_particles,
     inputs=_inputs_of_particles,
@@ -210,7 +208,7 @@ OF_COEFFICIENTS = Stage(
     reads=("wavelengths", "tolerance", "medium"),
     needs=(),
     applies=lambda recipe: recipe.medium is not None,
-    outputs=_OUTPUTS,
+    outputs=OUTPUTS,
     error_measure="largest relative error of the tabulated phase function between its angles; "
                   "a user's table is exact by definition",
     cost=_cost_of_coefficients,

@@ -7,14 +7,32 @@ from collections.abc import Iterable
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage
+from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group
 
 METHODS = ("rayleigh", "mie", "goa")
 ELEMENTS = ("s12", "s33", "s34")
-_OF_ABSORPTION = "relative change of the mean absorption when nodes are halved"
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
              "mean_absorption", "phase")
+OUTPUTS = (
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    Output("COMPONENT/radius", "(R,)", "um", "quadrature nodes of the size distribution"),
+    Output("COMPONENT/weight", "(R,)", "1", "share of the particle number at each node, adding up to 1"),
+    Output("COMPONENT/mean_volume", "(1,)", "um^3", "mean volume of a particle, exact"),
+    Output("COMPONENT/extinction", "(L, R)", "um^2", "extinction cross section of a sphere"),
+    Output("COMPONENT/scattering", "(L, R)", "um^2", "scattering cross section of a sphere"),
+    Output("COMPONENT/absorption", "(L, R)", "um^2", "absorption cross section of a sphere"),
+    Output("COMPONENT/method", "(L, R)", "1", "how each sphere was computed", choices=METHODS),
+    Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
+    Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
+    Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
+    Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
+    Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections"),
+    Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
+    Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)
+      for name in ELEMENTS),
+)
 
 
 def _population(component):
@@ -52,9 +70,13 @@ def _prediction(recipe):
 
 
 def cost(recipe) -> Cost:
+    from bakery.mie.predicted import startup
+
     made = _prediction(recipe)
-    basis = f"about {made.angles} angles, {made.spheres} spheres, {made.seconds:.2g} s of one core"
-    return Cost(made.seconds, made.memory, made.file, basis + "; rates from benchmarks/averages.py")
+    before, why = startup()
+    return Cost(made.seconds, made.memory, made.file,
+                f"about {made.angles} angles, {made.spheres} spheres, {made.seconds:.2g} s of one core by the rates of "
+                f"benchmarks/averages.py; {before:g} s for {why}", before)
 
 
 def compute(inputs: dict, context) -> Result:
@@ -68,8 +90,7 @@ def compute(inputs: dict, context) -> Result:
 
     theta, found = averages(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"],
                             context.map, report)
-    members: dict[str, Dataset | Group] = {
-        "theta": Dataset(theta, "rad", "angle between the directions of travel, from 0 (forward) to pi")}
+    members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes = []
     for component, average in zip(inputs["components"], found):
         members[component.name] = _group(component, average)
@@ -91,29 +112,18 @@ def _means(average):
 
 
 def _group(component, average) -> Group:
-    extinction = average.scattering + average.absorption
-    mean_absorption, _ = _means(average)
+    mean_absorption, mean_extinction = _means(average)
     mean_scattering = np.sum(average.scattering * average.weight, axis=-1)
-    method = np.full(extinction.shape, METHODS.index("mie"), np.uint8)
-    members = {
-        "radius": Dataset(average.radius, "um", "quadrature nodes of the size distribution"),
-        "weight": Dataset(average.weight, "1", "share of the particle number at each node, adding up to 1"),
-        "mean_volume": Dataset(np.array([component.sizes.mean_volume]), "um^3", "mean volume of a particle, exact"),
-        "extinction": Dataset(extinction, "um^2", "extinction cross section of a sphere"),
-        "scattering": Dataset(average.scattering, "um^2", "scattering cross section of a sphere"),
-        "absorption": Dataset(average.absorption, "um^2", "absorption cross section of a sphere"),
-        "method": Dataset(method, "1", "how each sphere was computed", choices=METHODS),
-        "mean_extinction": Dataset(mean_scattering + mean_absorption, "um^2", "extinction averaged over the distribution"),
-        "mean_scattering": Dataset(mean_scattering, "um^2", "scattering averaged over the distribution"),
-        "mean_absorption": Dataset(mean_absorption, "um^2", "absorption averaged over the distribution"),
-        "absorption_error": Dataset(average.absorption_error, "1", _OF_ABSORPTION),
-        "error": Dataset(average.error, "1", "largest relative error of phase function and mean cross sections"),
-        "phase": Dataset(average.elements[:, 0], "1/sr", "phase function averaged by scattering, linear in cos theta"),
-        "phase_error": Dataset(average.phase_error, "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    values = {
+        "radius": average.radius, "weight": average.weight, "mean_volume": np.array([component.sizes.mean_volume]),
+        "extinction": average.scattering + average.absorption, "scattering": average.scattering, "absorption": average.absorption,
+        "method": np.full(average.scattering.shape, METHODS.index("mie"), np.uint8),
+        "mean_extinction": mean_extinction, "mean_scattering": mean_scattering,
+        "mean_absorption": mean_absorption, "mean_absorption_error": average.absorption_error * mean_absorption,
+        "error": average.error, "phase": average.elements[:, 0], "phase_error": average.phase_error,
     }
-    for name, values in zip(ELEMENTS, np.moveaxis(average.elements[:, 1:], 1, 0)):
-        members[name] = Dataset(values, "1/sr", f"Mueller element {name}, in the scale of phase (= s11)")
-    return Group(members)
+    values |= dict(zip(ELEMENTS, np.moveaxis(average.elements[:, 1:], 1, 0), strict=False))
+    return Group(datasets(OUTPUTS, values, "COMPONENT/"))
 
 
 def check(group: Group) -> Iterable[str]:
@@ -156,7 +166,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
         yield "method is none of " + ", ".join(METHODS)
     if "mean_volume" in values and not (values["mean_volume"] > 0).all():
         yield "mean_volume not above 0"
-    if any((values[name] < 0).any() for name in ("error", "absorption_error", "phase_error") if name in values):
+    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error") if name in values):
         yield "an error estimate below 0"
     if theta is not None:
         yield from check_phase(theta, values["phase"], [values.get(name) for name in ELEMENTS])
@@ -192,25 +202,7 @@ STAGE = Stage(
            "particles.components[*].size", "phase.method", "phase.polarized"),
     needs=(),
     applies=lambda recipe: recipe.particles is not None,
-    outputs=(
-        Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
-        Output("COMPONENT/radius", "(R,)", "um", "quadrature nodes of the size distribution"),
-        Output("COMPONENT/weight", "(R,)", "1", "share of the particle number at each node, adding up to 1"),
-        Output("COMPONENT/mean_volume", "(1,)", "um^3", "mean volume of a particle, exact"),
-        Output("COMPONENT/extinction", "(L, R)", "um^2", "extinction cross section of a sphere"),
-        Output("COMPONENT/scattering", "(L, R)", "um^2", "scattering cross section of a sphere"),
-        Output("COMPONENT/absorption", "(L, R)", "um^2", "absorption cross section of a sphere"),
-        Output("COMPONENT/method", "(L, R)", "1", "how each sphere was computed"),
-        Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
-        Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
-        Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
-        Output("COMPONENT/absorption_error", "(L,)", "1", _OF_ABSORPTION),
-        Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections"),
-        Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
-        Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
-        *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)
-          for name in ELEMENTS),
-    ),
+    outputs=OUTPUTS,
     error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
                   "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
                   "linear interpolation in cos theta half-way between angles; for (nearly) equal spheres relative to the "
