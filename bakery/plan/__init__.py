@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from bakery.errors import UsageError
@@ -14,6 +14,7 @@ from bakery.plan.inputs import differences, input_hash, parts
 from bakery.stages.declaration import Cost, Stage
 
 RUN, REUSE = "run", "reuse"
+FRAME = 12_000  # bytes of an asset besides its stages' arrays: names, attributes, recipe, provenance
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,16 @@ class Step:
 
 @dataclass(frozen=True)
 class Plan:
-    """The ordered steps of a bake.  `write` is false where the asset is up to date as it stands."""
+    """The ordered steps of a bake.
+
+    `write` is false where the asset is up to date as it stands; `loaded` is the memory of the process before any stage, in bytes.
+    """
 
     recipe: object
     output: Path
     steps: tuple[Step, ...]
     write: bool
+    loaded: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -50,13 +55,13 @@ class Plan:
 
     @property
     def memory(self) -> float:
-        """Expected peak memory in bytes, on top of the interpreter: stages run one after another."""
-        return max((step.cost.memory for step in self.steps if step.action == RUN), default=0.0)
+        """Expected peak memory of the process in bytes: stages run one after another, on top of what is loaded."""
+        return self.loaded + max((step.cost.memory for step in self.steps if step.action == RUN), default=0.0)
 
     @property
     def file(self) -> float:
         """Expected size of the asset in bytes."""
-        return sum(step.cost.file for step in self.steps)
+        return FRAME + sum(step.cost.file for step in self.steps)
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
@@ -93,6 +98,7 @@ def make(
     in_cache: Callable[[str, str], bool] = lambda name, key: False,
     price: Callable[[Stage, Cost], Cost] = lambda stage, cost: cost,
     same_recipe: bool = False,
+    loaded: float = 0.0,
 ) -> Plan:
     """Order the stages and say of each whether and why it runs.
 
@@ -107,6 +113,7 @@ def make(
     in_cache : (stage name, input hash) -> whether the cache holds that stage
     price : turns a stage's cost model into an expectation for this machine
     same_recipe : whether the asset at `output` holds this recipe's very text
+    loaded : memory of the process before any stage, in bytes
     """
     current = current or {}
     steps, hashes = [], {}
@@ -127,9 +134,4 @@ def make(
                 why = [f"not in {output.name}" if previous is not None else f"no {output.name} yet", "not in the cache"]
         steps.append(Step(stage, key, found, action, tuple(why), price(stage, stage.cost(recipe))))
     held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
-    return Plan(recipe, output, tuple(steps), write=not held)
-
-
-def with_action(step: Step, action: str, *why: str) -> Step:
-    """The step with another action, where what the plan saw is no longer so."""
-    return replace(step, action=action, why=tuple(why))
+    return Plan(recipe, output, tuple(steps), write=not held, loaded=loaded)

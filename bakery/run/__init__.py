@@ -98,7 +98,7 @@ def prepare(
         return replace(cost, seconds=cost.startup + cost.seconds * ratio / workers, basis=basis)
 
     plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
-                same_recipe=same)
+                same_recipe=same, loaded=resources.resident_memory())
     _refuse_too_large(plan)
     return plan
 
@@ -335,8 +335,9 @@ def _refuse_too_large(plan: Plan) -> None:
     from bakery.store.files import free_space
 
     free = resources.free_memory()
-    if free is not None and plan.memory > SHARE_OF_MEMORY * free:
-        raise UsageError(f"{plan.recipe.path}: the bake needs about {resources.in_words(plan.memory)} of memory, of which "
+    needed = plan.memory - plan.loaded
+    if free is not None and needed > SHARE_OF_MEMORY * free:
+        raise UsageError(f"{plan.recipe.path}: the bake needs about {resources.in_words(needed)} of memory, of which "
                          f"{resources.in_words(free)} are free; a larger tolerance or a narrower size range needs less")
     if plan.file > LARGEST_FILE:
         raise UsageError(f"{plan.recipe.path}: the asset would take about {resources.in_words(plan.file)}; "

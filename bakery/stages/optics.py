@@ -58,11 +58,6 @@ def inputs(recipe, upstream) -> dict:
             "host": np.asarray(recipe.particles.host.n, float), "polarized": bool(recipe.phase.polarized)}
 
 
-def operations(recipe) -> float:
-    """Predicted seconds on one core of the machine on which the rates of `bakery.mie.predicted` were measured."""
-    return _prediction(recipe).seconds
-
-
 def _prediction(recipe):
     from bakery.mie.predicted import predict
 

@@ -88,7 +88,7 @@ def two_stages(monkeypatch):
 def test_actions(two_stages):
     fresh = planning.make(recipe(), Path("fog.h5"))
     assert [step.action for step in fresh.steps] == ["run", "run"]
-    assert fresh.write and fresh.seconds == 4.0 and fresh.memory == 1e6 and fresh.file == 2e3
+    assert fresh.write and fresh.seconds == 4.0 and fresh.memory == 1e6 and fresh.file == 2e3 + planning.FRAME
     hashes = {step.stage.name: step.input_hash for step in fresh.steps}
     held = planning.make(recipe(), Path("fog.h5"), previous={}, current=hashes, same_recipe=True)
     assert not held.write and [step.action for step in held.steps] == ["reuse", "reuse"]
