@@ -50,7 +50,7 @@ def test_every_recipe_ships_with_golden_values():
 def test_golden_values(case, tmp_path, request):
     path = bakery.bake(ROOT / "recipes" / f"{case}.yaml", output=tmp_path / "a.h5", quality="draft")
     asset = bakery.open(path)
-    versions = {name: int(stage.version) for name, stage in asset.stages.items()}
+    versions = {name: int(stage["stage_version"]) for name, stage in asset.stages.items()}
     new = {"origin": f"bake recipes/{case}.yaml --quality draft", "stages": versions, "tolerance": TOLERANCE,
            "angles_deg": list(ANGLES), "values": figures(asset)}
     assert all(math.isfinite(v) for values in new["values"].values() for v in values)
