@@ -33,6 +33,8 @@ COMMANDS = {
     "completion": "print the shell's completion script",
 }
 
+LATER = ("trade",)  # promised, and refused until they exist
+
 
 def is_recipe(word: str) -> bool:
     """A first word that ends in .yaml or .yml or holds a slash is a recipe, not a command."""
@@ -75,6 +77,8 @@ class Commands(click.Group):
     def unknown(self, word: str):
         import difflib
 
+        if word in LATER:
+            raise click.UsageError(f"{word} is not available yet; available: {', '.join(COMMANDS)}")
         near = difflib.get_close_matches(word, COMMANDS, 1)
         raise click.UsageError(
             f'found "{word}", which is neither a command nor a recipe (a recipe ends in .yaml or holds a slash)'

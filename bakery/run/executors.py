@@ -6,10 +6,12 @@ Values do not depend on the choice: blocks are fixed by a stage's inputs and com
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
+import bakery
 from bakery.errors import StageError, UsageError
 
 
@@ -70,6 +72,8 @@ def cluster(address: str) -> Iterator[Executor]:
         from distributed import Client
     except ImportError:
         raise UsageError('--cluster needs Dask: pip install "bakery[cluster]"') from None
+    if not re.fullmatch(r"([a-z]+://)?[^\s/]+:\d{1,5}", address):
+        raise UsageError(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786')
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
@@ -86,4 +90,4 @@ def library_versions() -> dict[str, str]:
     """Versions of what decides the values of a block."""
     from importlib.metadata import version
 
-    return {name: version(name) for name in ("bakery", "numba", "numpy", "scipy")}
+    return {"bakery": bakery.__version__} | {name: version(name) for name in ("numba", "numpy", "scipy")}

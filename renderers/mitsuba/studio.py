@@ -23,11 +23,11 @@ def _towards(azimuth, elevation):
     return np.array([ahead * x + right * y, ahead * y - right * x, np.sin(elevation)])
 
 
-CAMERA, TARGET, FIELD_OF_VIEW = (-2.15, -3.7, 1.75), (0.0, 0.0, 0.46), 26.0  # block edges; degrees across the width
+CAMERA, TARGET, FIELD_OF_VIEW = (-2.15, -3.7, 1.75), (0.0, 0.0, 0.44), 30.0  # block edges; degrees across the width
 # direction (degrees as in `_towards`), radiance in the middle, radius in degrees, how much of the radius is edge
-KEY = (-118.0, 48.0), 3.0, 42.0, 0.6
-RIM = (42.0, 30.0), 5.0, 26.0, 0.6
-HORIZON, ZENITH = 0.26, 0.10
+KEY = (-118.0, 48.0), 1.6, 75.0, 0.9
+RIM = (52.0, 32.0), 2.6, 45.0, 0.9
+HORIZON, ZENITH = 0.26, 0.20
 
 
 def sky(direction):
