@@ -19,12 +19,12 @@ from types import SimpleNamespace
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from bakery.errors import StageError  # noqa: E402
-from bakery.medium import phase  # noqa: E402
-from bakery.mie import averaged  # noqa: E402
-from bakery.mie.averaged import Component, averages, predict  # noqa: E402
-from bakery.sizes import Nodes, population  # noqa: E402
-from benchmarks.peers import optional  # noqa: E402
+from bakery.errors import StageError
+from bakery.medium import phase
+from bakery.mie import averaged
+from bakery.mie.averaged import Component, averages, predict
+from bakery.sizes import Nodes, population
+from benchmarks.peers import optional
 
 RGB = (0.610, 0.550, 0.465)
 

@@ -37,7 +37,8 @@ def info(as_json):
 
 
 @command.command()
-@click.option("--max-size", metavar="SIZE", default="1GB", show_default=True, help="Keep the last used up to this size (kB, MB, GB).")
+@click.option("--max-size", metavar="SIZE", default="1GB", show_default=True,
+              help="Keep the last used up to this size (kB, MB, GB).")
 @click.option("--max-age", metavar="DAYS", type=click.FloatRange(0), help="Remove what was not used for so many days.")
 @json_option
 def prune(max_size, max_age, as_json):

@@ -11,7 +11,6 @@ import numpy as np
 
 from bakery.medium import grid, phase
 
-
 # where a function falls below any double its relative error means nothing; a gaussian falls that low
 SMALLEST = 1e-200
 

@@ -25,7 +25,18 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.medium import grid, phase
 from bakery.mie.predicted import (
-    COEFFICIENT, CROSS, FIRST_LEVEL, HELD, INTENSITY, MUELLER, Channel, Component, features_of, predict, predicted_angles, terms,
+    COEFFICIENT,
+    CROSS,
+    FIRST_LEVEL,
+    HELD,
+    INTENSITY,
+    MUELLER,
+    Channel,
+    Component,
+    features_of,
+    predict,
+    predicted_angles,
+    terms,
 )
 from bakery.sizes.nodes import Nodes
 

@@ -1,7 +1,7 @@
 """What a stage depends on, by name, and the hash over it.
 
-The parts of a stage's input are the recipe's leaves that match its `reads`, the digests of the data files that those keys name, the
-stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts tell,
+The parts of a stage's input are the recipe's leaves that match its `reads`, the digests of the data files that those keys name,
+the stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts tell,
 key by key, why a stage has to run again.
 """
 
@@ -11,12 +11,12 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache
 
 from bakery.stages.declaration import Stage
 
 
-@lru_cache(maxsize=None)
+@cache
 def _pattern(reads: str) -> re.Pattern:
     text = re.escape(reads).replace(r"\[\*\]", r"\[\d+\]").replace(r"\*", r"[^.\[\]]+")
     return re.compile(text + r"(?![^.\[])")  # the key itself or anything below it

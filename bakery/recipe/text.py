@@ -247,7 +247,7 @@ class _Builder:
             elif kind in ("ScalarEvent", "AliasEvent", "MappingStartEvent", "SequenceStartEvent"):
                 self._node(event, kind)
             elif kind in ("MappingEndEvent", "SequenceEndEvent"):
-                node, waiting = self.stack.pop()
+                node, _ = self.stack.pop()
                 node.place.end = event.end_mark.index
         return Tree(self.root, self.problems)
 

@@ -94,7 +94,8 @@ def prepare(
 
     def price(stage: Stage, cost: Cost) -> Cost:
         ratio, count = cache.speed(stage.name)
-        basis = f"{cost.basis}; on {workers} cores" + (f"; {count} earlier bakes here took {ratio:.2g} times that" if count else "")
+        earlier = f"; {count} earlier bakes here took {ratio:.2g} times that" if count else ""
+        basis = f"{cost.basis}; on {workers} cores{earlier}"
         return replace(cost, seconds=cost.startup + cost.seconds * ratio / workers, basis=basis)
 
     plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,

@@ -70,8 +70,8 @@ class Bar(Progress):
         from rich.progress import Progress as RichProgress
 
         self._console = Console(stderr=True)
-        self._bar = RichProgress(TextColumn("{task.description:>10}"), BarColumn(bar_width=30), TextColumn("{task.fields[state]}"),
-                                 console=self._console, transient=True)
+        columns = TextColumn("{task.description:>10}"), BarColumn(bar_width=30), TextColumn("{task.fields[state]}")
+        self._bar = RichProgress(*columns, console=self._console, transient=True)
         self._bar.start()
         self._task, self._tolerance, self._started = None, 0.0, 0.0
 

@@ -30,8 +30,8 @@ class Output:
 def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str = "") -> dict[str, Dataset]:
     """Arrays as the datasets that a stage declares: units and descriptions stand in the declaration only.
 
-    `values` maps names to arrays, `prefix` is the declared path before them (`COMPONENT/`).  A value that is not declared is a bug of the
-    stage: KeyError.
+    `values` maps names to arrays, `prefix` is the declared path before them (`COMPONENT/`).  A value that is not declared is a
+    bug of the stage: KeyError.
     """
     declared = {output.path: output for output in outputs}
     return {name: Dataset(np.ascontiguousarray(data), declared[prefix + name].units, declared[prefix + name].description,

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from bakery.errors import StageError
+from bakery.stages import rules
 from bakery.stages.declaration import Cost, Output, Result, Stage, datasets
-from bakery.stages.optics import ELEMENTS, check_angles, check_phase
+from bakery.stages.optics import ELEMENTS
 from bakery.store.tree import Dataset, Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
@@ -141,15 +142,7 @@ def check(group: Group) -> Iterable[str]:
     from bakery.medium import phase, similarity
 
     v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
-    missing = [name for name in _REQUIRED if name not in v]
-    if missing:
-        yield f"{', '.join(missing)} missing"
-        return
-    infinite = [name for name, value in v.items() if not np.isfinite(value).all()]
-    if infinite:
-        yield f"{', '.join(infinite)} not finite"
-        return
-    faults = list(check_angles(v["theta"]))
+    faults = list(rules.complete(v, _REQUIRED)) or list(rules.angles(v["theta"]))
     yield from faults
     if faults:
         return
@@ -165,7 +158,7 @@ def check(group: Group) -> Iterable[str]:
         yield "albedo outside 0 .. 1"
     if not near(v["albedo"] * v["sigma_t"], v["sigma_s"]):
         yield "albedo is not sigma_s / sigma_t"
-    yield from check_phase(v["theta"], v["phase"], [v.get(name) for name in ELEMENTS])
+    yield from rules.phase_function(v["theta"], v["phase"], [v.get(name) for name in ELEMENTS])
     if (np.abs(v["g"]) > 1).any() or not np.allclose(v["g"], phase.mean_cosine(v["theta"], v["phase"]), rtol=0, atol=1e-12):
         yield "g is not the mean cosine of phase"
     for name, value in zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"),

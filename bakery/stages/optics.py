@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from bakery.errors import StageError
+from bakery.stages import rules
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group
 
@@ -125,7 +126,7 @@ def check(group: Group) -> Iterable[str]:
     """Broken rules of an `optics` group, in words."""
     theta = group["theta"].data if "theta" in group.members else None
     if theta is not None:
-        faults = list(check_angles(theta))
+        faults = list(rules.angles(theta))
         yield from faults
         theta = None if faults else theta
     for name, member in group.members.items():
@@ -135,13 +136,9 @@ def check(group: Group) -> Iterable[str]:
 
 def _check_component(group: Group, theta) -> Iterable[str]:
     values = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
-    missing = [name for name in _REQUIRED if name not in values]
-    if missing:
-        yield f"{', '.join(missing)} missing"
-        return
-    infinite = [name for name, value in values.items() if not np.isfinite(value).all()]
-    if infinite:
-        yield f"{', '.join(infinite)} not finite"
+    faults = list(rules.complete(values, _REQUIRED))
+    yield from faults
+    if faults:
         return
     radius, weight = values["radius"], values["weight"]
     if not ((radius > 0).all() and (np.diff(radius) >= 0).all()):
@@ -164,29 +161,9 @@ def _check_component(group: Group, theta) -> Iterable[str]:
     if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error") if name in values):
         yield "an error estimate below 0"
     if theta is not None:
-        yield from check_phase(theta, values["phase"], [values.get(name) for name in ELEMENTS])
+        yield from rules.phase_function(theta, values["phase"], [values.get(name) for name in ELEMENTS])
     elif (values["phase"] < 0).any():
         yield "phase below 0"
-
-
-def check_angles(theta) -> Iterable[str]:
-    if not np.isfinite(theta).all() or len(theta) < 2 or theta[0] != 0 or theta[-1] != np.pi or not (np.diff(theta) > 0).all():
-        yield "theta does not ascend from 0 to pi"
-
-
-def check_phase(theta, f, others=(None, None, None)) -> Iterable[str]:
-    """Broken rules of a phase function (L, A) and of s12, s33, s34 where they are given."""
-    from bakery.medium import phase
-
-    if (f < 0).any():
-        yield "phase below 0"
-    off = np.abs(phase.integral(theta, f) - 1).max()
-    if not off <= 1e-12:
-        yield f"phase integrates to 1 with an error of {off:.1g}, not 1e-12"
-    if all(value is not None for value in others):
-        # equality for a single sphere: leave room for rounding
-        if (sum(value**2 for value in others) > f**2 * (1 + 1e-9)).any():
-            yield "s12^2 + s33^2 + s34^2 exceeds s11^2"
 
 
 STAGE = Stage(

@@ -131,7 +131,7 @@ class _Walk:
             attribute = h5py.h5a.open(found, index=i)
             name = attribute.name.decode("utf-8", "replace")
             if not NAME.fullmatch(name):
-                raise _Fault(f"attribute {ascii(name)}: not a name")
+                raise _Fault(f"attribute {name!a}: not a name")
             attributes[name] = self._attribute(attribute, name)
         return attributes
 

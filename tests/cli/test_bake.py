@@ -185,8 +185,8 @@ def test_files_read_are_files_named(drops, tmp_path):
         "sys.addaudithook(watch)\n"
         "from bakery.cli import status_of\n"
         f"assert status_of([{str(drops)!r}, '-o', {str(tmp_path / 'a.h5')!r}, '--depfile', {str(tmp_path / 'a.d')!r}]) == 0\n"
-        f"data = [p for p in opened if p.startswith(({str(tmp_path)!r}, {str(ROOT / 'assets')!r})) and not p.endswith(('.part', '.h5'))\n"
-        "        and os.path.isfile(p)]\n"
+        f"places = ({str(tmp_path)!r}, {str(ROOT / 'assets')!r})\n"
+        "data = [p for p in opened if p.startswith(places) and not p.endswith(('.part', '.h5')) and os.path.isfile(p)]\n"
         "print('\\n'.join(data))\n")
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
                           capture_output=True, timeout=240)

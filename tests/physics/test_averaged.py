@@ -120,7 +120,7 @@ def test_single_sphere_is_resolved_down_to_its_ripples():
     fine = np.linspace(0, math.pi, 20001)
     f = averaged.angular_block(1.33, x, np.ones(1), fine, False)[0] / (q * math.pi * 200**2)
     true = averaged.angular_block(1.33, x, np.ones(1), at, False)[0] / (q * math.pi * 200**2)
-    half = int(round(0.5 / 200 / (1 / 20000)))
+    half = round(0.5 / 200 / (1 / 20000))
     crest = np.array([f[max(i - half, 0) : i + half + 1].max() for i in np.searchsorted(fine, at)])
     assert (np.abs(phase.evaluate(theta, a.elements[0, 0], at) - true) / crest).max() < 1e-2
     assert 2000 < len(theta) < 8000

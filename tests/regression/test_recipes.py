@@ -65,4 +65,5 @@ def test_golden_values(case, tmp_path, request):
         return
     assert old, f"no golden values of {case}: --update {case}"
     distance, place = worst(old["values"], new["values"])
-    assert distance <= old["tolerance"], f"{place}: {distance / old['tolerance']:.3g} tolerances off; stages {old['stages']} -> {versions}"
+    off = distance / old["tolerance"]
+    assert off <= 1, f"{place}: {off:.3g} tolerances off; stages {old['stages']} -> {versions}"

@@ -20,8 +20,8 @@ def scheduler():
             "    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:\n"
             "        print(cluster.scheduler_address, flush=True)\n"
             "        input()\n")
-    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                               text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                               stderr=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": str(ROOT)})
     yield process.stdout.readline().strip()
     process.communicate("\n", timeout=60)
 
@@ -35,9 +35,10 @@ def test_a_cluster_gives_the_values_of_one_process(command, scheduler, drops, tm
 
 
 def test_workers_of_another_version_are_refused(command, scheduler, drops, tmp_path):
-    code = ("import sys, bakery\nbakery.__version__ = '99.0'\nfrom bakery.cli import status_of\nsys.exit(status_of(sys.argv[1:]))\n")
-    done = subprocess.run([sys.executable, "-c", code, str(drops), "-o", str(tmp_path / "a.h5"), "--cluster", scheduler], text=True,
-                          capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=240)
+    code = ("import sys, bakery\nbakery.__version__ = '99.0'\n"
+            "from bakery.cli import status_of\nsys.exit(status_of(sys.argv[1:]))\n")
+    call = [sys.executable, "-c", code, str(drops), "-o", str(tmp_path / "a.h5"), "--cluster", scheduler]
+    done = subprocess.run(call, text=True, capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=240)
     assert done.returncode == 2 and "99.0" in done.stderr and "equal versions give equal values" in done.stderr
     assert not (tmp_path / "a.h5").exists()
 

@@ -16,8 +16,9 @@ from tests.conftest import DROPS, ROOT
 
 
 def start(recipe, output, *more):
-    return subprocess.Popen([sys.executable, "-m", "bakery", str(recipe), "-o", str(output), *more], cwd=recipe.parent,
-                            env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    call = [sys.executable, "-m", "bakery", str(recipe), "-o", str(output), *more]
+    return subprocess.Popen(call, cwd=recipe.parent, env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def ends_well(process):

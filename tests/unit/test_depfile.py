@@ -40,7 +40,8 @@ def test_ninja_reads_it(tmp_path):
         (tmp_path / name).write_text("1")
     write(tmp_path / "deps.txt", "out", NAMES)
     (tmp_path / "build.ninja").write_text(
-        "rule bake\n  command = cp deps.txt out.d && echo ran >> log && touch out\n  depfile = out.d\n  deps = gcc\nbuild out: bake\n")
+        "rule bake\n  command = cp deps.txt out.d && echo ran >> log && touch out\n"
+        "  depfile = out.d\n  deps = gcc\nbuild out: bake\n")
     ninja = [sys.executable, "-m", "ninja", "-v"]
     for _ in range(2):
         subprocess.run(ninja, cwd=tmp_path, check=True, capture_output=True)

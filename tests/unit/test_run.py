@@ -65,8 +65,8 @@ def _stages(monkeypatch):
 
 
 def recipe(factor=2.0, n=9):
-    return SimpleNamespace(path=Path("r.yaml"), name="r", text="bakery: 1\n", wavelength=(0.55,), tolerance=0.05, seed=0, files=(),
-                           leaves={"factor": factor, "n": n})
+    return SimpleNamespace(path=Path("r.yaml"), name="r", text="bakery: 1\n", wavelength=(0.55,), tolerance=0.05, seed=0,
+                           files=(), leaves={"factor": factor, "n": n})
 
 
 def plan(tmp_path, cache, **values):
@@ -229,9 +229,8 @@ def test_map_cancels_what_waits_when_a_block_fails():
         if i == 0:
             raise ValueError("block 0")
 
-    with ThreadPoolExecutor(1) as pool:
-        with pytest.raises(ValueError, match="block 0"):
-            Context(0.1, executor=pool).map(block, [(i,) for i in range(200)])
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ValueError, match="block 0"):
+        Context(0.1, executor=pool).map(block, [(i,) for i in range(200)])
     assert len(ran) < 200
 
 
@@ -253,7 +252,7 @@ def test_the_group_holds_what_the_contract_names(tmp_path):
     root = read(tmp_path / "r.h5")
     assert list(root.members) == ["recipe", "wavelength", "dig", "grind", "provenance"]
     for name in ("dig", "grind"):
-        attributes = root[name].attributes
-        assert {"stage", "stage_version", "input_hash", "content_hash", "tolerance", "achieved_error", "error_measure"} <= set(attributes)
+        promised = {"stage", "stage_version", "input_hash", "content_hash", "tolerance", "achieved_error", "error_measure"}
+        assert promised <= set(root[name].attributes)
         own = root[f"provenance/{name}"]
         assert isinstance(own, Group) and {"seconds", "peak_memory", "workers"} <= set(own.attributes)

@@ -1,0 +1,38 @@
+"""Rules that the groups of several stages keep: `verify` and the store name the ones that are broken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+
+def complete(values: Mapping[str, np.ndarray], required: Sequence[str]) -> Iterable[str]:
+    """Whether every required array is there and every array is finite."""
+    missing = [name for name in required if name not in values]
+    if missing:
+        yield f"{', '.join(missing)} missing"
+    infinite = [name for name, value in values.items() if not np.isfinite(value).all()]
+    if infinite:
+        yield f"{', '.join(infinite)} not finite"
+
+
+def angles(theta) -> Iterable[str]:
+    """Whether theta (A,) ascends from exactly 0 to exactly pi."""
+    if not np.isfinite(theta).all() or len(theta) < 2 or theta[0] != 0 or theta[-1] != np.pi or not (np.diff(theta) > 0).all():
+        yield "theta does not ascend from 0 to pi"
+
+
+def phase_function(theta, f, others=(None, None, None)) -> Iterable[str]:
+    """Broken rules of a phase function (L, A) and of s12, s33, s34 where they are given."""
+    from bakery.medium import phase
+
+    if (f < 0).any():
+        yield "phase below 0"
+    off = np.abs(phase.integral(theta, f) - 1).max()
+    if not off <= 1e-12:
+        yield f"phase integrates to 1 with an error of {off:.1g}, not 1e-12"
+    # equality for a single sphere: leave room for rounding
+    polarised = all(value is not None for value in others)
+    if polarised and (sum(value**2 for value in others) > f**2 * (1 + 1e-9)).any():
+        yield "s12^2 + s33^2 + s34^2 exceeds s11^2"
