@@ -432,6 +432,6 @@ def test_the_page_is_true(write):
     with pytest.raises(RecipeError) as error:
         load(write(recipes[-1], "fog.yaml"))
     assert str(error.value) + "\n" == shown
-    numbers = "zero one two three four five six seven eight nine".split()
+    numbers = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"]
     assert f"This recipe has {numbers[len(error.value.problems)]}:" in page
     assert load(ROOT / "recipes" / "fog.yaml").where("particles.number_density") in page
