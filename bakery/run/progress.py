@@ -15,7 +15,7 @@ class Progress:
         """A stage starts; `seconds` is what the plan expects of it."""
 
     def update(self, fraction: float, error: float | None = None) -> None:
-        """Share done, 0 to 1, and the error so far."""
+        """Share done, 0 to 1, and the error so far where one is known."""
 
     def done(self, name: str, text: str) -> None:
         """A stage has ended."""
@@ -27,11 +27,19 @@ class Progress:
         """The bake has ended, well or not."""
 
 
-def _state(fraction: float, error: float | None, tolerance: float, started: float) -> str:
-    spent = time.monotonic() - started
-    left = f", {duration(spent / fraction - spent)} left" if fraction > 0.05 else ""
-    reached = "" if error is None else f", error {error:.2g}" + (f" of {tolerance:.2g}" if tolerance else "")
-    return f"{100 * fraction:.0f} %{reached}{left}"
+class _State:
+    """How far a stage is, in words.  Between two estimates the last error stays."""
+
+    def __init__(self, tolerance: float = 0.0):
+        self._tolerance, self._error, self._started = tolerance, None, time.monotonic()
+
+    def words(self, fraction: float, error: float | None) -> str:
+        self._error = self._error if error is None else error
+        spent = time.monotonic() - self._started
+        left = f", {duration(spent / fraction - spent)} left" if fraction > 0.05 else ""
+        allowed = f" of {self._tolerance:.2g}" if self._tolerance else ""
+        reached = "" if self._error is None else f", error {self._error:.2g}{allowed}"
+        return f"{100 * fraction:.0f} %{reached}{left}"
 
 
 class Lines(Progress):
@@ -40,7 +48,7 @@ class Lines(Progress):
     def __init__(self, stream=None, every: float = 60.0):
         self._stream = stream or sys.stderr
         self._every = every
-        self._name, self._tolerance, self._started, self._last = "", 0.0, 0.0, 0.0
+        self._name, self._state, self._last = "", _State(), 0.0
 
     def say(self, text):
         try:
@@ -49,13 +57,12 @@ class Lines(Progress):
             pass  # nobody listens any more; the bake goes on
 
     def stage(self, name, title, tolerance, seconds):
-        self._name, self._tolerance = name, tolerance
-        self._started = self._last = time.monotonic()
+        self._name, self._state, self._last = name, _State(tolerance), time.monotonic()
 
     def update(self, fraction, error=None):
         if time.monotonic() - self._last >= self._every:
             self._last = time.monotonic()
-            self.say(f"{self._name}: {_state(fraction, error, self._tolerance, self._started)}")
+            self.say(f"{self._name}: {self._state.words(fraction, error)}")
 
     def done(self, name, text):
         self.say(f"{name}: {text}")
@@ -73,15 +80,15 @@ class Bar(Progress):
         columns = TextColumn("{task.description:>10}"), BarColumn(bar_width=30), TextColumn("{task.fields[state]}")
         self._bar = RichProgress(*columns, console=self._console, transient=True)
         self._bar.start()
-        self._task, self._tolerance, self._started = None, 0.0, 0.0
+        self._task, self._state = None, _State()
 
     def stage(self, name, title, tolerance, seconds):
-        self._tolerance, self._started = tolerance, time.monotonic()
+        self._state = _State(tolerance)
         self._task = self._bar.add_task(name, total=1.0, state=f"about {duration(seconds)}" if seconds else "")
 
     def update(self, fraction, error=None):
         if self._task is not None:
-            self._bar.update(self._task, completed=fraction, state=_state(fraction, error, self._tolerance, self._started))
+            self._bar.update(self._task, completed=fraction, state=self._state.words(fraction, error))
 
     def done(self, name, text):
         if self._task is not None:
