@@ -14,6 +14,7 @@ import numpy as np
 
 from bakery.errors import AssetError
 from bakery.medium.phase import evaluate
+from bakery.medium.regular import Loss, adaptive_table
 from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, is_text, read_text
@@ -28,7 +29,7 @@ class MissingStage(AssetError, AttributeError):
     """The asset is sound but was baked without the stage that is asked for."""
 
 
-def open(path: str | os.PathLike) -> Asset:  # noqa: A001 (read as bakery.open)
+def open(path: str | os.PathLike) -> Asset:
     """An asset, read whole and checked.
 
     Parameters
@@ -132,6 +133,13 @@ class Phase:
     def __call__(self, theta) -> np.ndarray:
         """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
         return evaluate(self.theta, self.table, theta)
+
+    def regular(self, row: int = 0, limit: float = 1e-3) -> tuple[np.ndarray, Loss]:
+        """One row of the table on equidistant cosines from -1 to +1, as `tabphase` of stock renderers wants it, and the loss.
+
+        See `bakery.medium.regular.adaptive_table`; values (N,) float32, 1/sr.
+        """
+        return adaptive_table(self.theta, self.table[row], limit)
 
     def __array__(self, dtype=None, copy=None) -> np.ndarray:
         return np.array(self.table, dtype, copy=copy)

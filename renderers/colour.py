@@ -90,6 +90,11 @@ def srgb_matrix(wavelength):
     return _SRGB_FROM_XYZ @ adapt @ xyz
 
 
+def hue(wavelength):
+    """(N, 3) linear sRGB of lines in (N,) um, brought into the gamut; constant outside 0.42 to 0.68 um, as hue nearly is."""
+    return np.maximum(_SRGB_FROM_XYZ @ observer(np.clip(wavelength, 0.42, 0.68)), 0.0).T
+
+
 def band_matrix(wavelength):
     """Mean over the red, green and blue band of what is linear between L wavelengths; all entries >= 0.
 

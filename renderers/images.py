@@ -14,14 +14,17 @@ import numpy as np
 from bakery.errors import StoreError, UsageError
 from renderers import colour
 
-TONE_CURVE = "luminance L -> L (1 + L / 16) / (1 + L) after exposure, colour ratios kept, then the sRGB curve"
+TONE_CURVE = "luminance L -> L (1 + L / white^2) / (1 + L) after exposure, colour ratios kept, then the sRGB curve"
 
 
-def tone_map(rgb, exposure=1.0):
-    """Linear radiance to sRGB display values, 0 to 1, by Reinhard's curve on luminance (SIGGRAPH 2002, eq. 4, white at 4)."""
+def tone_map(rgb, exposure=1.0, white=4.0):
+    """Linear radiance to sRGB display values, 0 to 1, by Reinhard's curve on luminance (SIGGRAPH 2002, eq. 4).
+
+    `white` is the luminance, after exposure, that becomes the display's white.
+    """
     rgb = np.maximum(rgb, 0.0) * exposure
     luminance = rgb @ colour.LUMINANCE
-    curve = (1 + luminance / 16) / (1 + luminance)
+    curve = (1 + luminance / white**2) / (1 + luminance)
     return colour.encode(rgb * curve[..., None])
 
 
@@ -31,18 +34,20 @@ def relative_noise(mean, variance):
     return float(error / max(np.mean(mean @ colour.LUMINANCE), 1e-30))
 
 
-def filtered(halves, variance, radius=9, patch=2, strength=0.7):
+def filtered(halves, variance, features=None, radius=7, patch=2, strength=0.7, contrast=0.1):
     """Non-local means of two independent half renders.
 
     Each half is averaged with weights that the other half gives, so a noise peak cannot vouch for itself.  Two pixels count
-    as equal as far as the luminance of their patches differs by no more than noise.
+    as equal as far as the luminance of their patches differs by no more than noise, and their features hardly at all.
 
     Parameters
     ----------
     halves : pair of (H, W, 3)
     variance : (H, W, 3), of one half's pixel values
+    features : (H, W, F) or None, known without noise: edges that the filter must keep
     radius, patch : pixels; search window and compared patch are 2 radius + 1 and 2 patch + 1 wide
     strength : 1, differences up to this many standard deviations count as none
+    contrast : 1, difference of a feature that keeps pixels apart
 
     Returns
     -------
@@ -51,7 +56,7 @@ def filtered(halves, variance, radius=9, patch=2, strength=0.7):
     Notes
     -----
     Biased: detail below the noise is smoothed away.  Source: Rousselle, Knaus and Zwicker, ACM Trans. Graph. 31(6), 2012,
-    eqs. 5-8, on luminance.
+    eqs. 5-8, on luminance; features as in Rousselle, Manzi and Zwicker, Comput. Graph. Forum 32(7), 2013.
     """
     from scipy.ndimage import uniform_filter
 
@@ -60,22 +65,27 @@ def filtered(halves, variance, radius=9, patch=2, strength=0.7):
     # A peak that only one pass found makes picture and variance large together; its neighbours say what is usual.
     variance = uniform_filter(variance, 9) + 1e-8
     guides = [half @ colour.LUMINANCE for half in halves]
-    halves, guides, variance = ([np.asarray(image, dtype=np.float32) for image in images]
-                                for images in (halves, guides, [variance]))
+    features = np.zeros((height, width, 0)) if features is None else features
+    # On an edge itself hardly any pixel is like another: there the slope is what may differ.
+    slope = sum(((np.roll(features, -1, axis) - np.roll(features, 1, axis)) / 2) ** 2 for axis in (0, 1))
+    tolerance = np.moveaxis(1 / (contrast**2 + slope), -1, 0).astype(np.float32)
+    halves, guides, variance, features = ([np.asarray(image, dtype=np.float32) for image in images]
+                                          for images in (halves, guides, [variance], np.moveaxis(features, -1, 0)))
     padded = [[np.pad(image, [(radius, radius)] * 2 + [(0, 0)] * (image.ndim - 2), mode="symmetric") for image in images]
-              for images in (halves, guides, variance)]
+              for images in (halves, guides, variance, features)]
     variance = variance[0]
     sums = [np.zeros_like(half) for half in halves]
     weights = [np.zeros_like(variance) for _ in halves]
     for dy in range(2 * radius + 1):
         for dx in range(2 * radius + 1):
-            others, other_guides, (other_variance,) = ([image[dy:dy + height, dx:dx + width] for image in images]
-                                                       for images in padded)
+            others, other_guides, (other_variance,), other_features = (
+                [image[dy:dy + height, dx:dx + width] for image in images] for images in padded)
+            apart = sum(((a - b) ** 2 * scale for a, b, scale in zip(features, other_features, tolerance)), np.float32(0.0))
             allowed = variance + np.minimum(variance, other_variance)
             scale = 1 / (strength**2 * (variance + other_variance))
             for k in (0, 1):
                 distance = ((guides[1 - k] - other_guides[1 - k]) ** 2 - allowed) * scale
-                weight = np.exp(-np.maximum(uniform_filter(distance, 2 * patch + 1, mode="nearest"), 0))
+                weight = np.exp(-np.maximum(uniform_filter(distance, 2 * patch + 1, mode="nearest"), 0) - apart)
                 sums[k] += weight[..., None] * others[k]
                 weights[k] += weight
     return tuple((total / weight[..., None]).astype(float) for total, weight in zip(sums, weights))

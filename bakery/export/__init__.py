@@ -1,4 +1,4 @@
 """Hands assets to other software, and says what was lost on the way.
 
-`tabphase` resamples a phase function to a regular grid, `mitsuba` writes a scene fragment with it, `csv` writes tables.
+`mitsuba` writes a scene fragment with a phase function on a regular grid, `csv` writes tables.
 """

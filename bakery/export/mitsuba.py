@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from bakery.errors import AssetError
-from bakery.export.tabphase import Loss, adaptive_table, loss
+from bakery.medium.regular import Loss, adaptive_table, loss
 from bakery.store.tree import Group
 
 

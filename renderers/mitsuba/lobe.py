@@ -10,7 +10,9 @@ _BACKGROUND, _TEXT, _DIM, _GRID = "#15171b", "#e8e8e6", "#9a9da3", "#33373e"
 
 
 def length(metres) -> str:
-    """Three figures with the unit that fits: 34.4 m, 0.75 mm."""
+    """Three figures with the unit that fits: 34.4 m, 0.75 mm, 40900 km."""
+    if metres >= 999.5e3:
+        return f"{float(f'{metres / 1e3:.3g}'):.0f} km"
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("um", 1e-6)):
         if metres >= 0.9995 * size:
             return f"{metres / size:.3g} {unit}"
@@ -34,7 +36,7 @@ def strip(asset, tables, width, words=()):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    height = int(round(0.27 * width))
+    height = round(0.27 * width)
     times = -(-320 // width)  # letters have a least size: small strips are drawn large and shrunk
     figure = Figure(figsize=(6.4, 6.4 * height / width), dpi=times * width / 6.4, facecolor=_BACKGROUND)
     canvas = FigureCanvasAgg(figure)
@@ -55,10 +57,7 @@ def _line_colours(wavelength):
     """Each wavelength's own hue, made bright enough for the dark ground."""
     if len(wavelength) == 1:
         return np.array([[0.9, 0.9, 0.88]])
-    if colour.rgb_order(wavelength) is not None:
-        hue = colour.srgb_matrix(wavelength).T
-    else:
-        hue = np.maximum(colour.srgb_matrix(wavelength).T, 0.0)
+    hue = colour.srgb_matrix(wavelength).T if colour.rgb_order(wavelength) is not None else colour.hue(wavelength)
     hue = hue / np.maximum(hue.max(axis=1, keepdims=True), 1e-9)
     return 0.25 + 0.75 * colour.encode(0.08 + 0.92 * hue)
 
@@ -76,7 +75,7 @@ def _text(figure, asset, words):
     for line, row in enumerate(rows):
         tint = _DIM if line == 0 else colours[shown[line - 1]]
         for left, word in zip((0.025, 0.095, 0.205, 0.275), row):
-            figure.text(left, 0.70 - 0.105 * line, word, color=tint, fontsize=6.6, va="top")
+            figure.text(left, 0.725 - 0.098 * line, word, color=tint, fontsize=6.6, va="top")
     for line, word in enumerate(reversed(words)):
         figure.text(0.025, 0.06 + 0.085 * line, word, color=_DIM, fontsize=5.6, va="bottom")
 

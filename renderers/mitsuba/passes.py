@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import signal
+import threading
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +38,10 @@ class Picture:
     seconds: float
 
 
+# Paths in one call of Mitsuba: an interruption waits for the end of the call, here a second or two.
+PATHS = 900_000
+
+
 def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, progress=None) -> Picture:
     """Renders one scene a wavelength and combines them to colour.
 
@@ -41,7 +49,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     ----------
     scenes : list of L scenes
     matrix : (3, L), see `colour.srgb_matrix`; None where the scene is in colour already (L = 1)
-    samples, per_pass : per pixel and wavelength; at least two passes are rendered
+    samples, per_pass : per pixel and wavelength; at least two passes are rendered, of fewer samples where the film is large
     tolerance : noise at which to stop
     time_limit : seconds after which no further pass is begun, or None.  A picture that stops by time depends on the machine
     progress : function of (fraction 0 to 1, noise so far or None)
@@ -53,12 +61,14 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     import mitsuba as mi
 
     begin = time.monotonic()
+    per_pass = max(1, min(per_pass, PATHS // int(np.prod(scenes[0].sensors()[0].film().size()))))
     passes = max(2, -(-samples // per_pass))
     halves, square, noise, stopped_by = [0.0, 0.0], 0.0, None, "samples"
     for index in range(passes):
         layers = []
         for position, scene in enumerate(scenes):
-            image = np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float)
+            with _undisturbed(mi):
+                image = np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float)
             image[~np.isfinite(image)] = 0.0  # a path whose weight overflowed counts as dark, else it blots out its pixel
             layers.append(_colour(image) if matrix is None else image[..., 0])
             if progress is not None:
@@ -84,6 +94,33 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
         progress(1.0, noise)
     halves = halves[0] / ((count + 1) // 2), halves[1] / (count // 2)
     return Picture(mean, halves, variance, count * per_pass, noise, stopped_by, time.monotonic() - begin)
+
+
+@contextmanager
+def _undisturbed(mi):
+    """Around one call of Mitsuba, which turns an interruption into an error of its own and announces it on standard output.
+
+    SIGINT and SIGTERM are kept until the call ends and handed on then; scalar variants still stop at once.  Python's collector of
+    cycles waits too: freeing Dr.Jit objects of an earlier scene while Mitsuba traces a new one has crashed (seen once in some
+    hundred renders).
+    """
+    collecting = gc.isenabled()
+    gc.disable()
+    level, kept, usual = mi.log_level(), [], {}
+    if threading.current_thread() is threading.main_thread():
+        usual = {number: signal.signal(number, lambda *arrived: kept.append(arrived))
+                 for number in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(number))}
+    mi.set_log_level(mi.LogLevel.Error)
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+        mi.set_log_level(level)
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+        for number, frame in kept:
+            usual[number](number, frame)
 
 
 def _colour(image):

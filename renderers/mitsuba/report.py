@@ -15,4 +15,7 @@ def describe(report) -> list[str]:
              f"samples: {report['samples']} a pixel and wavelength in {report['seconds']:.1f} s; {noise}; {stopped}"]
     if "block" in report:
         lines.append(f"block: edge {report['block']}, surface index-matched")
+    if report.get("misdirected"):
+        lines.append(f"phase function: on a regular grid, which sends {100 * report['misdirected']:.2g} % of the light to "
+                     "another angle; llvm and cuda variants use the asset's own table")
     return lines

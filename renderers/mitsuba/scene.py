@@ -11,7 +11,6 @@ from bakery.errors import AssetError, BakeryError, UsageError
 from renderers import images
 from renderers.mitsuba import passes, variants
 
-
 # Share of the scene's own samples.
 QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
 # What plugins could not do while a scene was loaded, newest last.

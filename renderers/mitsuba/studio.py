@@ -1,95 +1,118 @@
-"""The studio of the preview: a seamless ground, a cube of the medium upon it, and light from all sides, most of it from two.
+"""The studio of the preview: a cube of the medium on checkered ground, under light from all sides, most of it from two.
 
-Light comes from far away and is drawn as one map of directions: a key light, a rim light and a dim sky.  All three are soft
-and together they leave no direction dark, so a path that has lost its way in the medium still ends at about the same
-radiance as its neighbours: that, and not the number of samples, makes the picture quiet.
+The light comes from afar and is one map of directions: a key light, a rim light and a dim sky.  The lights are wide and
+soft, so paths that have lost their way in the medium end at similar radiance whatever direction they leave in: that keeps
+the picture quiet at few samples.  Everything but the medium is grey.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-GROUND, CHECK = 0.42, 0.09  # reflectance of the bright checks, and what the dark ones have less
-EDGE_OF_CHECKS = 3.2  # edges of the block, where the checks have faded by half
-CHECKED = 16.0  # width of the ground's picture, in block edges
+# In edges of the block, z up, the block's foot at the origin; field of view across the width.
+CAMERA, TARGET, FIELD_OF_VIEW = np.array([-2.15, -3.7, 1.65]), np.array([0.0, 0.0, 0.44]), np.radians(29.0)
+LIFT = 0.002  # of the block above the ground: coinciding surfaces would flicker
+# Azimuth (0 where the camera looks, positive to the right), elevation, radius in degrees; radiance at the centre, from
+# where it falls to 0 at the radius.
+KEY = (-98.0, 44.0, 88.0, 1.8)
+RIM = (50.0, 36.0, 52.0, 2.1)
+SKY = 0.18
+BRIGHT, DARK, FAR = 0.38, 0.23, 0.07  # reflectance of the checks, and of the ground far away
+CHECK, FADE, CHECKED = 0.25, 2.4, 16.0  # width of a check, where checks have faded by half, width of the checked part
 
 
 def _towards(azimuth, elevation):
-    """Unit vector, degrees; azimuth 0 is where the camera looks, positive to the right; elevation above the ground."""
+    """Unit vector, from degrees."""
     azimuth, elevation = np.radians([azimuth, elevation])
+    x, y = (TARGET - CAMERA)[:2] / np.hypot(*(TARGET - CAMERA)[:2])
     right, ahead = np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation)
-    view = np.array(TARGET[:2]) - np.array(CAMERA[:2])
-    x, y = view / np.hypot(*view)
     return np.array([ahead * x + right * y, ahead * y - right * x, np.sin(elevation)])
 
 
-CAMERA, TARGET, FIELD_OF_VIEW = (-2.15, -3.7, 1.75), (0.0, 0.0, 0.44), 30.0  # block edges; degrees across the width
-# direction (degrees as in `_towards`), radiance in the middle, radius in degrees, how much of the radius is edge
-KEY = (-118.0, 48.0), 1.6, 75.0, 0.9
-RIM = (52.0, 32.0), 2.6, 45.0, 0.9
-HORIZON, ZENITH = 0.26, 0.20
-
-
 def sky(direction):
-    """Radiance from (..., 3) directions, z up."""
-    z = np.clip(direction[..., 2], 0.0, 1.0)
-    radiance = ZENITH + (HORIZON - ZENITH) * np.exp(-((z / 0.35) ** 2))
-    for towards, peak, radius, soft in (KEY, RIM):
-        angle = np.degrees(np.arccos(np.clip(direction @ _towards(*towards), -1, 1)))
-        x = np.clip((radius - angle) / (soft * radius), 0.0, 1.0)
-        radiance = radiance + peak * x * x * (3 - 2 * x)
+    """Radiance from (..., 3) unit vectors."""
+    radiance = np.full(direction.shape[:-1], SKY)
+    for azimuth, elevation, radius, peak in (KEY, RIM):
+        angle = np.degrees(np.arccos(np.clip(direction @ _towards(azimuth, elevation), -1.0, 1.0)))
+        x = np.clip(1.1 * (1 - angle / radius), 0.0, 1.0)
+        radiance += peak * x * x * (3 - 2 * x)
     return radiance
 
 
-def _map(height=256):
-    """The sky as a picture: longitude by latitude, as Mitsuba's `envmap` reads it when turned z up."""
-    v = (np.arange(height) + 0.5) / height * np.pi
-    u = (np.arange(2 * height) + 0.5) / (2 * height) * 2 * np.pi
-    theta, phi = np.meshgrid(v, u, indexing="ij")
-    direction = np.stack([np.sin(theta) * np.sin(phi), np.sin(theta) * np.cos(phi), np.cos(theta)], axis=-1)
-    return sky(direction).astype(np.float32), direction, np.sin(theta)
+def sky_map(height=128):
+    """(height, 2 height) radiance by latitude and longitude, as Mitsuba's `envmap` takes it when its y axis is turned to z."""
+    theta = (np.arange(height) + 0.5) / height * np.pi
+    phi = (np.arange(2 * height) + 0.5) / height * np.pi
+    theta, phi = np.meshgrid(theta, phi, indexing="ij")
+    return sky(np.stack([np.sin(theta) * np.sin(phi), np.sin(theta) * np.cos(phi), np.cos(theta)], axis=-1)).astype(np.float32)
 
 
-def irradiance():
-    """Of the open ground, by the map's own pixels."""
-    radiance, direction, sine = _map()
-    cell = (np.pi / len(radiance)) ** 2
-    return float(np.sum(radiance * sine * np.clip(direction[..., 2], 0, None)) * cell)
+def reflectance(x, y):
+    """Of the ground."""
+    checks = np.where((np.floor(x / CHECK) + np.floor(y / CHECK)) % 2, DARK, BRIGHT)
+    return FAR + (checks - FAR) / (1 + (np.hypot(x, y) / FADE) ** 4)
 
 
-def _ground():
-    """The ground's reflectance: checks of a quarter of the edge that fade into a ground as bright as the horizon."""
-    x = (np.arange(int(32 * CHECKED)) + 0.5) / 32 - CHECKED / 2
-    dark = (np.floor(4 * x)[:, None] + np.floor(4 * x)) % 2
-    far = 1 / (1 + (np.hypot(x[:, None], x) / EDGE_OF_CHECKS) ** -4.0)
-    horizon = np.pi * HORIZON / irradiance()
-    return ((1 - far) * (GROUND - CHECK * dark) + far * horizon).astype(np.float32)[..., None]
+def scene(mi, medium, width, height, rr_depth):
+    """The studio with a block of `medium` (a dict for Mitsuba, its coefficients per edge of the block)."""
+    import drjit as dr
 
-
-def scene(mi, medium, width, height, max_depth=100_000, rr_depth=100):
-    """The studio with a block of `medium`, in units of the block's edge, z up.
-
-    Parameters
-    ----------
-    medium : dict for `mitsuba.load_dict`, with coefficients per edge of the block
-    width, height : pixels
-    """
     place = mi.ScalarTransform4f
     centre = place().translate([0.5, 0.5, 0])
-    return mi.load_dict({
+    x = (np.arange(int(32 * CHECKED)) + 0.5) / 32 - CHECKED / 2
+    ground = mi.Bitmap(reflectance(x, x[:, None]).astype(np.float32)[..., None])
+    built = mi.load_dict({
         "type": "scene",
-        "integrator": {"type": "volpath", "max_depth": max_depth, "rr_depth": rr_depth},
-        "sensor": {"type": "perspective", "fov": FIELD_OF_VIEW,
-                   "to_world": place().look_at(origin=CAMERA, target=TARGET, up=[0, 0, 1]),
+        "integrator": {"type": "volpath", "max_depth": 100_000, "rr_depth": rr_depth},
+        "sensor": {"type": "perspective", "fov": float(np.degrees(FIELD_OF_VIEW)),
+                   "to_world": place().look_at(origin=CAMERA.tolist(), target=TARGET.tolist(), up=[0, 0, 1]),
                    "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "luminance",
                             "rfilter": {"type": "box"}},
                    "sampler": {"type": "independent"}},
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_map()[0][..., None]),
-                "to_world": place().rotate([1, 0, 0], 90)},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky_map()[..., None]), "to_world": place().rotate([1, 0, 0], 90)},
         "ground": {"type": "rectangle", "to_world": place().scale([500, 500, 1]),
                    "bsdf": {"type": "diffuse", "reflectance": {
-                       "type": "bitmap", "bitmap": mi.Bitmap(_ground()), "raw": True, "filter_type": "bilinear",
-                       "wrap_mode": "clamp", "to_uv": centre @ place().scale(1000 / CHECKED) @ centre.inverse()}}},
-        "block": {"type": "cube", "to_world": place().translate([0, 0, 0.502]) @ place().scale(0.5), "bsdf": {"type": "null"},
-                  "interior": medium},
+                       "type": "bitmap", "bitmap": ground, "raw": True, "wrap_mode": "clamp",
+                       "to_uv": centre @ place().scale(1000 / CHECKED) @ centre.inverse()}}},
+        "block": {"type": "cube", "to_world": place().translate([0, 0, 0.5 + LIFT]) @ place().scale(0.5),
+                  "bsdf": {"type": "null"}, "interior": medium},
     }, optimize=False)  # optimised, the order of objects changes from run to run, and with it the noise
+    # As variables, not constants of the compiled kernel: wavelengths and assets share it, half a second each.
+    values = mi.traverse(built)
+    for name in ("albedo", "sigma_t"):
+        dr.make_opaque(values[f"block.interior_medium.{name}.value.value"])
+    return built
+
+
+def features(width, height, tau, grid=3):
+    """What the camera sees of the studio itself, without noise: where the picture may have edges.
+
+    Parameters
+    ----------
+    width, height : pixels
+    tau : 1, optical thickness of the block along an edge
+    grid : samples a pixel, along each side
+
+    Returns
+    -------
+    features : (height, width, 5) 0 to 1: opacity of the block, where it is entered by the face towards -x, -y, +z, and the
+        ground's reflectance as far as it shines through
+    """
+    forward = (TARGET - CAMERA) / np.linalg.norm(TARGET - CAMERA)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    reach = np.tan(FIELD_OF_VIEW / 2)
+    across = (2 * (np.arange(grid * width) + 0.5) / (grid * width) - 1) * reach
+    down = (2 * (np.arange(grid * height) + 0.5) / (grid * height) - 1) * reach * height / width
+    direction = forward + across[None, :, None] * right - down[:, None, None] * np.cross(right, forward)
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    low, high = np.array([-0.5, -0.5, LIFT]), np.array([0.5, 0.5, 1 + LIFT])
+    bounds = np.sort([(low - CAMERA) / direction, (high - CAMERA) / direction], axis=0)
+    enter, leave = bounds[0].max(axis=-1), bounds[1].min(axis=-1)
+    chord = np.maximum(leave - enter, 0.0) * length[..., 0]
+    opacity = 1 - np.exp(-tau * chord)
+    face = (bounds[0].argmax(axis=-1)[..., None] == np.arange(3)) * 0.5 * opacity[..., None]
+    at = CAMERA - CAMERA[2] / np.minimum(direction[..., 2:], -1e-6) * direction
+    ground = reflectance(at[..., 0], at[..., 1]) * (1 - opacity)
+    fine = np.concatenate([opacity[..., None], face, ground[..., None]], axis=-1)
+    return fine.reshape(height, grid, width, grid, 5).mean(axis=(1, 3))

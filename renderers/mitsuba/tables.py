@@ -123,7 +123,7 @@ def open_asset(path):
     import bakery
 
     asset = bakery.open(path)
-    asset.medium
+    _ = asset.medium  # raises where there is none
     return asset
 
 

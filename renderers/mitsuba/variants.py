@@ -68,10 +68,11 @@ def decide(cuda: bool, llvm: tuple[int, ...], colour: str = "mono") -> Choice:
         names.insert(0, f"llvm_ad_{suffix}")
         reason = f"LLVM {version} works"
     elif llvm[0] < 0:
-        reason = f"no usable LLVM (15 or newer) was found, so the slow scalar variant is used; get one by: {INSTALL}"
+        reason = ("no usable LLVM (15 or newer) was found, so the scalar variant is used, in which `bakedphase` is slow; "
+                  f"get one by: {INSTALL}")
     else:
         reason = (f"LLVM {version} is older than {LLVM_MINIMUM[0]} (15 and 16 abort while rendering, 17 and 18 are untried), "
-                  f"so the slow scalar variant is used; get one that works by: {INSTALL}")
+                  f"so the scalar variant is used, in which `bakedphase` is slow; get one that works by: {INSTALL}")
     if cuda:
         names.insert(0, f"cuda_ad_{suffix}")
         reason = "a CUDA device works"

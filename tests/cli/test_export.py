@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bakery.export.tabphase import adaptive_table, loss, regular_table
 from bakery.medium.phase import evaluate, mean_cosine, normalised
+from bakery.medium.regular import adaptive_table, loss, regular_table
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from tests.samples import small_asset, with_member

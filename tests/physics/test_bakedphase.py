@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import stats
 
 renderer = pytest.importorskip("renderers.mitsuba", exc_type=ImportError)  # before mitsuba: it finds LLVM for it
 
-import drjit as dr  # noqa: E402
-import mitsuba as mi  # noqa: E402
+import drjit as dr
+import mitsuba as mi
 
-from renderers.mitsuba import passes, tables  # noqa: E402
-from tests.physics.media import RGB, angles, asset_file, henyey_greenstein  # noqa: E402
+from renderers.mitsuba import passes, tables
+from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
 JIT = any(name.startswith("llvm") for name in renderer.variants.choose().names)
 needs_llvm = pytest.mark.skipif(not JIT, reason="no LLVM that Dr.Jit can use")

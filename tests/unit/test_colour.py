@@ -62,6 +62,14 @@ def test_display_curve_round_trip():
     assert np.all(np.diff(grey[:, 0, 0]) > 0) and grey[-1, 0, 0] == pytest.approx(1)
 
 
+def test_hue_of_lines():
+    """Violet, blue, green, yellow, red, and red to the end, where next to nothing is seen."""
+    lines = colour.hue(np.array([0.405, 0.465, 0.53, 0.58, 0.64, 0.755]))
+    assert lines.shape == (6, 3) and (lines >= 0).all()
+    assert lines.argmax(axis=1).tolist() == [2, 2, 1, 0, 0, 0]
+    assert lines[5, 0] > 20 * lines[5, 1]
+
+
 def test_filter_lowers_noise_and_keeps_edges():
     random = np.random.default_rng(0)
     truth = np.ones((60, 80, 3)) * 0.2
@@ -71,6 +79,22 @@ def test_filter_lowers_noise_and_keeps_edges():
     left = (first + second) / 2 - truth
     assert left.std() < 0.2 * np.std((halves[0] + halves[1]) / 2 - truth)
     assert np.abs(left[:, 38:42].mean(axis=0)).max() < 0.06
+
+
+def test_filter_keeps_what_features_show():
+    """An edge far below the noise, which only the features know: kept; without them it is lost."""
+    random = np.random.default_rng(1)
+    truth = np.full((60, 80, 3), 0.5)
+    truth[:, 40:] = 0.7
+    halves = [truth + 0.4 * random.standard_normal(truth.shape) for _ in range(2)]
+    features = (truth[..., :1] > 0.6).astype(float)
+
+    def step(features):
+        mean = sum(images.filtered(halves, np.full(truth.shape, 0.16), features)) / 2
+        return mean[:, 42:46].mean() - mean[:, 34:38].mean()
+
+    assert step(features) == pytest.approx(0.2, abs=0.04)
+    assert step(None) < 0.14
 
 
 @pytest.mark.parametrize("name", ["x.jpg", "x", "nowhere/x.png"])
