@@ -35,6 +35,14 @@ def bulk_absorption(k, wavelength):
     return 4 * math.pi * np.asarray(k, float) / (np.asarray(wavelength, float) * 1e-6)
 
 
+def coefficient(fraction, number, cross_section):
+    """Sum over components (L,) 1/m, from shares (K,), particles per m^3 and mean cross sections (K, L) um^2.
+
+    Written out: the order is that of the recipe.
+    """
+    return number * _UM2_PER_M3 * sum(f * c for f, c in zip(fraction, cross_section))
+
+
 def mixed(fraction, number, scattering, absorption, elements, error, theta):
     """The medium of several components.
 
@@ -53,10 +61,8 @@ def mixed(fraction, number, scattering, absorption, elements, error, theta):
     elements : (L, E, A) 1/sr, the first normalised exactly
     error : (L, A) 1/sr
     """
+    sigma_s, sigma_a = coefficient(fraction, number, scattering), coefficient(fraction, number, absorption)
     share = np.asarray(fraction, float)[:, None] * np.asarray(scattering, float)
-    # sums over few components, written out: their order is theirs in the recipe
-    sigma_s = number * _UM2_PER_M3 * sum(share)
-    sigma_a = number * _UM2_PER_M3 * sum(f * a for f, a in zip(fraction, absorption))
     share = share / sum(share)
     total = sum(w[:, None, None] * e for w, e in zip(share, elements))
     first, was = phase.normalised(theta, total[:, 0])

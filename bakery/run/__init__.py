@@ -203,7 +203,6 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     stage, recipe = step.stage, plan.recipe
     progress.stage(stage.name, stage.title, recipe.tolerance, step.cost.seconds)
     resources.reset_peak()
-    before = resources.resident_memory()
     started = time.monotonic()
     context = Context(recipe.tolerance, recipe.seed, pool, progress.update)
     try:
@@ -225,7 +224,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
     progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {recipe.tolerance:.2g}, "
-                              f"{resources.in_words(max(peak - before, 0))}")
+                              f"{resources.in_words(peak)} memory")
     from bakery.store.tree import text
 
     provenance = Group(

@@ -17,11 +17,13 @@ OUTPUTS = (
     Output("sigma_t", "(L,)", "1/m", "extinction coefficient"),
     Output("sigma_s", "(L,)", "1/m", "scattering coefficient"),
     Output("sigma_a", "(L,)", "1/m", "absorption coefficient"),
+    Output("sigma_a_error", "(L,)", "1/m", "change of sigma_a when the nodes over sizes are halved", optional=True),
     Output("albedo", "(L,)", "1", "single-scattering albedo, sigma_s / sigma_t"),
     Output("g", "(L,)", "1", "mean cosine of the tabulated phase function"),
     Output("sigma_t_reduced", "(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
     Output("albedo_reduced", "(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced"),
     Output("sigma_tr", "(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
+    Output("sigma_tr_error", "(L,)", "1/m", "the part of sigma_a_error in sigma_tr", optional=True),
     Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
     Output("phase", "(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
     Output("phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
@@ -64,6 +66,7 @@ def _inputs_of_particles(recipe, upstream) -> dict:
         "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
         "mean_volume": stacked("mean_volume")[:, 0],
         "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
+        "absorption_error": stacked("mean_absorption_error"),
         "elements": np.stack([stacked(name) for name in fields], axis=2),
         "phase_error": stacked("phase_error"), "error": stacked("error"),
         "theta": np.asarray(optics["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
@@ -97,7 +100,12 @@ def _compute_of_particles(inputs: dict, context) -> Result:
     # `optics` holds to a tenth of its tolerance
     worst = float(inputs["error"].max()) + (0.2 * context.tolerance if len(fraction) > 1 else 0.0)
     context.report(1.0, worst)
-    return Result(_members(sigma_s, sigma_a + host, inputs["theta"], elements, error), worst, tuple(notes))
+    members = _members(sigma_s, sigma_a + host, inputs["theta"], elements, error)
+    absorbed = mixing.coefficient(fraction, number, inputs["absorption_error"])
+    # sigma_tr goes like the square root of sigma_a
+    half = np.divide(0.5 * absorbed, sigma_a + host, out=np.zeros_like(absorbed), where=sigma_a + host > 0)
+    members |= datasets(OUTPUTS, {"sigma_a_error": absorbed, "sigma_tr_error": half * members["sigma_tr"].data})
+    return Result(members, worst, tuple(notes))
 
 
 def _inputs_of_coefficients(recipe, upstream) -> dict:
@@ -170,22 +178,23 @@ def check(group: Group) -> Iterable[str]:
         yield "cdf does not rise from 0 to 1"
     elif not np.allclose(cdf, phase.cumulative(v["theta"], v["phase"]), rtol=0, atol=1e-12):
         yield "cdf is not the integral of phase"
-    if "phase_error" in v and (v["phase_error"] < 0).any():
-        yield "phase_error below 0"
+    if any((value < 0).any() for name, value in v.items() if name.endswith("_error")):
+        yield "an error estimate below 0"
     if "s11" in v and not near(v["s11"], v["phase"]):
         yield "s11 is not phase"
 
 
 OF_PARTICLES = Stage(
     name="medium",
-    version=1,
+    version=2,
     title="coefficients and phase function of the suspended particles",
     reads=("wavelengths", "tolerance", "particles.host", "particles.number_density", "particles.volume_fraction",
            "particles.components[*].fraction", "particles.components[*].name"),
     needs=("optics",),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,
-    error_measure="largest relative error of any coefficient and of the phase function at any angle, as estimated by optics",
+    error_measure="largest relative error of sigma_t, sigma_s, albedo, g and of the phase function at any angle, as estimated by "
+                  "optics; sigma_a has its own, sigma_a_error",
     cost=_cost_of_particles,
     inputs=_inputs_of_particles,
     compute=_compute_of_particles,

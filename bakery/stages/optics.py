@@ -168,7 +168,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=1,
+    version=2,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "particles.host", "particles.components[*].name", "particles.components[*].material",
            "particles.components[*].size", "phase.method", "phase.polarized"),
