@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from bakery import mie
+    from bakery import goa, mie
     from bakery.asset import Asset, open
     from bakery.errors import AssetError, BakeryError, RecipeError, StageError, StoreError, UsageError
     from bakery.run import bake
@@ -28,12 +28,13 @@ _WHERE = {
     "open": "bakery.asset",
 }
 
-__all__ = ["Asset", "AssetError", "BakeryError", "RecipeError", "StageError", "StoreError", "UsageError", "bake", "mie", "open"]
+__all__ = ["Asset", "AssetError", "BakeryError", "RecipeError", "StageError", "StoreError", "UsageError", "bake", "goa", "mie",
+           "open"]
 
 
 def __getattr__(name: str):
-    if name == "mie":
-        return import_module("bakery.mie")
+    if name in ("goa", "mie"):
+        return import_module(f"bakery.{name}")
     if name in _WHERE:
         return getattr(import_module(_WHERE[name]), name)
     raise AttributeError(f"module 'bakery' has no attribute {name!r}")

@@ -45,8 +45,9 @@ def main():
     parser.add_argument("--variant", default="llvm_ad_mono")
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
-    from renderers.mitsuba import tables, variants
     import mitsuba as mi
+
+    from renderers.mitsuba import tables, variants
 
     variants.activate("mono", options.variant)
     tables.load = lambda path: tables.tables_from(asset(3 if path.endswith("3") else 1))

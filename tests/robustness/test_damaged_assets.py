@@ -93,8 +93,8 @@ def test_damage_under_a_first_line_that_fits(rounds):
 
     In a process of its own, which may die of the damage in the HDF5 library but then fails this test.
     """
-    done = subprocess.run([sys.executable, "-c", CHILD, str(rounds)], env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True,
-                          text=True, timeout=60 + rounds / 5)
+    done = subprocess.run([sys.executable, "-c", CHILD, str(rounds)], env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
+                          capture_output=True, timeout=60 + rounds / 5)
     assert done.returncode == 0, done.stderr
     counts = json.loads(done.stdout)
     assert counts["wrong"] == []

@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import ROOT
 
-PHYSICS = {"mie", "sizes", "materials", "medium"}
+PHYSICS = {"goa", "mie", "sizes", "materials", "medium"}
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
     "recipe": {"materials"},
@@ -22,7 +22,7 @@ MAY = {
     "export": {"asset", "medium", "report", "store"},
 } | {folder: PHYSICS for folder in PHYSICS}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading"}
+           "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading", "operator"}
 
 
 def modules(folder: str):
