@@ -1,4 +1,4 @@
-"""The tables that ship, against formulas, the notes' checkpoints and each other."""
+"""The tables that ship, against formulas, published checkpoints and each other."""
 
 from __future__ import annotations
 
