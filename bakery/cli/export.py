@@ -26,7 +26,8 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
 def command(asset, target, output, each_wavelength, as_json):
     """Write ASSET for other software.  Prints the files and what was lost on the way."""
     import bakery
-    from bakery.report.files import folder_for, put
+    from bakery.report.files import folder_for
+    from bakery.store.put import put
 
     if target not in FORMATS:
         what = "not available yet" if target in LATER else "no format of ours"

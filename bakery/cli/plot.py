@@ -22,8 +22,9 @@ def command(asset, output, as_json):
     """
     import bakery
     from bakery.report.figures import drawn, pictures
-    from bakery.report.files import csv_text, folder_for, put
+    from bakery.report.files import csv_text, folder_for
     from bakery.report.text import say
+    from bakery.store.put import put
 
     root = bakery.open(asset).tree
     found = list(pictures(root))

@@ -16,9 +16,9 @@ from bakery.cli.options import json_option, print_json
 def command(asset, output, as_json):
     """Write one HTML page about ASSET: pictures, tables, recipe, provenance.  It links to nothing outside of itself."""
     import bakery
-    from bakery.report.files import put
     from bakery.report.page import page
     from bakery.report.text import say
+    from bakery.store.put import put
 
     root = bakery.open(asset).tree
     path = put(Path(output) if output else Path(asset).with_suffix(".html"), page(root))

@@ -21,10 +21,8 @@ from numba import njit
 from bakery.goa._special import bessel_of, sincos, window
 from bakery.mie._kernels import (
     ANGLES,
-    DIF_I,
     DIF_R,
     LANES,
-    SUM_I,
     SUM_R,
     E,
     F,
@@ -33,6 +31,7 @@ from bakery.mie._kernels import (
     V,
     _coefficients,
     _order_table,
+    _reset,
     _sweep,
     _tiles,
     terms,
@@ -146,16 +145,6 @@ def _start(tiles, constants, first, sign, behind):
 
 
 @njit(**STRICT)
-def _clear(tiles):
-    for t in range(tiles.shape[0]):
-        for j in range(ANGLES):
-            half = 0.5 * tiles[t, V, j]
-            tiles[t, P, j], tiles[t, Q, j] = 1.0 - half, half
-            for part in (E, F, SUM_R, SUM_I, DIF_R, DIF_I):
-                tiles[t, part, j] = 0.0
-
-
-@njit(**STRICT)
 def _mix(work, lane, rows, first, count, scales, front, back):
     """Coefficients of the two sums, for exp(+i w t), and their twins beyond 90 degrees; row c is of n = first + c."""
     for c in range(count):
@@ -207,8 +196,8 @@ def wave_block(m, x, theta, scales, out):
             r = first + j
             if scales[r, 1] <= 0.0:
                 continue
-            _clear(ahead)
-            _clear(behind)
+            _reset(ahead)
+            _reset(behind)
             for span in range(_spans(x[r], scales[r], spans)):
                 low, high = spans[span]
                 if low > 1:

@@ -1,15 +1,11 @@
-"""Small files that are written whole or not at all: pictures, pages, tables, scenes."""
+"""Folders for what people look at, and tables as CSV."""
 
 from __future__ import annotations
 
-import os
-import secrets
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
-from bakery.errors import StoreError, UsageError
-from bakery.store.write import check_target
+from bakery.errors import UsageError
 
 
 def folder_for(path: Path) -> Path:
@@ -20,32 +16,6 @@ def folder_for(path: Path) -> Path:
         raise UsageError(f"{path}: found a file where a folder should be; choose another with -o") from None
     except OSError as error:
         raise UsageError(f"{path}: the folder cannot be made: {error.strerror}; choose another with -o") from None
-    return path
-
-
-def put(path: Path, data: bytes | str) -> Path:
-    """Write a file beside its place and rename it; what stood there stays whole until then.
-
-    Raises
-    ------
-    UsageError : nothing can be written there: no folder, no right, a folder or device at the path
-    StoreError : the system refused
-    """
-    check_target(path)
-    data = data.encode() if isinstance(data, str) else data
-    target = os.path.realpath(path)  # a symbolic link stays, the file that it names is replaced
-    part = os.path.join(os.path.dirname(target), f".{path.name[:40]}.{secrets.token_hex(6)}.tmp")
-    try:
-        with open(part, "xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, target)
-    except OSError as error:
-        raise StoreError(f"{path}: not written: {error.strerror}") from error
-    finally:
-        with suppress(OSError):
-            os.unlink(part)
     return path
 
 

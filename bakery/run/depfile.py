@@ -5,12 +5,11 @@ One target, all files read, and an empty rule a file (as `gcc -MP` writes), so t
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from bakery.errors import StoreError, UsageError
+from bakery.errors import UsageError
+from bakery.store.put import put
 
 
 def escape(path: str) -> str:
@@ -31,22 +30,4 @@ def text(target: str, files: Iterable[str]) -> str:
 
 def write(path: Path, target: str, files: Iterable[str]) -> None:
     """Write the depfile by rename, so that Make never reads half of one."""
-    content = text(target, files)
-    try:
-        handle, part = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(content)
-            os.chmod(part, 0o666 & ~_umask())
-            os.replace(part, path)
-        except BaseException:
-            os.unlink(part)
-            raise
-    except OSError as error:
-        raise StoreError(f"{path}: the depfile could not be written ({error.strerror})") from error
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    put(path, text(target, files))

@@ -1,0 +1,37 @@
+"""Small files that are written whole or not at all: pictures, pages, tables, scenes, depfiles."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+from bakery.errors import StoreError
+from bakery.store.write import check_target
+
+
+def put(path: Path, data: bytes | str) -> Path:
+    """Write a file beside its place and rename it; what stood there stays whole until then.
+
+    Raises
+    ------
+    UsageError : nothing can be written there: no folder, no right, a folder or device at the path
+    StoreError : the system refused
+    """
+    check_target(path)
+    data = data.encode() if isinstance(data, str) else data
+    target = os.path.realpath(path)  # a symbolic link stays, the file that it names is replaced
+    part = os.path.join(os.path.dirname(target), f".{path.name[:40]}.{secrets.token_hex(6)}.tmp")
+    try:
+        with open(part, "xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, target)
+    except OSError as error:
+        raise StoreError(f"{path}: not written: {error.strerror}") from error
+    finally:
+        with suppress(OSError):
+            os.unlink(part)
+    return path
