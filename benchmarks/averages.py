@@ -1,7 +1,7 @@
 """Averages over size distributions: our time against a plain loop over lxmie, and claimed errors against true ones.
 
     python -m benchmarks.averages            both tables
-    python -m benchmarks.averages --rates    the rates that predictions use (bakery/mie/predicted.py)
+    python -m benchmarks.averages --rates    the rates that predictions use (bakery/averages/predicted.py)
     python -m benchmarks.averages --model    predicted against actual work and angles
 
 True errors are against averages over several times as many nodes at unrelated radii, with tails a hundred times less cut.
@@ -19,10 +19,10 @@ from types import SimpleNamespace
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from bakery.averages import Component, averages, batches, cross, predicted
+from bakery.averages.predicted import predict
 from bakery.errors import StageError
 from bakery.medium import phase
-from bakery.mie import averaged
-from bakery.mie.averaged import Component, averages, predict
 from bakery.sizes import Nodes, population
 from benchmarks.peers import optional
 
@@ -86,8 +86,8 @@ def truth(case, at, which=0):
     nodes = Nodes(population(s), k, 1e-4)
     nodes.first = [int(1.17 * count) | 1 for count in nodes.first]
     r, w = nodes.whole(level)
-    mean = np.sum(w * averaged.cross_block(m, k[which] * r)[0] * math.pi * r**2)
-    return averaged.angular_block(m, k[which] * r, w, at, False)[0] / (k[which] ** 2 * mean)
+    mean = np.sum(w * cross.cross_block(m, k[which] * r)[0] * math.pi * r**2)
+    return batches.angular_block(m, k[which] * r, w, at, False)[0] / (k[which] ** 2 * mean)
 
 
 def speed():
@@ -184,7 +184,7 @@ def rates():
     print("| x | cross sections, ns a term | with angles: ns a term | ns a term and angle | Mueller |\n|---|---|---|---|---|")
     for x in (100.0, 1000.0, 5000.0):
         spheres = np.linspace(x, 1.2 * x, max(16, int(1e5 / x)))
-        count, weight = float(averaged.terms(spheres).sum()), np.ones(len(spheres))
+        count, weight = float(predicted.terms(spheres).sum()), np.ones(len(spheres))
 
         def best(function):
             times = []
@@ -197,10 +197,10 @@ def rates():
         few, many = np.linspace(0, math.pi, 64), np.linspace(0, math.pi, 512)
         a, b, c, d = (
     best(f) for f in (
-        lambda: averaged.cross_block(
-            1.33, spheres), lambda: averaged.angular_block(
-                1.33, spheres, weight, few, False), lambda: averaged.angular_block(
-                    1.33, spheres, weight, many, False), lambda: averaged.angular_block(
+        lambda: cross.cross_block(
+            1.33, spheres), lambda: batches.angular_block(
+                1.33, spheres, weight, few, False), lambda: batches.angular_block(
+                    1.33, spheres, weight, many, False), lambda: batches.angular_block(
                         1.33, spheres, weight, many, True)))
         slope = (c - b) / (512 - 64)
         print(f"| {x:g} | {a:.1f} | {b - 64 * slope:.1f} | {slope:.3f} | {(d - (b - 64 * slope)) / 512:.3f} |")

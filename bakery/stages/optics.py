@@ -47,7 +47,7 @@ def _population(component):
 
 def _components(recipe):
     """Components with indices relative to the host's real index: an absorbing host is `medium`'s affair (medium/mixing.py)."""
-    from bakery.mie.predicted import Component
+    from bakery.averages.predicted import Component
 
     host = np.asarray(recipe.particles.host.n, float)
     return [Component(c.name, (np.asarray(c.material.n, float) + 1j * np.asarray(c.material.k, float)) / host, _population(c))
@@ -60,13 +60,13 @@ def inputs(recipe, upstream) -> dict:
 
 
 def _prediction(recipe):
-    from bakery.mie.predicted import predict
+    from bakery.averages.predicted import predict
 
     return predict(_components(recipe), recipe.wavelength, recipe.particles.host.n, recipe.tolerance, recipe.phase.polarized)
 
 
 def cost(recipe) -> Cost:
-    from bakery.mie.predicted import startup
+    from bakery.averages.predicted import startup
 
     made = _prediction(recipe)
     before, why = startup()
@@ -76,8 +76,8 @@ def cost(recipe) -> Cost:
 
 
 def compute(inputs: dict, context) -> Result:
-    from bakery.mie.averaged import averages
-    from bakery.mie.predicted import predict
+    from bakery.averages import averages
+    from bakery.averages.predicted import predict
 
     expected = predict(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"]).seconds
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import ROOT
 
-PHYSICS = {"goa", "mie", "sizes", "materials", "medium"}
+PHYSICS = {"averages", "goa", "mie", "sizes", "materials", "medium"}
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
     "recipe": {"materials"},

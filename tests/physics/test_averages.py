@@ -10,10 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bakery.averages import Component, averages, batches, cross, predicted, work
 from bakery.errors import StageError
 from bakery.medium import phase
-from bakery.mie import averaged
-from bakery.mie.averaged import Component, averages
 from bakery.sizes import Nodes, population
 
 ANGLES = np.radians([0, 10, 60, 90, 140, 180])
@@ -77,8 +76,8 @@ def reference(s, m, at, level, wavelength=0.55):
     nodes.first = [int(1.17 * count) | 1 for count in nodes.first]
     r, w = nodes.whole(level)
     k = 2 * math.pi / wavelength
-    cross = averaged.cross_block(m, k * r)[0] * math.pi * r**2
-    return averaged.angular_block(m, k * r, w, at, False)[0] / (k**2 * np.sum(w * cross))
+    sections = cross.cross_block(m, k * r)[0] * math.pi * r**2
+    return batches.angular_block(m, k * r, w, at, False)[0] / (k**2 * np.sum(w * sections))
 
 
 @pytest.mark.parametrize("s, m, level", [
@@ -116,10 +115,10 @@ def test_single_sphere_is_resolved_down_to_its_ripples():
     theta, a = bake(size("single", radius=radius), 1.33, tolerance=1e-2)
     at = np.sort(np.random.default_rng(5).random(4000) * math.pi)
     x = np.array([200.0])
-    q = averaged.cross_block(1.33, x)[0, 0]
+    q = cross.cross_block(1.33, x)[0, 0]
     fine = np.linspace(0, math.pi, 20001)
-    f = averaged.angular_block(1.33, x, np.ones(1), fine, False)[0] / (q * math.pi * 200**2)
-    true = averaged.angular_block(1.33, x, np.ones(1), at, False)[0] / (q * math.pi * 200**2)
+    f = batches.angular_block(1.33, x, np.ones(1), fine, False)[0] / (q * math.pi * 200**2)
+    true = batches.angular_block(1.33, x, np.ones(1), at, False)[0] / (q * math.pi * 200**2)
     half = round(0.5 / 200 / (1 / 20000))
     crest = np.array([f[max(i - half, 0) : i + half + 1].max() for i in np.searchsorted(fine, at)])
     assert (np.abs(phase.evaluate(theta, a.elements[0, 0], at) - true) / crest).max() < 1e-2
@@ -152,8 +151,8 @@ def test_polarised_elements():
 
 def test_values_do_not_depend_on_where_blocks_run(monkeypatch):
     """Same bytes from a plain loop, from threads, and when blocks run in another order."""
-    monkeypatch.setattr(averaged, "_BLOCK", 2e-4)  # many small blocks
-    monkeypatch.setattr(averaged, "HELD", 100_000)
+    monkeypatch.setattr(work, "BLOCK", 2e-4)  # many small blocks
+    monkeypatch.setattr(batches, "HELD", 100_000)
     counts = []
 
     def shuffled(function, tasks):
@@ -232,6 +231,6 @@ def test_predicted_work_is_right_within_a_factor(s, m):
     """In units of charged work, so that no clock is read; fixed overheads of the prediction left out."""
     done = []
     theta, _ = bake(s, m, report=lambda seconds, error: done.append(seconds))
-    made = averaged.predict([Component("spheres", np.array([complex(m)]), population(s))], [0.55], [1.0], 0.01)
+    made = predicted.predict([Component("spheres", np.array([complex(m)]), population(s))], [0.55], [1.0], 0.01)
     assert 1 / 2 < made.angles / len(theta) < 2
     assert 1 / 3 < made.seconds / (done[-1] + 0.025) < 3

@@ -50,7 +50,7 @@ class Channel:
 
 def startup() -> tuple[float, str]:
     """Seconds before the first sphere, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
-    here = Path(__file__).parent
+    here = Path(__file__).parents[1] / "mie"
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
     source = (here / "_kernels.py").stat().st_mtime
     compiled = [path for path in kept.rglob("_kernels.*intensity_block*.nbi") if path.stat().st_mtime >= source]

@@ -1,0 +1,180 @@
+"""Cross sections and phase functions averaged over a size distribution, refined until a tolerance is met.
+
+The error that counts is pointwise: at every stored angle, the change of the averaged intensity when the nodes are halved,
+relative to the intensity itself (Mueller elements: to S11), and the same for each mean cross section (`cross` says what that
+means for absorption).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.averages.batches import solve
+from bakery.averages.cross import SHARE, cross_sections
+from bakery.averages.predicted import Channel, Component, features_of, predict, predicted_angles
+from bakery.averages.work import Work
+from bakery.errors import StageError
+from bakery.medium import grid, phase
+from bakery.sizes.nodes import Nodes
+
+__all__ = ["Average", "Component", "averages", "first_grid"]
+
+_MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant together; the rest is the normalisation's
+
+
+@dataclass(frozen=True)
+class Average:
+    """Averages of one component.
+
+    Attributes
+    ----------
+    radius, weight : (R,) um, 1; quadrature nodes of the cross sections, weights add up to 1
+    scattering, absorption : (L, R) um^2
+    cosine : (L, R) 1, mean cosine of each sphere
+    elements : (L, E, A) 1/sr; the phase function, and with polarisation S12, S33, S34 in the same unit (E = 1 or 4)
+    phase_error : (L, A) 1/sr, absolute, quadrature and interpolation next to the angle, for all elements
+    error : (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above)
+    absorption_error : (L,) 1, relative change of the mean absorption alone
+    scale : (L,) 1, integral of the phase function before it was normalised, over the mean scattering cross section
+    """
+
+    name: str
+    radius: np.ndarray
+    weight: np.ndarray
+    scattering: np.ndarray
+    absorption: np.ndarray
+    cosine: np.ndarray
+    elements: np.ndarray
+    phase_error: np.ndarray
+    error: np.ndarray
+    absorption_error: np.ndarray
+    scale: np.ndarray
+
+
+def averages(
+    components: Sequence[Component],
+    wavelength,
+    host,
+    tolerance: float,
+    polarized: bool = False,
+    map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+    report: Callable[[float, float | None], None] = lambda seconds, error: None,
+) -> tuple[np.ndarray, list[Average]]:
+    """Averages of all components at all wavelengths on one grid of angles.
+
+    Parameters
+    ----------
+    components : with indices m (L,)
+    wavelength : (L,) um, in vacuum
+    host : (L,) real index of the host
+    tolerance : largest relative error of any mean cross section and of the phase function at any angle
+    polarized : also S12, S33, S34
+    map : `map(function, tasks)` -> list in the order of the tasks
+    report : called with the work that is done, in seconds as predicted for one core, and the error reached
+
+    Returns
+    -------
+    theta : (A,) rad, ascending from 0 to pi
+    averages : one for each component
+
+    Raises
+    ------
+    StageError : the tolerance is out of reach, or would take too many angles or hours
+
+    Notes
+    -----
+    Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
+    x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
+    """
+    wavelength, host = np.asarray(wavelength, float), np.asarray(host, float)
+    k = 2 * math.pi * host / wavelength
+    work = Work(map, report)
+    work.expect(predict(components, wavelength, host, tolerance, polarized))
+    nodes = [Nodes(component.sizes, k, tolerance) for component in components]
+    crosses = [cross_sections(c, n, wavelength, k, tolerance, work) for c, n in zip(components, nodes)]
+    channels = [Channel(c.name, float(w), complex(m), float(q), n)
+                for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
+    reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
+                      for c in channels])
+    theta = first_grid(channels, tolerance)
+    margin, target, known = _MARGIN * tolerance, SHARE * tolerance, None
+
+    def evaluate(new, floor):
+        return solve(channels, new, floor, target, polarized, work)
+
+    for _ in range(3):
+        try:
+            table = grid.refine(theta, evaluate, margin, reach, known)
+        except grid.TooManyAngles:
+            raise StageError(_too_many(channels, tolerance)) from None
+        found = [_finish(table, i, channel, crosses[i // len(k)], i % len(k)) for i, channel in enumerate(channels)]
+        if all(error <= tolerance for *_, error in found):
+            break
+        # the normalisation took more than its share: leave it more room
+        theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
+    else:
+        worst = max(range(len(channels)), key=lambda i: found[i][3])
+        raise StageError(
+            f"{channels[worst].component} at {channels[worst].wavelength:g} um: the phase function reaches a relative error of "
+            f"{found[worst][3]:.2g}, not the tolerance of {tolerance:g}; a larger tolerance or a wider size range would do")
+    out = []
+    for i, (component, cross) in enumerate(zip(components, crosses)):
+        own = found[i * len(k) : (i + 1) * len(k)]
+        out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
+                           np.array([f[0] for f in own]), np.array([f[1] for f in own]),
+                           np.array([max(f[3], float(e)) for f, e in zip(own, cross.all_error)]), cross.absorption_error,
+                           np.array([f[2] for f in own])))
+    return table.theta, out
+
+
+def first_grid(channels, tolerance):
+    """First angles for all channels together; StageError where the predicted number of angles is beyond the limit."""
+    if predicted_angles([f for c in channels for f in features_of(c)], tolerance) > grid.LIMIT:
+        raise StageError(_too_many(channels, tolerance))
+    features = sorted({f for c in channels for f in features_of(c)})
+    bows = [(angle, x ** (-2 / 3)) for c in channels for x, _ in features_of(c) if x > 20 for angle in grid.bows(c.m.real)]
+    try:
+        return grid.start(features, bows)
+    except grid.TooManyAngles:
+        raise StageError(_too_many(channels, tolerance)) from None
+
+
+def _rippled(x, width):
+    return x > 5 and x * width < 3
+
+
+def _too_many(channels, tolerance):
+    worst = max(channels, key=lambda c: predicted_angles(features_of(c), tolerance))
+    x, width = max(features_of(worst), key=lambda f: predicted_angles([f], tolerance))
+    what = f"spheres of one size, x = {x:.3g}," if width == 0 else f"sizes of a relative width of {width:.2g} at x = {x:.3g}"
+    count = predicted_angles([(x, width)], tolerance)
+    return (f"{worst.component} at {worst.wavelength:g} um: {what} scatter in ripples of "
+            f"{math.degrees(math.pi / x):.2g} degrees, about {count:.2g} angles at a tolerance of {tolerance:g}, "
+            f"and at most {grid.LIMIT:g} are stored; give the size a width (distribution: lognormal, sigma: 1.05) "
+            "or take a larger tolerance")
+
+
+def _finish(table, i, channel, cross, wavelength):
+    """Normalised elements (E, A), absolute error (A,), integral before over C_sca, relative error of one channel."""
+    values = table.values[i]
+    _, was = phase.normalised(table.theta, values[0])
+    mean = float(np.sum(cross.scattering[wavelength] * cross.weight))
+    scale = float(was) / (channel.k**2 * mean)
+    s11, _ = phase.normalised(table.theta, values[0])
+    factor = s11 / values[0]
+    elements = np.concatenate([s11[None], values[1:] * factor])
+    between = table.between[i]
+    near = np.maximum(np.concatenate([between[:1], between]), np.concatenate([between, between[-1:]]))
+    shift = min(_shift(table.theta, values[0], between), abs(scale - 1) + float(cross.error[wavelength]))
+    absolute = np.maximum(near / was, table.error[i] * s11) + shift * s11
+    return elements, absolute, scale, float(table.relative[i]) + shift
+
+
+def _shift(theta, f, between):
+    """Bound of the relative error of the integral of the table: the mean of the errors of its cells."""
+    cells = phase.steps(theta)
+    return float(np.sum(between * cells) / np.sum((f[1:] + f[:-1]) / 2 * cells)) if len(theta) > 1 else 0.0

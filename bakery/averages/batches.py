@@ -1,0 +1,162 @@
+"""Angular sums over the nodes, refined angle by angle until the quadrature has converged.
+
+Angles stop being computed when they have converged, and only the stubborn ones (the glory, where spheres without absorption
+converge like 1/nodes) go on.  Sums of blocks are formed in their order, so values do not depend on where the blocks were run.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery.averages.predicted import COEFFICIENT, FIRST_LEVEL, HELD, INTENSITY, MUELLER, features_of, terms
+from bakery.averages.work import BLOCK, cut
+from bakery.errors import StageError
+from bakery.medium import grid
+
+_FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
+_WINDOW = 4  # neighbours on either side whose error an angle shares, and those within one ripple pi/x
+
+
+def angular_block(m, x, weight, theta, polarized):
+    """(E, A): weighted sums of the intensity, or of S11, S12, S33, S34, over spheres x (R,) at theta (A,) rad."""
+    from bakery.mie._kernels import intensity_block, mueller_block
+
+    out = np.zeros((4 if polarized else 1, len(theta)))
+    if polarized:
+        mueller_block(complex(m), x, weight, theta, out)
+    else:
+        intensity_block(complex(m), x, weight, theta, out[0])
+    return out
+
+
+def solve(channels, theta, floor, target, polarized, work):
+    """Values (C, E, B) of the averaged elements at new angles, their errors and levels (C, B)."""
+    elements = 4 if polarized else 1
+    batches = [_Batch(c, theta, None if floor is None else floor[i], target, elements) for i, c in enumerate(channels)]
+    while True:
+        jobs = [(batch, index, level) for batch in batches for index, level in batch.wanted()]
+        if not jobs:
+            break
+        _run(jobs, polarized, work)
+    values = np.stack([batch.values() for batch in batches])
+    return values, np.stack([batch.error() for batch in batches]), np.stack([batch.level for batch in batches])
+
+
+class _Batch:
+    """Angles of one channel on their way to convergence."""
+
+    def __init__(self, channel, theta, floor, target, elements):
+        count = len(theta)
+        self.channel, self.theta, self.target, self.elements = channel, theta, target, elements
+        self.last = channel.nodes.levels - 1
+        self.floor = np.minimum(np.full(count, FIRST_LEVEL) if floor is None else np.maximum(floor, FIRST_LEVEL), self.last)
+        self.level = np.full(count, -1)
+        self.fixed = np.zeros((elements, count))
+        self.sums = np.zeros((elements, count))
+        unknown = math.inf if channel.nodes.refinable else 0.0
+        self.change, self.earlier = np.full(count, unknown), np.full(count, unknown)
+        self.weights = [0.0]  # of the refinable nodes, by level, shifted by one
+        self.begun = False
+        ripple = math.pi / max(x for x, _ in features_of(channel))
+        here = np.arange(count)
+        low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), here - _WINDOW)
+        high = np.maximum(np.searchsorted(theta, theta + ripple, side="right"), here + _WINDOW + 1)
+        self.window = np.maximum(low, 0), np.minimum(high, count)
+
+    def wanted(self):
+        """[(indices of angles, level)] still to be summed, level None for the discrete sizes; empty when all is done."""
+        if not self.begun:
+            self.begun = True
+            jobs = [(np.arange(len(self.theta)), None)] if len(self.channel.nodes.fixed()[0]) else []
+            if self.channel.nodes.refinable:
+                for level in range(int(self.floor.max()) + 1):
+                    jobs.append((np.flatnonzero(self.floor >= level), level))
+            return jobs
+        if not self.channel.nodes.refinable:
+            return []
+        error = self.error()
+        open_ = error > self.target
+        if open_.any():
+            self._give_up(open_, error)
+        return [(np.flatnonzero(open_ & (self.level == level)), int(level) + 1) for level in np.unique(self.level[open_])]
+
+    def _give_up(self, open_, error):
+        """Raise where the last level is used up, or cannot be expected to suffice: halving the step at best halves the error."""
+        left = self.last - self.level
+        hopeless = open_ & ((left <= 0) | ((self.level >= FIRST_LEVEL + 3) & (error > 4 * self.target * 2.0**left)))
+        if hopeless.any():
+            worst = int(np.argmax(np.where(hopeless, error, 0.0)))
+            c = self.channel
+            raise StageError(
+                f"{c.component} at {c.wavelength:g} um: the phase function at {math.degrees(self.theta[worst]):.4g} degrees "
+                f"reaches a relative error of {error[worst]:.2g} with {c.nodes.count(int(self.level[worst]))} sizes of at most "
+                f"{c.nodes.count(self.last)}, and the tolerance leaves {self.target:.2g} for it; a larger tolerance, "
+                "a wider size distribution or a little absorption would do")
+
+    def absorb(self, index, level, sums):
+        """Take the sums (E, B) over the nodes that `level` adds, for the angles `index`."""
+        if level is None:
+            self.fixed[:, index] = sums
+            return
+        old = self.average(index, level - 1) if level > 0 else None
+        while len(self.weights) <= level + 1:
+            self.weights.append(self.weights[-1] / 2 + float(np.sum(self.channel.nodes.fresh(len(self.weights) - 1)[1])))
+        self.sums[:, index] = self.sums[:, index] / 2 + sums
+        self.level[index] = level
+        if old is not None:
+            new = self.average(index, level)
+            step = np.abs(new - old).max(axis=0)
+            self.earlier[index] = self.change[index]
+            self.change[index] = np.divide(step, new[0], out=np.zeros_like(step), where=new[0] > 0)
+
+    def average(self, index, level):
+        whole = float(np.sum(self.channel.nodes.fixed()[1])) + self.weights[level + 1]
+        return (self.fixed[:, index] + self.sums[:, index]) / whole
+
+    def error(self):
+        """(A,): change on halving and half the change before, added in squares; the largest among neighbours."""
+        own = np.hypot(self.change, self.earlier / 2)
+        return grid.largest(own, *self.window)
+
+    def values(self):
+        whole = float(np.sum(self.channel.nodes.fixed()[1])) + np.array(self.weights)[self.level + 1]
+        return (self.fixed + self.sums) / whole
+
+
+def _run(jobs, polarized, work):
+    """Sum the jobs block by block, holding a bounded number of results at a time, and hand each to its batch."""
+    sums = [np.zeros((batch.elements, len(index))) for batch, index, _ in jobs]
+    held, tasks, places = 0, [], []
+
+    def flush():
+        for (job, part), block in zip(places, work.map(angular_block, tasks)):
+            sums[job][:, part] += block
+        tasks.clear()
+        places.clear()
+        worst = max((float(b.error().max()) for b, *_ in jobs), default=0.0)
+        work.report(work.seconds, worst if math.isfinite(worst) else None)
+
+    per_angle = MUELLER if polarized else INTENSITY
+    for job, (batch, index, level) in enumerate(jobs):
+        channel = batch.channel
+        radius, weight = channel.nodes.fixed() if level is None else channel.nodes.fresh(level)
+        x = channel.k * radius
+        # S is summed, the phase function is S / (k^2 C_sca): k^2 stays out until the end
+        chunk = int(np.clip(BLOCK / (terms(x.max()) * per_angle), _FEWEST_ANGLES, _MOST_ANGLES))
+        for start in range(0, len(index), chunk):
+            part = np.arange(start, min(start + chunk, len(index)))
+            cost = terms(x) * (COEFFICIENT + per_angle * len(part))
+            work.charge(float(np.sum(cost)), f"{channel.component} at {channel.wavelength:g} um")
+            for a, b in cut(cost):
+                tasks.append((channel.m, x[a:b], weight[a:b], batch.theta[index[part]], polarized))
+                places.append((job, part))
+                held += 8 * batch.elements * len(part) + 16 * (b - a)
+                if held > HELD:
+                    flush()
+                    held = 0
+    if tasks:
+        flush()
+    for (batch, index, level), total in zip(jobs, sums):
+        batch.absorb(index, level, total)
