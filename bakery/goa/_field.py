@@ -29,6 +29,7 @@ from bakery.goa._rays import (
     I2,
     KAPPA,
     LAM,
+    LAM_I,
     M_I1,
     M_I2,
     M_R1,
@@ -180,19 +181,25 @@ def _add_dark(x, ray, scales, out):
     big = x * abs(ray[PATH_I])
     if big > DARKEST:
         return
-    weight = 1.0 - window(x * ray[LAM], scales)
-    if weight <= 0.0:
+    weight = complex(1.0 - window(x * ray[LAM], scales))
+    if scales[1] > 0.0:
+        # Where the share of the rays changes across the pair, both sides of the rainbow have to meet: the share of a complex ray, to
+        # first order in Im lam and fading where that is no longer small.
+        apart = 1e-3 * scales[1]
+        rise = (window(x * ray[LAM] - apart, scales) - window(x * ray[LAM] + apart, scales)) / (2.0 * apart)
+        weight += 1j * rise * x * ray[LAM_I] / (1.0 + (x * ray[LAM_I] / scales[1]) ** 2)
+    if weight == 0.0:
         return
     zeta = np.cbrt(1.5 * big) ** 2
     ai, slope = airy(zeta)
     quarter = np.sqrt(np.sqrt(zeta)) * _cis(0.25 * np.pi)
-    wave = np.sqrt(np.pi) * weight * x / np.sqrt(max(ray[SINE], 1.0 / x)) * _cis(x * ray[PATH] + ray[KAPPA])
+    wave = np.sqrt(np.pi) * x / np.sqrt(max(ray[SINE], 1.0 / x)) * _cis(x * ray[PATH] + ray[KAPPA])
     ai, slope = wave * ai * quarter, 1j * wave * slope / quarter
     # The chord of complex rays grows with k: exp(-x CHORD) of t+ and of its conjugate.
     fade = np.exp(-x * ray[CHORD])
     turn = _cis(-x * ray[CHORD_I])
     g = complex(ray[G_R], ray[G_I])
-    plus, minus = g * fade * turn, -1j * np.conj(g) * fade * np.conj(turn)
+    plus, minus = weight * g * fade * turn, -1j * np.conj(weight * g) * fade * np.conj(turn)
     e1, e2 = _round(x * ray[SINE], ray[END], complex(ray[R1], ray[I1]), complex(ray[R2], ray[I2]))
     f1, f2 = _round(x * ray[SINE], ray[END], complex(ray[M_R1], ray[M_I1]), complex(ray[M_R2], ray[M_I2]))
     out[0] += (plus * e1 + minus * f1) * ai + (plus * e1 - minus * f1) * slope

@@ -25,7 +25,7 @@ STRICT = dict(cache=True, nogil=True, error_model="numpy")
 LAM, GEOMETRY, SINE, SLOPE, FLOOR, PATH, KAPPA, SIGN, CHORD, R1, I1, R2, I2, AXIAL = range(14)
 # AXIAL: 2 reflected outside, 1 the ray along the axis, else 0
 # and of a pair of complex rays (LAM, SINE, PATH = Re, KAPPA, CHORD as above); t- is the conjugate of t+
-G_R, G_I, PATH_I, CHORD_I = 1, 3, 4, 7
+G_R, G_I, PATH_I, CHORD_I, LAM_I = 1, 3, 4, 7, 13
 M_R1, M_I1, M_R2, M_I2 = 14, 15, 16, 17  # reflection and refraction of the ray t-
 END = 18  # +1 in the forward half, -1 in the backward one
 COLUMNS = 19
@@ -140,6 +140,7 @@ def _dark(eta, p, target, bow, top, sine, kappa, guess, row):
     geometry = np.sqrt(s * c) / np.sqrt(2.0 * (p * c / w - 1.0))
     path, chord = 2.0 * (c - p * w), -2.0 * p * eta.imag * w / n
     row[LAM], row[SINE], row[KAPPA] = np.sin(t.real), sine, kappa
+    row[LAM_I] = np.cos(t.real) * t.imag
     row[G_R], row[G_I] = geometry.real, geometry.imag
     row[PATH], row[PATH_I], row[CHORD], row[CHORD_I] = path.real, path.imag, chord.real, chord.imag
     for side in range(2):

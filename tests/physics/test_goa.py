@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mpmath
 import numpy as np
 import pytest
@@ -347,3 +349,17 @@ def test_bad_input():
         goa.amplitudes(1.33, 50.0, 0.1, edge="thin")
     with pytest.raises(ValueError, match="gain"):
         goa.absorption(1.33 - 1j, 50.0)
+
+
+@pytest.mark.parametrize("m", [1.33, 1.5])
+@pytest.mark.parametrize("x", [100.0, 240.0, 1000.0])
+@pytest.mark.parametrize("edge", [None, "narrow", "wide"])
+def test_both_sides_of_a_rainbow_meet(m, x, edge):
+    """Amplitudes a hair above and below each rainbow angle differ by no more than across a hair elsewhere."""
+    for p in (2, 3, 4):
+        incident = math.acos(math.sqrt((m * m - 1) / (p * p - 1)))
+        inside = math.asin(math.sin(incident) / m)
+        bow = abs(math.remainder(2 * p * inside - 2 * incident - (p - 1) * math.pi, 2 * math.pi))
+        at = bow + np.array([-2e-7, 2e-7])
+        low, high = np.transpose(goa.amplitudes(m, x, at, 4, edge=edge))
+        assert np.abs(high - low).max() < 2e-3 * max(np.abs(low).max(), x / 10)
