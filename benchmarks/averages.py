@@ -19,8 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from bakery.averages import Component, averages, batches, cross, predicted
-from bakery.averages.predicted import predict
+from bakery.averages import Component, averages, batches, cross, expected, spheres as kinds
 from bakery.errors import StageError
 from bakery.medium import phase
 from bakery.sizes import Nodes, population
@@ -158,7 +157,7 @@ def model():
         for name, case in (CASES | MORE).items():
             s, m, host, wavelength, _ = case
             component = Component("spheres", np.full(len(wavelength), m, complex), population(s))
-            made = predict([component], wavelength, np.full(len(wavelength), host), tolerance)
+            made = expected([component], wavelength, np.full(len(wavelength), host), tolerance)[0]
             if made.seconds > 30:
                 continue
             charged = [0.0]
@@ -184,7 +183,7 @@ def rates():
     print("| x | cross sections, ns a term | with angles: ns a term | ns a term and angle | Mueller |\n|---|---|---|---|---|")
     for x in (100.0, 1000.0, 5000.0):
         spheres = np.linspace(x, 1.2 * x, max(16, int(1e5 / x)))
-        count, weight = float(predicted.terms(spheres).sum()), np.ones(len(spheres))
+        count, weight = float(kinds.terms(spheres).sum()), np.ones(len(spheres))
 
         def best(function):
             times = []

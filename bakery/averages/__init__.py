@@ -2,7 +2,7 @@
 
 The error that counts is pointwise: at every stored angle, the change of the averaged intensity when the nodes are halved,
 relative to the intensity itself (Mueller elements: to S11), and the same for each mean cross section (`cross` says what that
-means for absorption).
+means for absorption).  Where rays stand for series, their own error counts apart, as an integrated difference (`choice`).
 """
 
 from __future__ import annotations
@@ -14,15 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.averages.batches import solve
+from bakery.averages.choice import Choice, choose
 from bakery.averages.cross import SHARE, cross_sections
-from bakery.averages.predicted import Channel, Component, features_of, predict, predicted_angles
+from bakery.averages.predicted import predict, predicted_angles
+from bakery.averages.spheres import Component, Rays, channels_of, features_of
 from bakery.averages.work import Work
 from bakery.errors import StageError
 from bakery.medium import grid, phase
-from bakery.sizes.nodes import Nodes
 
-__all__ = ["Average", "Component", "averages", "first_grid"]
+__all__ = ["Average", "Component", "Rays", "averages", "expected", "first_grid"]
 
+SERIES = Rays("mie")
+_RIPPLE = 0.03  # steps of this over x are a hundredth of a ripple
 _MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant together; the rest is the normalisation's
 
 
@@ -36,8 +39,9 @@ class Average:
     scattering, absorption : (L, R) um^2
     cosine : (L, R) 1, mean cosine of each sphere
     elements : (L, E, A) 1/sr; the phase function, and with polarisation S12, S33, S34 in the same unit (E = 1 or 4)
-    phase_error : (L, A) 1/sr, absolute, quadrature and interpolation next to the angle, for all elements
-    error : (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above)
+    phase_error : (L, A) 1/sr, absolute, quadrature, interpolation and rays next to the angle, for all elements
+    error : (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above), rays apart
+    choices : (L,) of `choice.Choice`; from which size parameter on rays were taken, and their measured error
     absorption_error : (L,) 1, relative change of the mean absorption alone
     scale : (L,) 1, integral of the phase function before it was normalised, over the mean scattering cross section
     """
@@ -53,6 +57,7 @@ class Average:
     error: np.ndarray
     absorption_error: np.ndarray
     scale: np.ndarray
+    choices: tuple[Choice, ...] = ()
 
 
 def averages(
@@ -63,6 +68,10 @@ def averages(
     polarized: bool = False,
     map: Callable = lambda function, tasks: [function(*task) for task in tasks],
     report: Callable[[float, float | None], None] = lambda seconds, error: None,
+    *,
+    rays: Rays = SERIES,
+    radii: int | None = None,
+    angles: int | None = None,
 ) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
 
@@ -75,6 +84,9 @@ def averages(
     polarized : also S12, S33, S34
     map : `map(function, tasks)` -> list in the order of the tasks
     report : called with the work that is done, in seconds as predicted for one core, and the error reached
+    rays : whether and how rays stand for the series of large spheres
+    radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
+        the tolerance takes
 
     Returns
     -------
@@ -90,29 +102,30 @@ def averages(
     Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
-    wavelength, host = np.asarray(wavelength, float), np.asarray(host, float)
-    k = 2 * math.pi * host / wavelength
+    made, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii, angles=angles)
+    k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
     work = Work(map, report)
-    work.expect(predict(components, wavelength, host, tolerance, polarized))
-    nodes = [Nodes(component.sizes, k, tolerance) for component in components]
-    crosses = [cross_sections(c, n, wavelength, k, tolerance, work) for c, n in zip(components, nodes)]
-    channels = [Channel(c.name, float(w), complex(m), float(q), n)
-                for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
+    work.expect(made)
+    crosses = [cross_sections(c, own.nodes, np.asarray(wavelength), k, tolerance, work)
+               for c, own in zip(components, channels[:: len(k)])]
     reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
                       for c in channels])
-    theta = first_grid(channels, tolerance)
-    margin, target, known = _MARGIN * tolerance, SHARE * tolerance, None
+    theta = first_grid(channels, tolerance, angles)
+    margin = math.inf if angles else _MARGIN * tolerance
+    target, known = math.inf if radii else SHARE * tolerance, None
+    # rays jump here and there by less than their error; nothing that a sphere scatters is narrower than its ripples
+    finest = max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
 
     def evaluate(new, floor):
-        return solve(channels, new, floor, target, polarized, work)
+        return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work)
 
     for _ in range(3):
         try:
-            table = grid.refine(theta, evaluate, margin, reach, known)
+            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest)
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
-        found = [_finish(table, i, channel, crosses[i // len(k)], i % len(k)) for i, channel in enumerate(channels)]
-        if all(error <= tolerance for *_, error in found):
+        found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k)) for i, channel in enumerate(channels)]
+        if angles or radii or all(error <= tolerance for *_, error in found):
             break
         # the normalisation took more than its share: leave it more room
         theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
@@ -127,20 +140,39 @@ def averages(
         out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
                            np.array([f[0] for f in own]), np.array([f[1] for f in own]),
                            np.array([max(f[3], float(e)) for f, e in zip(own, cross.all_error)]), cross.absorption_error,
-                           np.array([f[2] for f in own])))
+                           np.array([f[2] for f in own]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
     return table.theta, out
 
 
-def first_grid(channels, tolerance):
-    """First angles for all channels together; StageError where the predicted number of angles is beyond the limit."""
-    if predicted_angles([f for c in channels for f in features_of(c)], tolerance) > grid.LIMIT:
+def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None):
+    """What `averages` with these arguments will take, before it runs.
+
+    Returns
+    -------
+    prediction : `predicted.Prediction`
+    channels, choices : each component at each wavelength, component by component, and where rays are taken in it (measured here)
+    """
+    channels = channels_of(components, wavelength, host, tolerance, radii)
+    choices = choose(channels, tolerance, rays)
+    return predict(channels, choices, tolerance, polarized, rays, angles), channels, choices
+
+
+def first_grid(channels, tolerance, count=None):
+    """First angles for all channels together; StageError where the predicted number of angles is beyond the limit.
+
+    With `count` so many angles, spread like the first ones.
+    """
+    if count is None and predicted_angles([f for c in channels for f in features_of(c)], tolerance) > grid.LIMIT:
         raise StageError(_too_many(channels, tolerance))
     features = sorted({f for c in channels for f in features_of(c)})
     bows = [(angle, x ** (-2 / 3)) for c in channels for x, _ in features_of(c) if x > 20 for angle in grid.bows(c.m.real)]
     try:
-        return grid.start(features, bows)
+        theta = grid.start(features, bows)
     except grid.TooManyAngles:
         raise StageError(_too_many(channels, tolerance)) from None
+    if count is None:
+        return theta
+    return np.interp(np.linspace(0, len(theta) - 1, count), np.arange(len(theta)), theta)
 
 
 def _rippled(x, width):
@@ -158,7 +190,7 @@ def _too_many(channels, tolerance):
             "or take a larger tolerance")
 
 
-def _finish(table, i, channel, cross, wavelength):
+def _finish(table, i, channel, choice, cross, wavelength):
     """Normalised elements (E, A), absolute error (A,), integral before over C_sca, relative error of one channel."""
     values = table.values[i]
     _, was = phase.normalised(table.theta, values[0])
@@ -169,8 +201,12 @@ def _finish(table, i, channel, cross, wavelength):
     elements = np.concatenate([s11[None], values[1:] * factor])
     between = table.between[i]
     near = np.maximum(np.concatenate([between[:1], between]), np.concatenate([between, between[-1:]]))
-    shift = min(_shift(table.theta, values[0], between), abs(scale - 1) + float(cross.error[wavelength]))
+    shift = _shift(table.theta, values[0], between)
+    if not choice.taken:  # series have the integral C_sca, rays only about
+        shift = min(shift, abs(scale - 1) + float(cross.error[wavelength]))
     absolute = np.maximum(near / was, table.error[i] * s11) + shift * s11
+    if choice.taken:
+        absolute += np.interp(table.theta, choice.theta, choice.difference)
     return elements, absolute, scale, float(table.relative[i]) + shift
 
 

@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from bakery.averages.predicted import COEFFICIENT, FIRST_LEVEL, HELD, INTENSITY, MUELLER, features_of, terms
+from bakery.averages.predicted import FIRST_LEVEL, HELD, INTENSITY, MUELLER, angular_seconds, trace_seconds
+from bakery.averages.spheres import features_of
 from bakery.averages.work import BLOCK, cut
 from bakery.errors import StageError
 from bakery.medium import grid
@@ -19,27 +20,40 @@ _FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
 _WINDOW = 4  # neighbours on either side whose error an angle shares, and those within one ripple pi/x
 
 
-def angular_block(m, x, weight, theta, polarized):
-    """(E, A): weighted sums of the intensity, or of S11, S12, S33, S34, over spheres x (R,) at theta (A,) rad."""
-    from bakery.mie._kernels import intensity_block, mueller_block
+def angular_block(m, x, weight, theta, polarized, rays=None):
+    """(E, A): weighted sums of the intensity, or of S11, S12, S33, S34, over spheres x (R,) at theta (A,) rad.
 
+    By series; with `rays` (orders, options) by `bakery.goa`.
+    """
     out = np.zeros((4 if polarized else 1, len(theta)))
-    if polarized:
-        mueller_block(complex(m), x, weight, theta, out)
+    if rays is None:
+        from bakery.mie._kernels import intensity_block, mueller_block
+
+        orders, options = (), {}
     else:
-        intensity_block(complex(m), x, weight, theta, out[0])
+        from bakery.goa import intensity_block, mueller_block
+
+        orders, options = (rays[0],), rays[1]
+    if polarized:
+        mueller_block(complex(m), x, weight, theta, out, *orders, **options)
+    else:
+        intensity_block(complex(m), x, weight, theta, out[0], *orders, **options)
     return out
 
 
-def solve(channels, theta, floor, target, polarized, work):
-    """Values (C, E, B) of the averaged elements at new angles, their errors and levels (C, B)."""
+def solve(channels, switches, theta, floor, target, polarized, rays, work):
+    """Values (C, E, B) of the averaged elements at new angles, their errors and levels (C, B).
+
+    switches (C,): size parameter from which each channel takes `rays`; inf: nowhere.
+    """
     elements = 4 if polarized else 1
-    batches = [_Batch(c, theta, None if floor is None else floor[i], target, elements) for i, c in enumerate(channels)]
+    batches = [_Batch(c, switches[i], theta, None if floor is None else floor[i], target, elements)
+               for i, c in enumerate(channels)]
     while True:
         jobs = [(batch, index, level) for batch in batches for index, level in batch.wanted()]
         if not jobs:
             break
-        _run(jobs, polarized, work)
+        _run(jobs, polarized, rays, work)
     values = np.stack([batch.values() for batch in batches])
     return values, np.stack([batch.error() for batch in batches]), np.stack([batch.level for batch in batches])
 
@@ -47,9 +61,9 @@ def solve(channels, theta, floor, target, polarized, work):
 class _Batch:
     """Angles of one channel on their way to convergence."""
 
-    def __init__(self, channel, theta, floor, target, elements):
+    def __init__(self, channel, switch, theta, floor, target, elements):
         count = len(theta)
-        self.channel, self.theta, self.target, self.elements = channel, theta, target, elements
+        self.channel, self.switch, self.theta, self.target, self.elements = channel, switch, theta, target, elements
         self.last = channel.nodes.levels - 1
         self.floor = np.minimum(np.full(count, FIRST_LEVEL) if floor is None else np.maximum(floor, FIRST_LEVEL), self.last)
         self.level = np.full(count, -1)
@@ -125,7 +139,7 @@ class _Batch:
         return (self.fixed + self.sums) / whole
 
 
-def _run(jobs, polarized, work):
+def _run(jobs, polarized, rays, work):
     """Sum the jobs block by block, holding a bounded number of results at a time, and hand each to its batch."""
     sums = [np.zeros((batch.elements, len(index))) for batch, index, _ in jobs]
     held, tasks, places = 0, [], []
@@ -138,25 +152,40 @@ def _run(jobs, polarized, work):
         worst = max((float(b.error().max()) for b, *_ in jobs), default=0.0)
         work.report(work.seconds, worst if math.isfinite(worst) else None)
 
-    per_angle = MUELLER if polarized else INTENSITY
     for job, (batch, index, level) in enumerate(jobs):
         channel = batch.channel
         radius, weight = channel.nodes.fixed() if level is None else channel.nodes.fresh(level)
         x = channel.k * radius
         # S is summed, the phase function is S / (k^2 C_sca): k^2 stays out until the end
-        chunk = int(np.clip(BLOCK / (terms(x.max()) * per_angle), _FEWEST_ANGLES, _MOST_ANGLES))
-        for start in range(0, len(index), chunk):
-            part = np.arange(start, min(start + chunk, len(index)))
-            cost = terms(x) * (COEFFICIENT + per_angle * len(part))
-            work.charge(float(np.sum(cost)), f"{channel.component} at {channel.wavelength:g} um")
-            for a, b in cut(cost):
-                tasks.append((channel.m, x[a:b], weight[a:b], batch.theta[index[part]], polarized))
-                places.append((job, part))
-                held += 8 * batch.elements * len(part) + 16 * (b - a)
-                if held > HELD:
-                    flush()
-                    held = 0
+        for part, spheres, by, seconds in _blocks(channel, x, batch.switch, len(index), polarized, rays):
+            work.charge(seconds, f"{channel.component} at {channel.wavelength:g} um")
+            tasks.append((channel.m, x[spheres], weight[spheres], batch.theta[index[part]], polarized, by))
+            places.append((job, part))
+            held += 8 * batch.elements * len(part) + 16 * len(spheres)
+            if held > HELD:
+                flush()
+                held = 0
     if tasks:
         flush()
     for (batch, index, level), total in zip(jobs, sums):
         batch.absorb(index, level, total)
+
+
+def _blocks(channel, x, switch, angles, polarized, rays):
+    """(places of angles, places of spheres, method, seconds) of blocks of bounded size; nothing but the inputs decides.
+
+    Series first: they are sharp about where rays begin, and sums keep this order.
+    """
+    per_angle = MUELLER if polarized else INTENSITY
+    large = x >= switch
+    for spheres, used in ((np.flatnonzero(~large), None), (np.flatnonzero(large), rays)):
+        if not len(spheres):
+            continue
+        dearest = float(np.max(angular_seconds(channel.m, x[spheres], 1, per_angle, used)))
+        chunk = int(np.clip(BLOCK / dearest, _FEWEST_ANGLES, _MOST_ANGLES))
+        for start in range(0, angles, chunk):
+            part = np.arange(start, min(start + chunk, angles))
+            cost = angular_seconds(channel.m, x[spheres], len(part), per_angle, used)
+            tracing = trace_seconds(len(part), used) if used else 0.0
+            for a, b in cut(cost):
+                yield part, spheres[a:b], used and (used.orders, used.options), float(np.sum(cost[a:b])) + tracing

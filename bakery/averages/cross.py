@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.averages.predicted import CROSS, FIRST_LEVEL, terms
+from bakery.averages.predicted import CROSS, FIRST_LEVEL
+from bakery.averages.spheres import terms
 from bakery.averages.work import cut
 from bakery.errors import StageError
 
@@ -60,6 +61,8 @@ def cross_sections(component, nodes, wavelength, k, tolerance, work):
         if not nodes.refinable or (
                 level >= FIRST_LEVEL and (error <= _CROSS * tolerance).all() and (absorption <= SHARE * tolerance).all()):
             break
+        if nodes.counted and level == nodes.levels - 1:
+            break  # the number was asked for; its error is told
     else:
         what, off, allowed = max(("extinction and scattering", error, _CROSS), ("absorption", absorption, SHARE),
                                  key=lambda item: item[1].max() / item[2])

@@ -14,38 +14,20 @@ from pathlib import Path
 
 import numpy as np
 
-from bakery.sizes.distributions import Population
-from bakery.sizes.nodes import Nodes
+from bakery.averages.spheres import Channel, Rays, features_of, terms
 
 # seconds on one core of an AMD EPYC (Zen 5, AVX-512): benchmarks/averages.py --rates
 CROSS = 2e-9  # per term of a sphere's series, cross sections only
 COEFFICIENT = 11e-9  # per term, where angles follow
 INTENSITY = 0.13e-9  # per term and angle
 MUELLER = 0.15e-9
+# rays: per angle and sphere, a + b orders^2 (bubbles reflect totally and take twice that) and the edge's windows; and once per
+# angle for any number of spheres, tracing
+RAY, RAY_ORDERS, EDGE, CRITICAL, TRACE, TRACE_ORDERS = 20e-9, 9e-9, 90e-9, 4e-9, 60e-9, 70e-9
 LOADING, COMPILING = 0.6, 12.0  # seconds, same machine
 FIRST_LEVEL = 2  # level before which nothing has converged: steps in size parameter of ~1
 HELD = 64 * 2**20  # bytes of block results held at a time
 _DAMPED, _RIPPLES, _RESONANT, _PASSES = 3.5, 5.0, 400.0, 4.0  # fitted
-
-
-@dataclass(frozen=True)
-class Component:
-    """One kind of sphere.  `m` (L,) complex index n + ik relative to the host, k >= 0."""
-
-    name: str
-    m: np.ndarray
-    sizes: Population
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One component at one wavelength: index relative to the host, wavenumber in the host (1/um), nodes."""
-
-    component: str
-    wavelength: float
-    m: complex
-    k: float
-    nodes: Nodes
 
 
 def startup() -> tuple[float, str]:
@@ -55,18 +37,6 @@ def startup() -> tuple[float, str]:
     source = (here / "_kernels.py").stat().st_mtime
     compiled = [path for path in kept.rglob("_kernels.*intensity_block*.nbi") if path.stat().st_mtime >= source]
     return (LOADING, "kernels loaded") if compiled else (COMPILING, "kernels compiled first, once")
-
-
-def terms(x):
-    """Terms of the series at size parameter x."""
-    return x + 7.5 * np.cbrt(x) + 2
-
-
-def features_of(channel):
-    """(size parameter, relative width) of each part, at the channel's own wavelength."""
-    longest = max(x for x, _ in channel.nodes.features)
-    scale = channel.k / channel.nodes.wavenumber if longest > 0 else 1.0
-    return [(x * scale, width) for x, width in channel.nodes.features]
 
 
 @dataclass(frozen=True)
@@ -80,30 +50,59 @@ class Prediction:
     spheres: int
 
 
-def predict(components: Sequence[Component], wavelength, host, tolerance: float, polarized: bool = False) -> Prediction:
-    """Predicted work of `averages`, same arguments; fitted to 30 varied runs (docs/averages.md gives the spread)."""
-    k = 2 * math.pi * np.asarray(host, float) / np.asarray(wavelength, float)
-    nodes = [Nodes(component.sizes, k, tolerance) for component in components]
-    channels = [Channel(c.name, float(w), complex(m), float(q), n)
-                for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
-    angles = predicted_angles([f for c in channels for f in features_of(c)], tolerance)
+def angular_seconds(m, x, angles: int, per_angle: float = INTENSITY, rays: Rays | None = None):
+    """Seconds of one core for amplitudes at `angles` angles of each sphere x (R,), by series, or by rays (traced already)."""
+    x = np.asarray(x, float)
+    if rays is None:
+        return terms(x) * (COEFFICIENT + per_angle * angles)
+    bubble = m.real < 1
+    seconds = np.full(x.shape, (1 + bubble) * (RAY + RAY_ORDERS * rays.orders**2) * angles)
+    if rays.edge is not None:
+        seconds += terms(x) * COEFFICIENT + (EDGE + bubble * CRITICAL * np.sqrt(x)) * angles
+    return seconds
+
+
+def trace_seconds(angles: int, rays: Rays) -> float:
+    """Seconds of one core to trace the rays of any number of spheres."""
+    return (TRACE + TRACE_ORDERS * rays.orders**2) * angles
+
+
+def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: bool = False, rays: Rays | None = None,
+            angles: int | None = None) -> Prediction:
+    """Predicted work of `averages` for its channels and the choices made for them; fitted to 30 varied runs (docs/averages.md).
+
+    `angles`: a fixed number of angles; None: as many as the tolerance takes.
+    """
+    count = angles or predicted_angles([f for c in channels for f in features_of(c)], tolerance)
     per_angle = MUELLER if polarized else INTENSITY
+    computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept
     seconds, spheres, rows = 0.02 + 0.005 * len(channels), 0, 0
-    for channel in channels:
-        fixed = terms(channel.k * channel.nodes.fixed()[0])
-        seconds += float(np.sum(fixed)) * (5 * COEFFICIENT + per_angle * 2.3 * angles)
+    for channel, choice in zip(channels, choices):
+        def angular(radius, shown, channel=channel, choice=choice):
+            x = channel.k * radius
+            large = x >= choice.switch
+            by_series = float(np.sum(terms(x[~large]))) * per_angle * shown
+            if not large.any():
+                return by_series
+            without = angular_seconds(channel.m, x[large], 0, rays=rays)
+            return by_series + float(np.sum(angular_seconds(channel.m, x[large], shown, rays=rays) - without))
+
+        fixed = channel.nodes.fixed()[0]
+        seconds += float(np.sum(terms(channel.k * fixed))) * 5 * COEFFICIENT + angular(fixed, computed)
         spheres += len(fixed)
         rows += len(fixed)
         if channel.nodes.refinable:
-            fresh = terms(channel.k * channel.nodes.fresh(0)[0])
+            first = channel.nodes.fresh(0)[0]
             most, last = _doublings(channel, tolerance)
-            seconds += float(np.sum(fresh)) * (last * _PASSES * COEFFICIENT + most * per_angle * 2.3 * angles)
-            spheres += int(len(fresh) * last)
-            rows += len(fresh) * 2**FIRST_LEVEL
+            seconds += float(np.sum(terms(channel.k * first))) * last * _PASSES * COEFFICIENT + most * angular(first, computed)
+            spheres += int(len(first) * last)
+            rows += len(first) * 2**FIRST_LEVEL
+        if choice.taken:
+            seconds += _PASSES * trace_seconds(computed, rays)
     elements = 4 if polarized else 1
-    memory = 8 * angles * len(channels) * (8 * elements + 20) + 2 * HELD + 100 * spheres
-    file = 8 * (len(channels) * angles * (elements + 1) + 4 * rows)
-    return Prediction(seconds, memory, file, int(angles), spheres)
+    memory = 8 * count * len(channels) * (8 * elements + 20) + 2 * HELD + 100 * spheres
+    file = 8 * (len(channels) * count * (elements + 1) + 4 * rows)
+    return Prediction(seconds, memory, file, int(count), spheres)
 
 
 def _doublings(channel, tolerance):
@@ -112,6 +111,8 @@ def _doublings(channel, tolerance):
     Spheres that absorb, and bubbles, are smooth once the ripples are resolved; in others resonances decide, and nodes go like
     the square root of the size parameter and nearly like 1/tolerance.
     """
+    if channel.nodes.counted:
+        return 2.0**FIRST_LEVEL, 2.0**FIRST_LEVEL
     fine = 0.01 / tolerance
     absorption = 4 * channel.m.imag
     last = 2.0 ** (channel.nodes.levels - 1)

@@ -41,6 +41,8 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
                 say(f"         because {reason}")
             if len(step.why) > len(shown):
                 say(f"         and {len(step.why) - len(shown)} more (--verbose)")
+            for remark in step.cost.remarks:
+                say(f"         {remark}")
             if verbose:
                 say(f"         input {step.input_hash}")
                 say(f"         estimate: {step.cost.basis}")

@@ -105,7 +105,7 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT):
+def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
     Parameters
@@ -117,6 +117,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT):
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself
     known : values, error, tag at theta, from an earlier call
+    finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
     Raises
     ------
@@ -130,7 +131,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT):
     for _ in range(_ROUNDS):
         cell = np.flatnonzero(undecided)
         new = middle(theta[cell], theta[cell + 1])
-        undecided[cell[(new <= theta[cell]) | (new >= theta[cell + 1])]] = False  # neighbours in double precision
+        # neighbours in double precision, or as good as
+        undecided[cell[(new <= theta[cell]) | (new >= theta[cell + 1]) | (theta[cell + 1] - theta[cell] < finest)]] = False
         cell = np.flatnonzero(undecided)
         if not len(cell):
             break

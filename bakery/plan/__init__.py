@@ -32,7 +32,8 @@ class Step:
         """The same for machines (`--json`)."""
         return {"stage": self.stage.name, "title": self.stage.title, "version": self.stage.version,
                 "input_hash": self.input_hash, "action": self.action, "why": list(self.why),
-                "seconds": self.cost.seconds, "memory": self.cost.memory, "file": self.cost.file, "basis": self.cost.basis}
+                "seconds": self.cost.seconds, "memory": self.cost.memory, "file": self.cost.file, "basis": self.cost.basis,
+                "remarks": list(self.cost.remarks)}
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         tolerance=parsed.tolerance,
         wavelength=tuple(checker.wavelength),
         particles=parsed.particles and _particles(parsed.particles, checker),
-        phase=model.SingleScattering(phase.method, phase.orders, phase.polarized),
+        phase=_single_scattering(phase),
         medium=parsed.medium and _medium(parsed.medium, checker),
         leaves=leaves,
         files=tuple(checker.files),
@@ -168,6 +168,12 @@ def _leaves(key: str, value, wavelengths: int) -> Iterator[tuple[str, str | int 
             yield from _leaves(f"{key}[{i}]", item, wavelengths)
     elif value is not None:
         yield key, value
+
+
+def _single_scattering(section: schema.SingleScattering) -> model.SingleScattering:
+    values = {name: getattr(section, name) for name in schema.SingleScattering.model_fields}
+    chosen = {name: None for name in ("switch", "radii", "angles") if values[name] == "auto"}
+    return model.SingleScattering(**values | chosen | {"edge": None if section.edge == "none" else section.edge})
 
 
 def _particles(section: schema.Particles, checker: Checker) -> model.Particles:

@@ -48,8 +48,9 @@ class Checker:
         for section in _mappings(self.tree.get("medium")):
             self._medium(section)
         for section in _mappings(self.tree.get("phase")):
-            if self._value(section, "method") == "goa":
-                self._report(section["method"], "goa (geometrical optics) is not available yet", "auto and mie are")
+            if self._value(section, "switch") not in ("auto", None) and self._value(section, "method") != "goa":
+                self._report(section["switch"], "found a size parameter for the switch to rays with another method than goa",
+                             "expected method: goa beside it, or switch: auto")
         for section in _mappings(self.tree.get("grains")):
             self._components(section, "weight")
         for name in NOT_YET:

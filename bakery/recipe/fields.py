@@ -104,15 +104,15 @@ def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
     return ([{"type": "number", **bounds.schema()}] if quantity.bare else []) + ([text] if quantity.powers else [])
 
 
-def number(quantity: Quantity = NUMBER_ONLY, **bounds):
-    """One value of a quantity."""
+def number(quantity: Quantity = NUMBER_ONLY, auto: bool = False, **bounds):
+    """One value of a quantity; with `auto` also that word."""
     limits = Range(**bounds)
 
     def read(node):
-        node = scalar(node, units.example(quantity))
-        return one(node.text, quantity, limits, node.quoted)
+        node = scalar(node, ("auto or " if auto else "") + units.example(quantity))
+        return "auto" if auto and node.text == "auto" else one(node.text, quantity, limits, node.quoted)
 
-    return leaf(read, {"anyOf": _patterns(quantity, limits)})
+    return leaf(read, {"anyOf": [{"const": "auto"}] * auto + _patterns(quantity, limits)})
 
 
 def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, **bounds):
@@ -199,21 +199,25 @@ def _read_flag(node):
     return node.text == "true"
 
 
-def whole(least: int, most: int):
-    """A whole number."""
+def whole(least: int, most: int, auto: bool = False):
+    """A whole number; with `auto` also that word."""
 
     def read(node):
         text = scalar(node, "a whole number").text
+        if auto and text == "auto":
+            return text
         # 20 digits hold every whole number in question, however many digits the text has
         if node.quoted or not re.fullmatch(r"[-+]?\d{1,20}", text, re.ASCII) or not least <= int(text) <= most:
             limit = f"{most:,}" if most < 2**53 else "2^53"
             raise Wrong(
                 f"found {show(text)}",
-                f"expected a whole number from {least} to {limit}" + (" without quotes" if node.quoted else ""),
+                ("expected auto or " if auto else "expected ") + f"a whole number from {least} to {limit}"
+                + (" without quotes" if node.quoted else ""),
             )
         return int(text)
 
-    return leaf(read, {"type": "integer", "minimum": least, "maximum": most})
+    number = {"type": "integer", "minimum": least, "maximum": most}
+    return leaf(read, {"anyOf": [{"const": "auto"}, number]} if auto else number)
 
 
 def _read_format(node):

@@ -61,11 +61,17 @@ class Particles:
 
 @dataclass(frozen=True)
 class SingleScattering:
-    """Options of the single-scattering stage."""
+    """Options of the single-scattering stage; None where the recipe says auto (`edge`: none)."""
 
     method: str
     orders: int
     polarized: bool
+    switch: float | None
+    edge: str | None
+    rainbow: bool
+    axis: bool
+    radii: int | None
+    angles: int | None
 
 
 @dataclass(frozen=True, eq=False)

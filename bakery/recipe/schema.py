@@ -18,19 +18,15 @@ from bakery.recipe.fields import (
     Material,
     Name,
     Path,
-    Range,
     Share,
     Text,
-    leaf,
     number,
     numbers,
-    one,
-    scalar,
     whole,
     word,
 )
 from bakery.recipe.text import Mapping, Scalar, Sequence
-from bakery.recipe.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, NUMBER_ONLY, WAVELENGTH
+from bakery.recipe.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, WAVELENGTH
 
 NAMED_WAVELENGTHS = {"rgb": (0.610, 0.550, 0.465), "visible8": (0.405, 0.455, 0.505, 0.555, 0.605, 0.655, 0.705, 0.755)}
 
@@ -193,10 +189,17 @@ class SingleScattering(Section):
     """Options of the single-scattering stage."""
 
     method: word("auto", "mie", "goa") = Field(
-        "auto", description="How spheres are computed; auto chooses by the measured error."
+        "auto", description="How spheres are computed: series (mie), rays for the large ones (goa), or rays where they are "
+        "measured to be good enough and save time (auto)."
     )
-    orders: whole(1, 100) = Field(3, description="Highest number of chords of a ray (geometrical optics).")
+    orders: whole(0, 50) = Field(3, description="Rays: highest number of chords.")
     polarized: Flag = Field(False, description="Also bake the Mueller elements s11, s12, s33, s34.")
+    switch: number(least=30, most=1e8, auto=True) = Field("auto", description="Size parameter from which method goa takes rays.")
+    edge: word("narrow", "wide", "none") = Field("narrow", description="Rays: window of exact waves at the edge of a sphere.")
+    rainbow: Flag = Field(True, description="Rays: the uniform formula at rainbows.")
+    axis: Flag = Field(True, description="Rays: the uniform formula at 0 and 180 degrees.")
+    radii: whole(3, 10**6, auto=True) = Field("auto", description="Number of sizes, whatever error they leave.")
+    angles: whole(3, 10**6, auto=True) = Field("auto", description="Number of angles, whatever error they leave.")
 
 
 class Discrete(Section):
@@ -346,10 +349,7 @@ class MultipleScattering(Section):
     sources: Annotated[list[word("point", "segment")], Field(min_length=1, max_length=2)] = Field(
         ("point", "segment"), description="Kinds of sources."
     )
-    extent: leaf(
-        lambda node: "auto" if scalar(node, "auto or a number").text == "auto" else one(node.text, NUMBER_ONLY, Range(above=0)),
-        {"anyOf": [{"const": "auto"}, {"type": "number"}]},
-    ) = Field("auto", description="In mean free paths.")
+    extent: number(above=0, auto=True) = Field("auto", description="In mean free paths.")
 
 
 class Beam(Section):

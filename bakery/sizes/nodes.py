@@ -49,6 +49,8 @@ class Nodes:
     population : Population
     wavenumber : (L,) 1/um, in the host; the longest decides how far the tails reach, the shortest how fine the first level is
     tolerance : the neglected part of the number, and of the r^4-weighted number (r^6 below x = 1), is under a hundredth of it
+    count : about so many sizes for each part in all three levels, whatever they resolve; None: as fine as the ripples ask, and
+        levels to refine
 
     Notes
     -----
@@ -56,22 +58,25 @@ class Nodes:
     `C_j = C_(j-1)/2 + sum over fresh(j)`, the average at level j is `(F + C_j(f)) / (F + C_j(1))`.
     """
 
-    def __init__(self, population: Population, wavenumber, tolerance: float):
+    def __init__(self, population: Population, wavenumber, tolerance: float, count: int | None = None):
         k = np.atleast_1d(np.asarray(wavenumber, float))
         single = [part for part in population.parts if isinstance(part.law, Single)]
         self._fixed = (np.array([part.law.radius for part in single], float), np.array([part.share for part in single], float))
         self.wavenumber = float(k.max())
         self._parts = [part for part in population.parts if not isinstance(part.law, Single)]
+        self.counted = count is not None
         self._maps, self.first = [], []  # `first`: nodes of each part's first level
         # (size parameter at the shortest wavelength, relative width) of each part, weighted by r^2.5
         self.features = [(float(r) * self.wavenumber, 0.0) for r in self._fixed[0]]
         for part in self._parts:
             grid, first, feature = _prepare(part, k, tolerance)
             self._maps.append(grid)
-            self.first.append(first)
+            self.first.append(first if count is None else max(1, round((count - 1) / 4)))
             self.features.append(feature)
         self.levels = 1
-        if self._parts:
+        if self._parts and self.counted:
+            self.levels += 2
+        elif self._parts:
             self.levels += int(math.log2(min(LAST_NODES / min(self.first), 4 * LAST_NODES / max(self.first))))
 
     @property

@@ -40,12 +40,17 @@ def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str =
 
 @dataclass(frozen=True)
 class Knob:
-    """A setting that trades time for accuracy.  `key` is the recipe key that sets it."""
+    """A setting that trades time for accuracy.
+
+    `key` is the recipe key that sets it, `values` the settings that `bake trade` tries, as recipe texts from cheap to dear
+    (`("10%", "3%", "1%")`); without values it is not tried.
+    """
 
     name: str
     key: str
     default: Any
     description: str
+    values: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,7 @@ class Cost:
     file: float  # bytes in the asset
     basis: str
     startup: float = 0.0  # seconds before the first block, whatever the number of cores: loading or compiling kernels
+    remarks: tuple[str, ...] = ()  # choices that a user may want to know of before the work
 
 
 @dataclass(frozen=True)
@@ -101,6 +107,9 @@ class Stage:
     inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
     compute : (inputs, context) -> Result
     check : group -> broken rules, in words (normalisation, energy, ranges); `verify` and the store run it
+    measures : (group, converged group) -> true errors by name, the one that settings are ranked by first; None where settings
+        cannot be compared.  Errors are finite and in the unit of the tolerance
+    reference : recipe key -> text: where the knobs stand for a converged group, besides the tolerance
     """
 
     name: str
@@ -116,3 +125,5 @@ class Stage:
     compute: Callable[[dict, Context], Result]
     check: Callable[[Group], Iterable[str]]
     knobs: tuple[Knob, ...] = field(default=())
+    measures: Callable[[Group, Group], Mapping[str, float]] | None = None
+    reference: Mapping[str, str] = field(default_factory=dict, hash=False)

@@ -129,9 +129,9 @@ def _compute_of_coefficients(inputs: dict, context) -> Result:
 
 
 def _cost_of_particles(recipe) -> Cost:
-    from bakery.stages.optics import _prediction
+    from bakery.stages.optics import predicted
 
-    angles, rows = _prediction(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
+    angles, rows = predicted(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
     return Cost(0.02 + 1e-6 * angles * rows, 8 * 4 * angles * rows + 2**20, 8 * angles * rows + 3000,
                 f"{angles} angles, {len(recipe.wavelength)} wavelengths")
 

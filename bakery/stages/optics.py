@@ -1,4 +1,4 @@
-"""Stage `optics`: cross sections and phase functions of each component, averaged over its sizes (Lorenz-Mie)."""
+"""Stage `optics`: cross sections and phase functions of each component, averaged over its sizes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.stages import rules
+from bakery.stages import measures, rules
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group
 
@@ -28,7 +28,9 @@ OUTPUTS = (
     Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
     Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
     Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
-    Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections"),
+    Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections, rays apart"),
+    Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere"),
+    Output("COMPONENT/model_error", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres"),
     Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
     Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
     *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)
@@ -47,7 +49,7 @@ def _population(component):
 
 def _components(recipe):
     """Components with indices relative to the host's real index: an absorbing host is `medium`'s affair (medium/mixing.py)."""
-    from bakery.averages.predicted import Component
+    from bakery.averages import Component
 
     host = np.asarray(recipe.particles.host.n, float)
     return [Component(c.name, (np.asarray(c.material.n, float) + 1j * np.asarray(c.material.k, float)) / host, _population(c))
@@ -56,49 +58,81 @@ def _components(recipe):
 
 def inputs(recipe, upstream) -> dict:
     return {"components": _components(recipe), "wavelength": np.asarray(recipe.wavelength, float),
-            "host": np.asarray(recipe.particles.host.n, float), "polarized": bool(recipe.phase.polarized)}
+            "host": np.asarray(recipe.particles.host.n, float), "polarized": bool(recipe.phase.polarized)} | _settings(recipe)
 
 
-def _prediction(recipe):
-    from bakery.averages.predicted import predict
+def _settings(recipe) -> dict:
+    from bakery.averages import Rays
 
-    return predict(_components(recipe), recipe.wavelength, recipe.particles.host.n, recipe.tolerance, recipe.phase.polarized)
+    phase = recipe.phase
+    return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, phase.edge, phase.switch),
+            "radii": phase.radii, "angles": phase.angles}
+
+
+def predicted(recipe):
+    """The work that the averages of a recipe are expected to take."""
+    return _expected(recipe)[0]
+
+
+def _expected(recipe):
+    from bakery.averages import expected
+
+    return expected(**inputs(recipe, {}), tolerance=recipe.tolerance)
 
 
 def cost(recipe) -> Cost:
     from bakery.averages.predicted import startup
 
-    made = _prediction(recipe)
+    made, channels, choices = _expected(recipe)
     before, why = startup()
     return Cost(made.seconds, made.memory, made.file,
                 f"about {made.angles} angles, {made.spheres} spheres, {made.seconds:.2g} s of one core by the rates of "
-                f"benchmarks/averages.py; {before:g} s for {why}", before)
+                f"benchmarks/averages.py; {before:g} s for {why}", before, _remarks(channels, choices))
+
+
+def _remarks(channels, choices) -> tuple[str, ...]:
+    """One line for each component, or for each wavelength where they differ."""
+    lines = {}
+    for channel, choice in zip(channels, choices):
+        lines.setdefault((channel.component, choice.why), []).append(f"{channel.wavelength:g}")
+    return tuple(f"{component} at {', '.join(at)} um: {'' if 'rays' in why else 'series only; '}{why}"
+                 for (component, why), at in lines.items())
 
 
 def compute(inputs: dict, context) -> Result:
-    from bakery.averages import averages
-    from bakery.averages.predicted import predict
+    from bakery.averages import averages, expected
 
-    expected = predict(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"]).seconds
+    whole = expected(**inputs, tolerance=context.tolerance)[0].seconds
 
     def report(seconds, error):
-        context.report(min(seconds / max(expected, 1e-9), 0.99), error)
+        context.report(min(seconds / max(whole, 1e-9), 0.99), error)
 
-    theta, found = averages(inputs["components"], inputs["wavelength"], inputs["host"], context.tolerance, inputs["polarized"],
-                            context.map, report)
+    theta, found = averages(**inputs, tolerance=context.tolerance, map=context.map, report=report)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
-    notes = []
+    notes, reached = [], 0.0
     for component, average in zip(inputs["components"], found):
-        members[component.name] = _group(component, average)
-        worst = int(np.argmax(average.absorption_error))
-        if average.absorption_error[worst] > context.tolerance:
-            absorption, extinction = (mean[worst] for mean in _means(average))
-            notes.append(
-                f"{component.name} at {inputs['wavelength'][worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
-                f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
-                "hardly absorb do so in resonances narrower than any grid")
-    context.report(1.0, max(float(a.error.max()) for a in found))
-    return Result(members, max(float(a.error.max()) for a in found), tuple(notes))
+        members[component.name] = _group(component, average, inputs["wavelength"], inputs["host"])
+        notes += _notes(component, average, inputs["wavelength"], context.tolerance)
+        reached = max(reached, float(average.error.max()), *(choice.error for choice in average.choices))
+    context.report(1.0, reached)
+    return Result(members, reached, tuple(notes))
+
+
+def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
+    worst = int(np.argmax(average.absorption_error))
+    if average.absorption_error[worst] > tolerance:
+        absorption, extinction = (mean[worst] for mean in _means(average))
+        yield (f"{component.name} at {wavelength[worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
+               f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
+               "hardly absorb do so in resonances narrower than any grid")
+    worst = int(np.argmax(average.error))
+    if average.error[worst] > tolerance:
+        yield (f"{component.name} at {wavelength[worst]:g} um: the numbers of sizes and angles that phase.radii and phase.angles "
+               f"fix leave an error of {average.error[worst]:.2g}; auto would meet the tolerance")
+    for at, choice in zip(wavelength, average.choices):
+        if choice.error > tolerance:
+            yield (f"{component.name} at {at:g} um: rays from size parameter {choice.switch:.3g} on are off by {choice.error:.2g} "
+                   "of the light; method: auto would keep to the tolerance")
 
 
 def _means(average):
@@ -107,13 +141,17 @@ def _means(average):
     return absorption, scattering + absorption
 
 
-def _group(component, average) -> Group:
+def _group(component, average, wavelength, host) -> Group:
+    x = 2 * np.pi * (host / wavelength)[:, None] * average.radius
+    switch = np.array([choice.switch for choice in average.choices])
     mean_absorption, mean_extinction = _means(average)
     mean_scattering = np.sum(average.scattering * average.weight, axis=-1)
     values = {
         "radius": average.radius, "weight": average.weight, "mean_volume": np.array([component.sizes.mean_volume]),
         "extinction": average.scattering + average.absorption, "scattering": average.scattering, "absorption": average.absorption,
-        "method": np.full(average.scattering.shape, METHODS.index("mie"), np.uint8),
+        "method": np.where(x >= switch[:, None], METHODS.index("goa"), METHODS.index("mie")).astype(np.uint8),
+        "switch": np.where(np.isfinite(switch), switch, 0.0),
+        "model_error": np.array([choice.error for choice in average.choices]),
         "mean_extinction": mean_extinction, "mean_scattering": mean_scattering,
         "mean_absorption": mean_absorption, "mean_absorption_error": average.absorption_error * mean_absorption,
         "error": average.error, "phase": average.elements[:, 0], "phase_error": average.phase_error,
@@ -156,9 +194,12 @@ def _check_component(group: Group, theta) -> Iterable[str]:
             yield f"mean_{kind} is not the weighted sum of {kind}"
     if values["method"].size and values["method"].max() >= len(METHODS):
         yield "method is none of " + ", ".join(METHODS)
+    if (switch := values.get("switch")) is not None and ((switch < 30) & (switch != 0)).any():
+        yield "switch to rays below size parameter 30"
     if "mean_volume" in values and not (values["mean_volume"] > 0).all():
         yield "mean_volume not above 0"
-    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error") if name in values):
+    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error", "model_error")
+           if name in values):
         yield "an error estimate below 0"
     if theta is not None:
         yield from rules.phase_function(theta, values["phase"], [values.get(name) for name in ELEMENTS])
@@ -168,20 +209,35 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=2,
+    version=3,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "particles.host", "particles.components[*].name", "particles.components[*].material",
-           "particles.components[*].size", "phase.method", "phase.polarized"),
+           "particles.components[*].size", "phase"),
     needs=(),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,
     error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
                   "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
                   "linear interpolation in cos theta half-way between angles; for (nearly) equal spheres relative to the "
-                  "nearest crest",
+                  "nearest crest; or, where rays stand for series, the integral of the difference that they make to the phase "
+                  "function over the sphere, if that is larger",
     cost=cost,
     inputs=inputs,
     compute=compute,
     check=check,
-    knobs=(Knob("tolerance", "tolerance", 0.01, "largest relative error of cross sections and phase function"),),
+    knobs=(
+        Knob("tolerance", "tolerance", 0.01, "largest error of cross sections and phase function",
+             ("30%", "10%", "3%", "1%", "0.3%")),
+        Knob("method", "phase.method", "auto", "series, rays, or rays where they are good enough and save time",
+             ("goa", "auto", "mie")),
+        Knob("switch", "phase.switch", "auto", "size parameter from which rays are taken", ("30", "100", "300", "1000", "3000")),
+        Knob("orders", "phase.orders", 3, "highest number of chords of a ray", ("1", "3", "6", "12")),
+        Knob("edge", "phase.edge", "narrow", "window of exact waves at the edge", ("none", "narrow", "wide")),
+        Knob("rainbow", "phase.rainbow", True, "uniform formula at rainbows", ("false", "true")),
+        Knob("axis", "phase.axis", True, "uniform formula on the axis", ("false", "true")),
+        Knob("radii", "phase.radii", "auto", "number of sizes", ("33", "65", "129", "257", "513", "1025")),
+        Knob("angles", "phase.angles", "auto", "number of angles", ("91", "181", "361", "721", "1801")),
+    ),
+    measures=measures.optics,
+    reference={"phase.method": "mie", "phase.radii": "auto", "phase.angles": "auto", "phase.switch": "auto"},
 )

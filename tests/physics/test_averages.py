@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bakery.averages import Component, averages, batches, cross, predicted, work
+from bakery.averages import Component, averages, batches, cross, expected, work
 from bakery.errors import StageError
 from bakery.medium import phase
 from bakery.sizes import Nodes, population
@@ -231,6 +231,6 @@ def test_predicted_work_is_right_within_a_factor(s, m):
     """In units of charged work, so that no clock is read; fixed overheads of the prediction left out."""
     done = []
     theta, _ = bake(s, m, report=lambda seconds, error: done.append(seconds))
-    made = predicted.predict([Component("spheres", np.array([complex(m)]), population(s))], [0.55], [1.0], 0.01)
+    made = expected([Component("spheres", np.array([complex(m)]), population(s))], [0.55], [1.0], 0.01)[0]
     assert 1 / 2 < made.angles / len(theta) < 2
     assert 1 / 3 < made.seconds / (done[-1] + 0.025) < 3

@@ -218,9 +218,14 @@ def test_the_message_of_the_contract(tmp_path):
         ),
         (
             "particles:",
-            "phase: {method: goa}\nparticles:",
-            ["4: phase.method: goa (geometrical optics) is not available yet; auto and mie are"],
+            "phase: {switch: 500}\nparticles:",
+            ["4: phase.switch: found a size parameter for the switch to rays with another method than goa; "
+             "expected method: goa beside it, or switch: auto"],
         ),
+        ("particles:", "phase: {method: goa, switch: 20}\nparticles:", ['4: phase.switch: found "20"; expected a number at least 30 and at most 1e+08']),
+        ("particles:", "phase: {radii: few}\nparticles:",
+         ['4: phase.radii: found "few"; expected auto or a whole number from 3 to 1,000,000']),
+        ("particles:", "phase: {edge: off}\nparticles:", ['4: phase.edge: found "off"; expected narrow, wide or none']),
         ("particles:", "phase: {method: mei}\nparticles:", ['4: phase.method: found "mei"; expected auto, mie or goa (mie?)']),
         ("particles:", "beam: {depth: 32}\nparticles:", ["4: beam: beam is not available yet; particles and medium are"]),
         (

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import StageError
+from bakery.recipe.model import SingleScattering
 from bakery.stages.optics import STAGE
 from bakery.store.tree import Dataset, Group
 
@@ -27,8 +28,7 @@ def recipe(polarized=False, tolerance=0.03, number=1e8, filled=None, host=1.0, h
                   SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2)))
     return SimpleNamespace(
     wavelength=(
-        0.6, 0.45), tolerance=tolerance, medium=None, phase=SimpleNamespace(
-            method="auto", orders=3, polarized=polarized), particles=SimpleNamespace(
+        0.6, 0.45), tolerance=tolerance, medium=None, phase=SingleScattering("auto", 3, polarized, None, "narrow", True, True, None, None), particles=SimpleNamespace(
                 host=index(
                     host, host_k), number_density=number, volume_fraction=filled, components=components))
 
@@ -129,6 +129,7 @@ def test_reads_what_matters_and_nothing_else():
     "wavelengths[2]",
     "tolerance",
     "phase.polarized",
+    "phase.orders",
     "particles.components[0].name",
      "particles.components[0].size.file"]
     no = [
@@ -137,8 +138,7 @@ def test_reads_what_matters_and_nothing_else():
     "particles.components[0].fraction",
     "name",
     "description",
-    "seed",
-     "phase.orders"]
+    "seed"]
     assert all(reads_key(STAGE, key) for key in yes) and not any(reads_key(STAGE, key) for key in no)
 
 

@@ -1,0 +1,106 @@
+"""Rays instead of series: the measured error covers the true one, and rays are taken only where they should be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bakery.averages import Component, Rays, averages, expected
+from bakery.averages.choice import LOWEST
+from bakery.medium import phase
+from bakery.sizes import population
+from tests.physics.test_averages import size
+
+SPREAD = dict(tolerance=0.03)
+
+
+def bake(m, radius, sigma, rays, wavelength=0.6, **options):
+    component = Component("spheres", np.array([complex(m)]), population(size("lognormal", radius=radius, sigma=sigma)))
+    theta, found = averages([component], [wavelength], [1.0], **SPREAD, rays=rays, **options)
+    return theta, found[0]
+
+
+def difference(one, other):
+    """Integral of |f - f_ref| over the sphere, both as tables on their own angles."""
+    theta = np.union1d(one[0], other[0])
+    f, g = (phase.evaluate(at, found.elements[0, 0], theta) for at, found in (one, other))
+    return phase.integral(theta, np.abs(f - g))
+
+
+@pytest.mark.parametrize(("m", "radius"), [(1.33, 6.0), (1.33, 20.0), (1.5 + 1e-3j, 12.0), (0.75, 6.0), (1.31, 40.0)])
+def test_measured_error_covers_the_true_one(m, radius):
+    series, rays = bake(m, radius, 1.3, Rays("mie")), bake(m, radius, 1.3, Rays("goa"))
+    choice = rays[1].choices[0]
+    assert choice.switch == LOWEST
+    # both tables carry quadrature and interpolation errors of their own, far below these in the integral
+    true = difference(rays, series)
+    assert true < 1.05 * choice.error + 0.002
+    assert choice.error < 3 * true + 0.002
+    assert np.array_equal(rays[1].scattering, series[1].scattering)
+    # and at each angle the table of errors, nearly everywhere
+    f, g = (phase.evaluate(at, found.elements[0, 0], series[0]) for at, found in (rays, series))
+    claimed = np.interp(series[0], rays[0], rays[1].phase_error[0])
+    assert np.mean(np.abs(f - g) > 1.5 * claimed) < 0.03
+
+
+def test_auto_keeps_to_the_tolerance_and_to_what_pays():
+    def at(radius, tolerance, **options):
+        component = Component("spheres", np.array([1.33 + 0j]), population(size("lognormal", radius=radius, sigma=1.3)))
+        return expected([component], [0.6], [1.0], tolerance, rays=Rays(**options))[2][0]
+
+    assert not at(10.0, 0.1).taken and "save time" in at(10.0, 0.1).why  # x = 105: accurate enough, but dearer
+    large = at(300.0, 0.01)
+    assert large.taken and large.error <= 0.01 and large.saved > 0.2 and "saves" in large.why
+    assert not at(300.0, 1e-4).taken and "off by" in at(300.0, 1e-4).why  # hardly ever good enough
+    loose = at(300.0, 0.1)
+    assert loose.switch <= large.switch
+    # a setting that spoils rays has to push them up or out: the measure sees it
+    crude = at(300.0, 0.01, edge=None, rainbow=False, orders=1)
+    assert not crude.taken or crude.switch > large.switch
+    assert not at(300.0, 0.01, method="mie").taken
+
+
+def test_the_smallest_sizes_stay_with_series():
+    theta, found = bake(1.33, 3.0, 2.0, Rays("goa"))
+    x = found.radius * 2 * math.pi / 0.6
+    choice = found.choices[0]
+    assert x.min() < 10 < choice.switch and choice.switch >= LOWEST
+    fixed = bake(1.33, 3.0, 2.0, Rays("goa", switch=80.0))[1].choices[0]
+    assert 80 <= fixed.switch < 100 and fixed.error < choice.error
+
+
+def test_polarised_elements_by_rays_obey_their_bounds():
+    theta, found = bake(1.33, 20.0, 1.3, Rays("goa"), polarized=True)
+    s11, s12, s33, s34 = found.elements[0]
+    assert (s12**2 + s33**2 + s34**2 <= s11**2 * (1 + 1e-9)).all()
+    # backwards and forwards a sphere keeps its symmetry: no linear polarisation
+    assert abs(s12[0]) < 1e-6 * s11[0] and abs(s12[-1]) < 1e-6 * s11[-1]
+
+
+def test_equal_spheres_have_a_measured_error_too():
+    component = Component("spheres", np.array([1.33 + 0j]), population(size("single", radius=20.0)))
+    theta, found = averages([component], [0.6], [1.0], 0.1, rays=Rays("goa"))
+    assert 0.01 < found[0].choices[0].error < 0.1
+
+
+@pytest.mark.parametrize("count", [3, 33, 200])
+def test_a_fixed_number_of_sizes_and_angles(count):
+    theta, found = bake(1.33, 2.0, 1.5, Rays("mie"), radii=count, angles=count)
+    assert len(theta) == count and abs(len(found.radius) - count) <= 3
+    reference = bake(1.33, 2.0, 1.5, Rays("mie"))
+    exact = phase.evaluate(reference[0], reference[1].elements[0, 0], theta)
+    if count > 3:  # its error is told, and covers the truth
+        assert np.max(np.abs(found.elements[0, 0] / exact - 1)) < found.error[0] + 0.03
+
+
+def test_the_choice_does_not_depend_on_the_workers():
+    blocks = []
+
+    def backwards(function, tasks):
+        blocks.append(len(tasks))
+        return [function(*task) for task in tasks[::-1]][::-1]
+
+    one, other = bake(1.33, 20.0, 1.3, Rays("goa")), bake(1.33, 20.0, 1.3, Rays("goa"), map=backwards)
+    assert np.array_equal(one[1].elements, other[1].elements) and len(blocks) > 2
