@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 
 from bakery.cli.options import json_option, print_json
-from bakery.errors import UsageError
+from bakery.errors import RecipeError, UsageError
 
 LATER = ("pbrt",)
-FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for stock Mitsuba 3 (XML)"}
+FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for stock Mitsuba 3 (XML)",
+           "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)"}
 
 
 @click.command(name="export", short_help="hand an asset to other software")
@@ -37,49 +38,108 @@ def command(asset, target, output, each_wavelength, as_json):
         raise UsageError(f"--each-wavelength: has no effect on {target}, whose tables hold every wavelength; leave it out")
     opened = bakery.open(asset)
     stem = Path(asset).stem
-    files, losses = _csv(opened) if target == "csv" else _mitsuba(opened, stem, each_wavelength)
+    if target == "csv":
+        files, lost, lines = _csv(opened)
+    elif target == "hg":
+        files, lost, lines = _hg(opened)
+    else:
+        files, lost, lines = _mitsuba(opened, stem, each_wavelength)
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
-    paths = [str(put(folder / name, text)) for name, text in files.items()]
+    paths = [str(put(folder / name, content)) for name, content in files.items()]
     if as_json:
-        print_json({"files": paths, "lost": [loss.as_dict() for loss in losses]})
+        print_json({"files": paths, "lost": lost})
         return
-    _print(paths, losses)
+    _print(paths, lines)
 
 
 def _csv(asset):
     from bakery.export.csv import csv_files
 
-    return {f"{Path(asset.path).stem}_{name}": text for name, text in csv_files(asset.tree).items()}, []
+    files = {f"{Path(asset.path).stem}_{name}": text for name, text in csv_files(asset.tree).items()}
+    return files, [], ["nothing is lost: every number has all its digits; provenance stays in the asset"]
+
+
+def _print(paths, lines) -> None:
+    """Paths, each with what belongs to its file where `lines` is a list of such lists, and what belongs to all."""
+    from bakery.report.text import say
+
+    own = [line for line in lines if isinstance(line, list)]
+    for i, path in enumerate(paths):
+        say(path)
+        for line in own[i] if own else ():
+            say(line)
+    for line in lines:
+        if not isinstance(line, list):
+            say(line)
 
 
 def _mitsuba(asset, stem: str, each: bool):
     from bakery.export.mitsuba import fragments
+    from bakery.report.text import table
     from renderers.colour import band_matrix
 
     made = fragments(asset.tree, asset.name, band_matrix(asset.wavelength), each)
-    return {f"{stem}{part.name}.xml": part.xml for part in made}, made
-
-
-def _print(paths, losses) -> None:
-    from bakery.report.text import say, table
-
-    if not losses:
-        for path in paths:
-            say(path)
-        say("nothing is lost: every number has all its digits; provenance stays in the asset")
-        return
-    for path, part in zip(paths, losses, strict=True):
-        say(path)
-        say(f"  phase function: {part.values} values over cos theta")
+    lines: list = []
+    for part in made:
         head = [("  lost against the asset", "mean error", "largest error", "error of g", "forward peak cut")]
         rows = [("  by the regular grid", *_loss(part.resampling))]
         rows += [(f"  by that and one table, at {um:g} um", *_loss(lost)) for um, lost in part.colour.items()]
-        for line in table(head + rows):
-            say(line)
-    say("mean error: |difference| over the sphere; half of it is the share of the light that goes to another angle.")
-    say("forward peak: the angles where the phase function is above half of its forward value.")
+        lines.append([f"  phase function: {part.values} values over cos theta", *table(head + rows)])
+    lines += ["mean error: |difference| over the sphere; half of it is the share of the light that goes to another angle.",
+              "forward peak: the angles where the phase function is above half of its forward value."]
+    return {f"{stem}{part.name}.xml": part.xml for part in made}, [part.as_dict() for part in made], lines
 
 
 def _loss(lost) -> tuple[str, ...]:
     return (f"{200 * lost.misdirected:.2g} %", f"{100 * lost.largest:.2g} % at {math.degrees(lost.largest_at):.3g} deg",
             f"{lost.g:+.1e}", f"{100 * lost.peak:.2g} % of {math.degrees(lost.peak_angle):.3g} deg")
+
+
+def _hg(asset):
+    from bakery.export.hg import droplet_diameter, errors, hg_files, lobe_rows
+    from bakery.report.fits import SAID
+    from bakery.report.text import table
+
+    rows = lobe_rows(asset.tree, asset.name, droplet_diameter(asset.tree) if _water_in_air(asset.recipe) else None)
+    lines = []
+    for row in rows:
+        first = next(iter(row.fits.values())).misfit
+        lines.append(f"{row.wavelength:g} um: g {row.coefficients['g']:.4f}, {100 * first.peak_table:.3g} % of the light within "
+                     f"{math.degrees(first.peak_angle):.3g} deg")
+        head = ("  fit", "weight", "g", "alpha", "misdirected", "error of g", "rms log10", "furthest off", "in the peak")
+        lines += table([head, *(_fit(SAID[name], fit) for name, fit in row.fits.items())])
+    lines += ["misdirected: share of the light that goes to another angle.",
+              "rms log10: of the ratio fit / asset, over the sphere and over the angle.",
+              "in the peak: light within the angle where the asset's phase function has fallen to half of its forward value."]
+    stem = Path(asset.path).stem
+    files = {f"{stem}_{name}": content for name, content in hg_files(asset.tree, asset.name, rows).items()}
+    return files, errors(rows), lines
+
+
+def _fit(said: str, fit) -> tuple[str, ...]:
+    lobes, lost = fit.lobes, fit.misfit
+    ratio = f"x {lost.factor:.3g}" if lost.factor >= 1 else f"/ {1 / lost.factor:.3g}"
+    return (f"  {said}" + (f" for {fit.diameter:.3g} um" if fit.diameter else ""), _joined(lobes.weight, ".3f"),
+            _joined(lobes.g, ".7g"), _joined(lobes.alpha, ".3g") if any(lobes.alpha) else "", f"{100 * lost.misdirected:.2g} %",
+            f"{round(lost.g, 4) + 0.0:+.4f}", f"{lost.log_sphere:.3f} {lost.log_angle:.3f}",
+            f"{ratio} at {math.degrees(lost.factor_at):.3g} deg", f"{100 * lost.peak:.3g} %")
+
+
+def _joined(values, form: str) -> str:
+    return " ".join(f"{value:{form}}" for value in values)
+
+
+def _water_in_air(recipe: str) -> bool:
+    """Whether an asset's recipe text is about droplets of water in air: for others the published fit was not made."""
+    from bakery.recipe.text import Mapping, Scalar, Sequence, Source, parse
+
+    try:
+        node = parse(Source("recipe", recipe)).root
+    except RecipeError:
+        return False
+    particles = node.get("particles") if isinstance(node, Mapping) else None
+    components = particles.get("components") if isinstance(particles, Mapping) else None
+    if not isinstance(components, Sequence) or not all(isinstance(one, Mapping) for one in components):
+        return False
+    named = [particles.get("host"), *(one.get("material") for one in components)]
+    return len(named) == 2 and [node.text if isinstance(node, Scalar) else "" for node in named] == ["air", "water"]

@@ -117,7 +117,7 @@ def _print_json(answer, error, measure) -> None:
         "path": answer.path, "units": answer.units, "value": plain(answer.values),
         "axes": [{"name": name, "units": unit, "values": plain(at)} for name, unit, at in answer.axes],
         "error": None if answer.error is None else plain(answer.error), "stage_error": error, "error_measure": measure,
-        "remarks": list(answer.remarks)})
+        "methods": [boundary.as_dict() for boundary in answer.boundaries], "remarks": list(answer.remarks)})
 
 
 def _print(answer, error, measure) -> None:

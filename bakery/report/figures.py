@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.medium.phase import evaluate
+from bakery.report import methods
 from bakery.report.style import FAINT, INK, NEUTRAL, QUIET, colours, look, saved
 from bakery.store.tree import Dataset, Group
 
@@ -51,7 +52,7 @@ def pictures(root: Group) -> Iterator[Picture]:
         return
     um = wavelength.data
     if isinstance(medium, Group) and {"theta", "phase"} <= medium.members.keys():
-        yield phase_function(medium, um)
+        yield phase_function(medium, um, methods.remarks(root, "medium/phase"))
         yield lobe(medium, um)
         if {"s11", "s12"} <= medium.members.keys():
             yield polarisation(medium, um)
@@ -64,8 +65,11 @@ def pictures(root: Group) -> Iterator[Picture]:
             yield cross_sections(name, component, um)
 
 
-def phase_function(medium: Group, um) -> Picture:
-    """Phase functions on a logarithmic scale: all angles, and the forward peak on a logarithmic angle."""
+def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
+    """Phase functions on a logarithmic scale: all angles, and the forward peak on a logarithmic angle.
+
+    `remarks` say where rays took part; they stand below the axes.
+    """
     theta, phase = np.degrees(medium["theta"].data), medium["phase"].data
     stated = medium.members.get("phase_error")
     error = stated.data if stated else phase * float(medium.attributes.get("achieved_error", 0.0))
@@ -93,10 +97,13 @@ def phase_function(medium: Group, um) -> Picture:
         zoom.set_title("Forward peak")
         _plain_decades(zoom.xaxis)
         _legend_beside(figure, wide)
+        if remarks:
+            figure.supxlabel("\n".join(remarks), x=0.01, ha="left", fontsize=8.5, color=QUIET)
 
     band = f"  Largest error: {100 * largest:.2g} %" + (", the band." if largest > _SEEN else ", less than a line is wide.")
     return Picture("phase", "Phase function", "Light scattered by the angle between the directions of travel; 2π times the "
-                   f"integral over cos θ is 1.{band}", (10.4, 4.3), draw, _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+                   f"integral over cos θ is 1.{band}{_sentences(remarks)}", (10.4, 4.3 + 0.2 * len(remarks)), draw,
+                   _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
 
 
 def lobe(medium: Group, um) -> Picture:
@@ -193,6 +200,7 @@ def cross_sections(name: str, component: Group, um) -> Picture:
     extinction = component["extinction"].data[:, order]
     absorption = component["absorption"].data[:, order] if "absorption" in component.members else np.zeros_like(extinction)
     disk = np.pi * radius**2
+    found = methods.boundaries(name, component, um) if "method" in component.members else []
 
     def draw(figure):
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.25, 1))
@@ -206,7 +214,8 @@ def cross_sections(name: str, component: Group, um) -> Picture:
         top.plot(radius, disk, color=QUIET, linewidth=0.9, linestyle=":", label="πr²")
         top.set(yscale="log", ylabel="µm²")
         top.set_title(f"{name}: cross sections (full: extinction, dashed: absorption)")
-        top.legend(title=_WAVELENGTH, title_fontsize=9, loc="lower right", ncols=2)
+        top.legend(title=_WAVELENGTH, title_fontsize=9, loc="lower right", ncols=2, frameon=True, framealpha=1,
+                   facecolor="white", edgecolor="none")
         if (extinction > disk).any():
             middle.axhline(2, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))  # the limit of large spheres
         else:
@@ -222,17 +231,41 @@ def cross_sections(name: str, component: Group, um) -> Picture:
         bottom.legend(loc="best")
         bottom.set_xlim(radius[0], radius[-1])
         _plain_decades(bottom.xaxis)
+        _mark_rays((top, middle, bottom), found, um)
 
     columns = [("radius [um]", radius), ("weight [1]", weight)]
     for x, ext, absorbed in zip(um, extinction, absorption, strict=True):
         columns += [(f"extinction at {x:g} um [um^2]", ext), (f"absorption at {x:g} um [um^2]", absorbed)]
+    remarks = [methods.sentence(found, len(found) < len(um)) + ", cross sections are the series' own"] if found else []
     return Picture(f"{name}_cross_sections", f"Cross sections of {name}", "Of single particles against their radius, and how the "
-                   "particles and what they take out of a beam are spread over the radii.", (8.0, 8.0), draw, tuple(columns))
+                   f"particles and what they take out of a beam are spread over the radii.{_sentences(remarks)}",
+                   (8.0, 8.0), draw, tuple(columns))
+
+
+def _mark_rays(panels, found: Sequence[methods.Boundary], um) -> None:
+    """A line where rays take over from the series, in the colour of its wavelength."""
+    if not found:
+        return
+    ink = dict(zip(um.tolist(), colours(um), strict=True))
+    for axes in panels:
+        for boundary in found:
+            axes.axvline(boundary.radius, color=ink[boundary.wavelength], linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
+    low, high = np.log(panels[0].get_xlim())
+    radii = [boundary.radius for boundary in found]
+    right = np.log(min(radii)) - low > high - np.log(max(radii))  # the words stand where there is more room
+    text = f"{found[0].below} left of the dots, rays right" if found[0].below else "rays from the dots on"
+    panels[0].annotate(text, (min(radii) if right else max(radii), 0.97), xycoords=("data", "axes fraction"),
+                       xytext=(-4 if right else 4, 0), textcoords="offset points", ha="right" if right else "left", va="top",
+                       color=QUIET, fontsize=8.5)
 
 
 def _by_angle(medium: Group, um, heading: str, rows) -> tuple:
     """Columns of a picture over the scattering angle: one a wavelength."""
     return (("theta [rad]", medium["theta"].data), *((heading.format(x), row) for x, row in zip(um, rows, strict=True)))
+
+
+def _sentences(remarks: Sequence[str]) -> str:
+    return "".join(f"  {remark}." for remark in remarks)
 
 
 _WAVELENGTH = "wavelength"

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.errors import UsageError
 from bakery.medium.phase import evaluate
+from bakery.report import methods
 from bakery.report.axes import COORDINATES, axes, coordinate, standard_error
 from bakery.store.tree import Dataset, Group
 
@@ -25,6 +26,7 @@ class Answer:
     axes : (name, unit, coordinates) of each axis that is left; a position where there is no coordinate
     error : like `values`, absolute, where the asset has an error of this array
     remarks : how the values came about, in words
+    boundaries : where rays stood in for the series in the components behind the values
     """
 
     path: str
@@ -33,6 +35,7 @@ class Answer:
     axes: tuple[tuple[str, str, np.ndarray], ...]
     error: np.ndarray | None
     remarks: tuple[str, ...]
+    boundaries: tuple[methods.Boundary, ...] = ()
 
 
 def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
@@ -72,9 +75,29 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         values, error = (_along(axis, data, take, wanted.ndim > 0) for data in (values, error))
         left += [(name, unit, at)] if wanted.ndim else []
         remarks += [remark] if remark else []
+    boundaries: tuple = ()
     if member.choices:
         values = np.array(member.choices)[values.astype(int)]
-    return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks))
+    elif "radius" in arguments and "L" in letters:
+        remarks += _method(root, path, member, arguments)
+    elif "L" in letters:
+        boundaries = tuple(b for each in methods.concerned(root, path, arguments.get("wavelength")) for b in each)
+        remarks += methods.remarks(root, path, arguments.get("wavelength"))
+    return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks), boundaries)
+
+
+def _method(root: Group, path: str, member: Dataset, arguments) -> list[str]:
+    """How the spheres behind the values were computed."""
+    beside = path.rpartition("/")[0] + "/method"
+    try:
+        method = root[beside]
+    except KeyError:
+        return []
+    if not method.choices or method.data.shape != member.data.shape:
+        return []
+    index = np.argmin(np.abs(coordinate(root, beside, "R")[1].data - np.atleast_1d(arguments["radius"])[:, None]), axis=-1)
+    rows = methods.rows(root["wavelength"].data, arguments.get("wavelength"))
+    return [methods.of_spheres(np.array(method.choices)[method.data[np.ix_(rows, index)].reshape(-1).astype(int)].tolist())]
 
 
 def _along(axis: int, data, take, several: bool):

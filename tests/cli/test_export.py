@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import itertools
 import json
 import math
@@ -14,8 +16,9 @@ from scipy.integrate import quad
 
 from bakery.medium.phase import evaluate, mean_cosine, normalised
 from bakery.medium.regular import adaptive_table, loss, regular_table
-from bakery.store.tree import Dataset
+from bakery.store.tree import Dataset, text
 from bakery.store.write import write
+from tests.conftest import ROOT
 from tests.samples import small_asset, with_member
 
 
@@ -157,8 +160,8 @@ def test_mitsuba_fragment(call, fog, root, tmp_path):
     g = root["medium/g"].data
     for row, own in zip(report["lost"][0]["wavelengths"], g, strict=True):
         assert row["g"] == pytest.approx(sigma_s @ g / sigma_s.sum() - own, abs=1e-5)
-    text = call("export", fog, "--to", "mitsuba", "-o", tmp_path)[1]
-    assert all(word in text for word in ("mean error", "largest error", "error of g", "forward peak cut", "at 0.465 um"))
+    said = call("export", fog, "--to", "mitsuba", "-o", tmp_path)[1]
+    assert all(word in said for word in ("mean error", "largest error", "error of g", "forward peak cut", "at 0.465 um"))
 
 
 def test_stock_mitsuba_loads_it(call, fog, root, tmp_path):
@@ -212,10 +215,113 @@ def test_colour_in_stock_mitsuba(call, root, tmp_path):
     assert np.allclose(np.array(scattering), (sigma_t * albedo)[[1, 2, 0]], rtol=1e-6)
 
 
+@pytest.fixture(scope="module")
+def lobes(tmp_path_factory, root):
+    """A small asset whose recipe says that it is water in air, and its lobes: path, folder, standard output."""
+    from bakery.cli import status_of
+
+    recipe = ("bakery: 1\nparticles:\n  host: air\n  components:\n    - {name: droplets, material: water, "
+              "size: {distribution: single, radius: 5 um}}\n")
+    folder = tmp_path_factory.mktemp("lobes")
+    write(folder / "fog.h5", with_member(root, "recipe", text(recipe, "the recipe's text")))
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert status_of(["export", str(folder / "fog.h5"), "--to", "hg"]) == 0
+    return folder / "fog-hg", out.getvalue()
+
+
+def test_lobes_as_json_tell_what_their_formula_gives(lobes, root):
+    """A reader who knows the JSON only: the formula in it, by the trapezoid, misdirects what is stated and has the g stated."""
+    folder, _ = lobes
+    found = json.loads((folder / "fog_lobes.json").read_text())
+    assert found["content_hash"] and [row["wavelength"] for row in found["wavelengths"]] == [0.61, 0.465]
+    theta = np.union1d(np.geomspace(1e-6, math.pi, 20000), np.linspace(0, math.pi, 20000))
+    mu = np.cos(theta)
+    for row, phase in zip(found["wavelengths"], root["medium/phase"].data, strict=True):
+        own = evaluate(root["medium/theta"].data, phase, theta)
+        for name, fit in row["fits"].items():
+            p = sum(one["weight"] * (1 - one["g"]**2) / (4 * math.pi * (1 + one["g"]**2 - 2 * one["g"] * mu)**1.5)
+                    * (1 + one["alpha"] * mu**2) / (1 + one["alpha"] * (1 + 2 * one["g"]**2) / 3) for one in fit["lobes"])
+            assert 2 * math.pi * np.trapezoid(p * np.sin(theta), theta) == pytest.approx(1, abs=1e-5), name
+            misdirected = math.pi * np.trapezoid(np.abs(p - own) * np.sin(theta), theta)
+            assert fit["error"]["misdirected"] == pytest.approx(misdirected, abs=3e-5), name
+            g = 2 * math.pi * np.trapezoid((p - own) * mu * np.sin(theta), theta)
+            assert fit["error"]["g"] == pytest.approx(g, abs=1e-5), name
+    for i, row in enumerate(found["wavelengths"]):
+        assert all(row[name] == root[f"medium/{name}"].data[i] for name in ("sigma_t", "sigma_s", "sigma_a", "albedo", "g"))
+        # the sample's phase functions are Henyey-Greenstein's, of g = 0.8 and 0.7
+        assert row["fits"]["hg_g"]["lobes"][0]["g"] == pytest.approx((0.8, 0.7)[i], abs=1e-3)
+        assert row["fits"]["hg"]["error"]["misdirected"] < 1e-3
+        d = row["fits"]["hg_draine_published"]["diameter"]
+        assert d == pytest.approx(2 * math.sqrt(0.1 * 60), rel=1e-12)  # geometric mean of radii even in ln r
+
+
+def test_lobes_as_csv_are_the_same(lobes):
+    folder, out = lobes
+    found = json.loads((folder / "fog_lobes.json").read_text())
+    with open(folder / "fog_lobes.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(len(row["fits"]) for row in found["wavelengths"])
+    at = {row["wavelength"]: row for row in found["wavelengths"]}
+    for row in rows:
+        fit = at[float(row["wavelength [um]"])]["fits"][row["fit"]]
+        for i, one in enumerate(fit["lobes"], 1):
+            assert all(float(row[f"{key} {i} [1]"]) == one[key] for key in ("weight", "g", "alpha"))
+        assert (row["g 2 [1]"] == "") == (len(fit["lobes"]) == 1)
+        assert float(row["misdirected [1]"]) == fit["error"]["misdirected"] and float(row["error of g [1]"]) == fit["error"]["g"]
+    assert (folder / "fog_lobes.png").read_bytes().startswith(b"\x89PNG")
+    assert out.splitlines()[:3] == [str(folder / f"fog_lobes.{form}") for form in ("json", "csv", "png")]
+    assert "HG + Draine, published for 4.9 um" in out and "0.61 um: g 0.8000" in out and "misdirected" in out
+
+
+def test_lobes_load_in_stock_mitsuba():
+    from bakery.export.hg import mitsuba
+    from bakery.medium.lobes import Lobes
+
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    pair = Lobes((0.6, 0.4), (0.9, -0.3), (0.0, 0.0))
+    phase, context, at = mi.load_dict(mitsuba(pair)), mi.PhaseFunctionContext(), mi.MediumInteraction3f()
+    at.wi = mi.Vector3f(0, 0, -1)  # light travels along +z
+    at.sh_frame = mi.Frame3f(at.wi)
+    for angle in (0.05, 1.0, 3.0):
+        value, _ = phase.eval_pdf(context, at, mi.Vector3f(math.sin(angle), 0, math.cos(angle)))
+        assert float(value[0]) == pytest.approx(pair(angle), rel=1e-4)
+    assert mitsuba(Lobes((1.0,), (0.5,), (0.0,))) == {"type": "hg", "g": 0.5}
+    assert mitsuba(Lobes((0.5, 0.5), (0.9, 0.3), (0.0, 5.0))) is None  # Draine's is no plugin
+
+
+def test_the_published_fit_is_for_water_in_air():
+    from bakery.cli.export import _water_in_air
+
+    found = {path.stem: _water_in_air(path.read_text()) for path in (ROOT / "recipes").glob("*.yaml")}
+    assert [name for name, water in found.items() if water] == ["fog"] and len(found) > 5
+    assert not any(map(_water_in_air, ("", "a: [", "particles: 3", "particles: {components: 3}", "particles: {components: [3]}")))
+
+
+def test_lobes_for_machines(call, root, tmp_path):
+    """One wavelength, not known to be water: no published fit; the JSON on standard output holds the errors."""
+    one = with_member(root, "wavelength", Dataset(np.array([0.61]), "um", "wavelength"))
+    for path, member in root["medium"].walk():
+        if member.data.shape[0] == 2:
+            one = with_member(one, f"medium/{path}", Dataset(member.data[:1], member.units, member.description))
+    write(tmp_path / "x.h5", with_member(one, "optics", None))
+    status, out, err = call("export", tmp_path / "x.h5", "--to", "hg", "--json", "-o", tmp_path / "o")
+    report = json.loads(out)
+    assert status == 0 and not err and sorted(report["files"]) == sorted(str(path) for path in (tmp_path / "o").iterdir())
+    (row,) = report["lost"]
+    assert row["wavelength"] == 0.61 and not any("published" in name for name in row["fits"])
+    assert row["fits"]["hg"]["misdirected"] <= row["fits"]["hg_g"]["misdirected"] + 1e-6
+    write(tmp_path / "y.h5", with_member(root, "medium", None))
+    status, out, err = call("export", tmp_path / "y.h5", "--to", "hg")
+    assert status == 2 and not out and "holds no stage `medium`" in err
+
+
 @pytest.mark.parametrize(("args", "said"), [
     (("--to", "pbrt"), "not available yet; there is csv"),
     (("--to", "vtk"), "no format of ours; there is csv"),
     (("--to", "csv", "--each-wavelength"), "has no effect on csv"),
+    (("--to", "hg", "--each-wavelength"), "has no effect on hg"),
     ((), "--to"),
 ])
 def test_wrong_calls(call, fog, args, said):

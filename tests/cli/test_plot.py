@@ -81,6 +81,34 @@ def test_the_curves_are_the_values():
     assert line.get_ydata().max() == pytest.approx(100) and line.get_xdata()[line.get_ydata().argmax()] == pytest.approx(90)
 
 
+def test_where_rays_take_over_is_drawn():
+    """A line a wavelength at the smallest sphere by rays, the words below the phase function; nothing without rays."""
+    from matplotlib.figure import Figure
+
+    from tests.cli.test_query import with_rays
+
+    def panels(root, name):
+        (picture,) = [picture for picture in pictures(root) if picture.name == name]
+        figure = Figure()
+        picture.draw(figure)
+        return figure, picture.caption
+
+    rays = with_rays(small_asset())
+    radius, method = (rays[f"optics/droplets/{name}"].data for name in ("radius", "method"))
+    for root, expected in ((rays, [radius[row == 2].min() for row in method]), (small_asset(), [])):
+        figure, caption = panels(root, "droplets_cross_sections")
+        for axes in figure.axes:
+            upright = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0]
+            assert upright == expected
+        assert ("Mie left of the dots, rays right" in [text.get_text() for text in figure.axes[0].texts]) == bool(expected)
+        assert ("rays above" in caption) == bool(expected)
+        figure, caption = panels(root, "phase")
+        assert figure.get_supxlabel() == ("droplets: Mie below 34.9, 25.2 um (x = 340), rays above; rays differ by up to 0.6 %"
+                                          if expected else "")
+        assert ("rays above" in caption) == bool(expected)
+    drawn([picture for picture in pictures(with_rays(small_asset(), (0.5, 340.0))) if "cross" in picture.name][0], ("png",))
+
+
 def test_the_size_distribution_integrates_to_one():
     """From nodes that crowd in one place: neither the sum nor the shape may show them."""
     from bakery.report.figures import _density

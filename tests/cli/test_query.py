@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from bakery.medium.phase import evaluate
+from bakery.report.lookup import lookup
+from bakery.store.tree import Dataset
 from bakery.store.write import write
-from tests.samples import small_asset
+from tests.samples import small_asset, with_member
 
 
 @pytest.fixture(scope="module")
@@ -78,11 +80,11 @@ def test_radii_are_nodes(ask, root):
     value, sign, error, unit = lines[0].split()
     assert float(value) == root["optics/droplets/scattering"].data[0, 7] and unit == "um^2"
     # its own error stands beside it, so the stage's is not shown
-    assert sign == "+-" and float(error) == pytest.approx(1e-4 * float(value), rel=0.05) and len(lines) == 1
+    assert sign == "+-" and float(error) == pytest.approx(1e-4 * float(value), rel=0.05) and lines[1:] == ["# method: mie"]
     lines = ask("optics/droplets/extinction", "radius=5um", "wavelength=0.61")
     nearest = int(np.argmin(abs(radius - 5)))
     assert float(lines[0].split()[0]) == root["optics/droplets/extinction"].data[0, nearest]
-    assert lines[1] == f"# at the nearest node of the size distribution, {radius[nearest]:.8g} um"
+    assert lines[1:3] == [f"# at the nearest node of the size distribution, {radius[nearest]:.8g} um", "# method: mie"]
     assert ask("optics/droplets/method", "radius=5um", "wavelength=0.61")[0] == "mie"
 
 
@@ -100,6 +102,67 @@ def test_json_says_the_same(call, fog, root):
     assert json.loads(call("query", fog, "medium/g", "--json")[1])["stage_error"] == 0.004
     found = json.loads(call("query", fog, "optics/droplets/scattering", "--json")[1])
     assert found["error"] == root["optics/droplets/scattering_error"].data.tolist() and found["stage_error"] is None
+
+
+def with_rays(root, switch=(340.0, 340.0), error=(0.006, 0.004)):
+    """The sample with rays from those size parameters on, a number a wavelength; infinite: nowhere."""
+    x = 2 * np.pi * root["optics/droplets/radius"].data / root["wavelength"].data[:, None]
+    method = np.where(x >= np.array(switch)[:, None], 2, 1).astype(np.uint8)
+    stored = np.where(np.isfinite(switch), switch, 0.0)
+    for name, data in (("switch", stored), ("model_error", np.array(error))):
+        root = with_member(root, f"optics/droplets/{name}", Dataset(data, "1", name))
+    return with_member(root, "optics/droplets/method", Dataset(method, "1", "how", ("rayleigh", "mie", "goa")))
+
+
+def remarks(root, path, **arguments):
+    return lookup(root, path, arguments).remarks
+
+
+def test_queries_say_where_rays_took_over(call, root, tmp_path):
+    write(tmp_path / "rays.h5", with_rays(root))
+    radius = root["optics/droplets/radius"].data
+    first = [radius[2 * np.pi * radius / um >= 340].min() for um in (0.61, 0.465)]
+    status, out, _ = call("query", tmp_path / "rays.h5", "medium/phase", "theta=10deg", "wavelength=0.61")
+    said = f"droplets: Mie below {first[0]:.3g} um (x = 340), rays above; rays differ by 0.6 %"
+    assert status == 0 and out.splitlines()[-1] == f"# {said}"
+    both = f"droplets: Mie below {first[0]:.3g}, {first[1]:.3g} um (x = 340), rays above; rays differ by up to 0.6 %"
+    found = json.loads(call("query", tmp_path / "rays.h5", "medium/phase", "theta=10deg", "--json")[1])
+    assert found["remarks"][-1] == both
+    assert found["methods"] == [{"component": "droplets", "wavelength_um": um, "radius_um": at, "below": "Mie",
+                                 "size_parameter": 340.0, "error": error}
+                                for um, at, error in zip((0.61, 0.465), first, (0.006, 0.004), strict=True)]
+    # a value between two wavelengths comes from both
+    assert call("query", tmp_path / "rays.h5", "medium/g", "wavelength=0.5um")[1].splitlines()[2] == f"# {both}"
+
+
+def test_what_rays_have_a_part_in(root):
+    rays = with_rays(root)
+    for path in ("medium/phase", "medium/cdf", "medium/g", "medium/sigma_tr", "optics/droplets/phase"):
+        assert "rays above" in remarks(rays, path)[-1], path
+        assert not any("rays" in remark for remark in remarks(root, path))
+    # cross sections are the series' own, and so are coefficients
+    for path in ("medium/sigma_t", "optics/droplets/extinction", "optics/droplets/mean_extinction", "medium/theta", "wavelength"):
+        assert not remarks(rays, path), path
+    assert remarks(rays, "optics/droplets/extinction", radius=50.0)[-1].startswith("method: goa (amplitudes by rays")
+    # between the two boundaries the wavelengths differ
+    radius = float(rays["optics/droplets/radius"].data[np.argmax(np.diff(rays["optics/droplets/method"].data, axis=0))])
+    assert remarks(rays, "optics/droplets/scattering", radius=radius) == (
+        "method: mie, goa (amplitudes by rays, cross sections by the series)",)
+    assert remarks(rays, "optics/droplets/scattering", radius=radius, wavelength=0.61) == ("method: mie",)
+
+
+def test_rays_at_some_wavelengths_everywhere_and_unrecorded(root):
+    some = with_rays(root, (np.inf, 340.0))
+    assert remarks(some, "medium/g")[-1].startswith("droplets at 0.465 um: Mie below 25.2 um (x = 340), rays above; rays")
+    assert not remarks(some, "medium/g", wavelength=0.61)
+    everywhere = with_rays(root, (0.5, 0.5))
+    assert remarks(everywhere, "medium/g") == ("droplets: rays throughout, from 0.1 um (x = 0.5); rays differ by up to 0.6 %",)
+    old = with_rays(root)  # an asset that tells the method of each sphere and no more
+    for name in ("switch", "model_error"):
+        old = with_member(old, f"optics/droplets/{name}", None)
+    assert remarks(old, "medium/g") == ("droplets: Mie below 34.9, 25.2 um, rays above",)
+    assert not remarks(with_member(root, "optics/droplets/method", None), "medium/g")
+    assert not remarks(with_member(root, "optics", None), "medium/g")
 
 
 @pytest.mark.parametrize(("args", "said"), [

@@ -362,7 +362,7 @@ def test_all_are_shipped():
 
 def test_schema_file_is_current():
     text = (ROOT / "assets" / "schemas" / "recipe-1.json").read_text(encoding="utf-8")
-    assert text == json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n", "write it again with `bake schema`"
+    assert json.loads(text) == json_schema(), "write it again with `bake schema`"
 
 
 def fits(value, schema, root) -> bool:

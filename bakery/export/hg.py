@@ -1,0 +1,135 @@
+"""Henyey-Greenstein and Draine lobes for renderers without tables: parameters, coefficients, and what each fit gets wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from bakery.errors import AssetError
+from bakery.medium.lobe_fits import Fit, fits
+from bakery.report.files import csv_text
+from bakery.report.fits import SAID, lobe_fits
+from bakery.store.tree import Group
+
+COEFFICIENTS = ("sigma_t", "sigma_s", "sigma_a", "albedo", "g")
+MEANING = {
+    "p": "sum of weight * (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^1.5) * (1 + alpha mu^2) / (1 + alpha (1 + 2 g^2) / 3) in 1/sr; "
+         "mu = cosine of the angle between the directions of travel, 1 = forward; alpha = 0 is Henyey-Greenstein",
+    "sigma_t, sigma_s, sigma_a": "1/m", "wavelength": "um, in vacuum", "angles": "rad", "diameter": "um, of water droplets",
+    "misdirected": "share of the scattered light that the fit sends to another angle than the table",
+    "g (of an error)": "mean cosine of the fit less that of the table",
+    "log_sphere, log_angle": "root mean square of log10(fit / table) over the sphere, over the angle",
+    "factor, factor_at": "the ratio fit / table that is furthest from 1, and its angle",
+    "peak, peak_table": "share of the light within peak_angle, where the table has fallen to half of its forward value",
+    "mitsuba": "for mitsuba.load_dict, where the lobes are Henyey-Greenstein's",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """The fits at one wavelength: um, coefficients by name (1/m, 1), fits by name in the order of tables."""
+
+    wavelength: float
+    coefficients: dict[str, float]
+    fits: dict[str, Fit]
+
+
+def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row]:
+    """The fits of an asset's medium, one row a wavelength.
+
+    Parameters
+    ----------
+    root : the asset's tree
+    name : of the asset, for messages
+    diameter : um, where the medium is water droplets in air: adds the published parametrisation
+
+    Raises
+    ------
+    AssetError : there is no medium
+    """
+    medium = root.members.get("medium")
+    if not isinstance(medium, Group):
+        raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles` or "
+                         "`medium`")
+    theta, phase = medium["theta"].data, medium["phase"].data
+    rows = []
+    for i, um in enumerate(root["wavelength"].data):
+        found = fits(theta, phase[i], diameter)
+        rows.append(Row(float(um), {key: float(medium[key].data[i]) for key in COEFFICIENTS},
+                        {key: found[key] for key in SAID if key in found}))
+    return rows
+
+
+def droplet_diameter(root: Group) -> float | None:
+    """Geometric mean diameter of an asset's only component, um; None where there are others, or no sizes.
+
+    Of the usual means this is the one that the published parametrisation fits best: docs/lobes.md.
+    """
+    optics = root.members.get("optics")
+    held = [member for member in (optics.members.values() if isinstance(optics, Group) else ()) if isinstance(member, Group)]
+    if len(held) != 1 or not {"radius", "weight"} <= held[0].members.keys():
+        return None
+    return float(2 * np.exp(np.sum(held[0]["weight"].data * np.log(held[0]["radius"].data))))
+
+
+def hg_files(root: Group, name: str, rows: list[Row]) -> dict[str, str | bytes]:
+    """File names (without the asset's) and contents: all as JSON, a table as CSV, a picture at about 0.55 um."""
+    from bakery.report.figures import drawn
+
+    middle = int(np.argmin([abs(row.wavelength - 0.55) for row in rows]))
+    medium = root["medium"]
+    picture = lobe_fits(rows[middle].wavelength, medium["theta"].data, medium["phase"].data[middle], rows[middle].fits)
+    return {"lobes.json": _json(root, name, rows), "lobes.csv": _csv(rows), "lobes.png": drawn(picture, ("png",))["png"]}
+
+
+def errors(rows: list[Row]) -> list[dict]:
+    """What each fit gets wrong, for machines (`--json`)."""
+    return [{"wavelength": row.wavelength, "fits": {key: asdict(fit.misfit) for key, fit in row.fits.items()}} for row in rows]
+
+
+def mitsuba(lobes) -> dict | None:
+    """Henyey-Greenstein lobes as a dictionary for `mitsuba.load_dict`; None where one is Draine's."""
+    if any(lobes.alpha):
+        return None
+    plain = [{"type": "hg", "g": g} for g in lobes.g]
+    if len(plain) == 1:
+        return plain[0]
+    return {"type": "blendphase", "weight": lobes.weight[1], "first": plain[0], "second": plain[1]}
+
+
+def _json(root: Group, name: str, rows: list[Row]) -> str:
+    return json.dumps({
+        "name": name, "content_hash": str(root.attributes.get("content_hash", "")), "meaning": MEANING,
+        "wavelengths": [{
+            "wavelength": row.wavelength, **row.coefficients,
+            "fits": {key: _fit(fit) for key, fit in row.fits.items()},
+        } for row in rows],
+    }, indent=2, allow_nan=False) + "\n"
+
+
+def _fit(fit: Fit) -> dict:
+    lobes = fit.lobes
+    made = {"lobes": [dict(zip(("weight", "g", "alpha"), lobe, strict=True))
+                      for lobe in zip(lobes.weight, lobes.g, lobes.alpha, strict=True)], "error": asdict(fit.misfit)}
+    scene = mitsuba(lobes)
+    return made | ({"diameter": fit.diameter} if fit.diameter else {}) | ({"mitsuba": scene} if scene else {})
+
+
+def _csv(rows: list[Row]) -> str:
+    """One row a wavelength and fit; a single lobe leaves the second empty."""
+    flat = [(row, key, fit) for row in rows for key, fit in row.fits.items()]
+
+    def of(lobe: int, field: str) -> list:
+        return [getattr(fit.lobes, field)[lobe] if lobe < len(fit.lobes.g) else "" for _, _, fit in flat]
+
+    units = {"sigma_t": "1/m", "sigma_s": "1/m", "sigma_a": "1/m"}
+    columns = [("wavelength [um]", [row.wavelength for row, _, _ in flat])]
+    columns += [(f"{key} [{units.get(key, '1')}]", [row.coefficients[key] for row, _, _ in flat]) for key in COEFFICIENTS]
+    columns += [("fit", [key for _, key, _ in flat]), ("diameter [um]", [fit.diameter or "" for _, _, fit in flat])]
+    columns += [(f"{field} {lobe + 1} [1]", of(lobe, field)) for lobe in range(2) for field in ("weight", "g", "alpha")]
+    names = {"factor_at": "rad", "peak_angle": "rad"}
+    columns += [(f"{'error of g' if key == 'g' else key} [{names.get(key, '1')}]",
+                 [getattr(fit.misfit, key) for _, _, fit in flat]) for key in asdict(flat[0][2].misfit)]
+    return csv_text(columns)
