@@ -11,6 +11,7 @@ help:
 	@echo "make test      set up, run the tests"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make pictures  bake and draw what the docs show"
+	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make lint      style"
@@ -53,6 +54,11 @@ recipes: $(VENV)/.ready
 
 pictures: recipes
 	$(MAKE) -C recipes BAKE=$(CURDIR)/$(BIN)/bake OUT=$(CURDIR)/build pictures
+
+# CLAIM="fig6 fig11" makes some of them
+.PHONY: figures-goa
+figures-goa: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.figures_goa $(if $(CLAIM),--only $(CLAIM))
 
 lint:
 	$(BIN)/python -m pip install --quiet ruff

@@ -1,0 +1,8 @@
+"""What Guo et al. claim of geometrical optics, measured again: make figures-goa, or python -m benchmarks.figures_goa --only fig6
+
+One module a claim.  Each has `measure() -> numbers`, `tables(numbers) -> {name: Markdown}` and `draw(numbers) -> figure`; the
+command prints the tables, puts them into docs/goa-claims.md and saves the pictures beside it.
+
+The paper: J. Guo, B. Hu, Y. Chen, Y. Li, Y. Guo, L.-Q. Yan, Rendering discrete participating media using geometrical optics
+approximation, Computational Visual Media 8, 425 (2022).  Numbers of equations and figures are its.
+"""
