@@ -23,7 +23,7 @@ from bakery.medium import grid, phase
 LOWEST = 30.0  # size parameter below which rays are never taken: their windows of exact waves hold most of the series there
 SAMPLES = 128  # spheres
 WORTH = 0.2  # share of the angular work that rays have to save to be worth an approximation
-TYPICAL_ANGLES = 1000  # that share the coefficients of a sphere, when asking whether rays save time
+TYPICAL_ANGLES = 300  # that share the coefficients of a sphere in one pass: they decide from which size on rays save time
 _MOST_ANGLES = 2000
 _NEIGHBOURS = 2  # sample angles on either side that share their largest difference
 

@@ -21,7 +21,7 @@ ANGLES = (0.0, 1.0, 10.0, 60.0, 90.0, 138.0, 175.0, 180.0)  # deg
 # On one kind of processor the values agree to the last bit; between kinds NumPy's exp and log differ there, and that reaches
 # sums of 1e4 terms as some 1e-12.  1e-6 leaves room for that and still sees any change of method.
 TOLERANCE = 1e-6
-EXAMPLES = {"fog", "cirrus", "blowing_snow", "dust", "soot", "bubbles", "haze", "milk", "wax"}
+EXAMPLES = {"fog", "cirrus", "blowing_snow", "drizzle", "dust", "soot", "bubbles", "haze", "milk", "wax"}
 
 
 def figures(asset) -> dict[str, list[float]]:
