@@ -121,7 +121,7 @@ def averages(
 
     for _ in range(3):
         try:
-            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest)
+            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, strict=not radii)
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
         found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k)) for i, channel in enumerate(channels)]

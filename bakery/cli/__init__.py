@@ -28,12 +28,11 @@ COMMANDS = {
     "report": "write one self-contained page about an asset",
     "render": "render an asset's preview, or a scene",
     "export": "hand an asset to other software",
+    "trade": "measure error against time over the knobs of each stage",
     "schema": "print the recipe's JSON Schema",
     "cache": "look at and tidy the cache of finished stages",
     "completion": "print the shell's completion script",
 }
-
-LATER = ("trade",)  # promised, and refused until they exist
 
 
 def is_recipe(word: str) -> bool:
@@ -77,8 +76,6 @@ class Commands(click.Group):
     def unknown(self, word: str):
         import difflib
 
-        if word in LATER:
-            raise click.UsageError(f"{word} is not available yet; available: {', '.join(COMMANDS)}")
         near = difflib.get_close_matches(word, COMMANDS, 1)
         raise click.UsageError(
             f'found "{word}", which is neither a command nor a recipe (a recipe ends in .yaml or holds a slash)'

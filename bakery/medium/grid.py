@@ -105,7 +105,7 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0):
+def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, strict=True):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
     Parameters
@@ -117,6 +117,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself
     known : values, error, tag at theta, from an earlier call
+    strict : whether the values' own errors count where a cell is judged; not where nothing lowers them
     finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
     Raises
@@ -145,7 +146,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         own = error_new * at_new[:, 0]
         between[:, cell] = miss + own
         worst[:, cell] = np.divide(miss + own, reference, out=np.zeros_like(miss), where=reference > 0)
-        bad = worst[:, cell] > tolerance
+        judged = worst[:, cell] if strict else np.divide(miss, reference, out=np.zeros_like(miss), where=reference > 0)
+        bad = judged > tolerance
         uneven = bad & (tag[:, cell] != tag[:, cell + 1])
         failing = np.zeros(cells, bool)
         failing[cell] = bad.any(axis=0) & ~uneven.any(axis=0)

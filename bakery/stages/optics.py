@@ -29,8 +29,9 @@ OUTPUTS = (
     Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
     Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
     Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections, rays apart"),
-    Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere"),
-    Output("COMPONENT/model_error", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres"),
+    Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere", optional=True),
+    Output("COMPONENT/model_error", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres",
+           optional=True),
     Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
     Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
     *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)

@@ -1,0 +1,127 @@
+"""Error against time over the knobs of every stage, measured: what `bake trade` does.
+
+For each stage that declares values for its knobs and how to compare its results: settings are run in a process of their own
+(`worker.py`), errors taken against converged values, times corrected by a baseline (`times.py`), the next setting chosen by what
+can still move the front (`search.py`), until the cheapest setting for each tolerance is known (`front.py`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bakery.errors import UsageError
+
+if TYPE_CHECKING:
+    from bakery.run.progress import Progress
+    from bakery.trade.result import Sweep
+
+STAGES = "bakery.stages:all_stages"
+BUDGET = 5.0  # minutes
+
+
+@dataclass(frozen=True)
+class Trade:
+    """What was measured: a sweep for each stage, and the files that tell of them."""
+
+    recipe: str
+    folder: Path
+    sweeps: tuple[Sweep, ...]
+    files: tuple[Path, ...]
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`, trade.json)."""
+        return {"recipe": self.recipe, "stages": [sweep.as_dict() for sweep in self.sweeps]}
+
+
+def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
+          quality: str | None = None, tolerance: str | float | None = None, seed: str | int | None = None,
+          settings: Mapping[str, str] | None = None, budget: float = BUDGET, progress: Progress | None = None,
+          measure: str | None = None, verbose: bool = False) -> Trade:
+    """Measure error against time over the knobs of a recipe's stages, and write a table, a picture a stage, and all figures.
+
+    Parameters
+    ----------
+    recipe : path
+    output : folder, NAME.trade by default; a second call with it goes on where the first ended
+    stages : names, all that have knobs by default
+    quality, tolerance, seed, settings : override recipe values as for a bake; the tolerance is the one wished
+    measure : name of the error that ranks settings and meets tolerances; the first of each stage by default
+    budget : minutes, for all stages together
+    progress, verbose : who is told what happens, and whether of each run
+
+    Raises
+    ------
+    RecipeError : with every problem of the recipe
+    UsageError : no stage of the recipe has knobs, the folder cannot be written, or the budget is too small for anything
+    StageError : a stage fails as the recipe stands, or has no converged values
+    """
+    from bakery.recipe import load
+    from bakery.report.files import folder_for
+    from bakery.run import QUALITY, overrides
+    from bakery.run.progress import Progress
+    from bakery.trade.settings import Job, text_of
+    from bakery.trade.sweep import Sweeper
+
+    if not budget > 0:
+        raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do")
+    base = overrides(quality, tolerance, seed, settings)
+    # a preset is what its name says beyond the recipe; `final` is the recipe's own
+    presets = {name: overrides(name) for name in QUALITY}
+    if quality is not None:
+        own = load(recipe, overrides(None, tolerance, seed, settings)).leaves
+        presets["final"] = {key: text_of(own[key]) for key in overrides(quality) if key in own}
+    checked = load(recipe, base)
+    chosen = _with_knobs(checked, stages)
+    folder = folder_for(Path(output) if output else Path(f"{checked.name}.trade"))
+    for part in ("runs", "reference"):
+        folder_for(folder / part)
+    progress = progress or Progress()
+    sweeps, left = [], 60.0 * budget
+    for count, stage in zip(range(len(chosen), 0, -1), chosen, strict=True):
+        sweeper = Sweeper(Job(Path(recipe), stage.name, base, presets, folder, STAGES), left / count, progress,
+                          verbose=verbose, rank=measure)
+        try:
+            sweeps.append(sweeper.sweep())
+        finally:
+            sweeper.close()
+        left = max(left - (left / count - sweeper.left), 1.0)
+    return _written(Trade(os.fspath(recipe), folder, tuple(sweeps), ()))
+
+
+def _with_knobs(recipe, names: Sequence[str]) -> list:
+    """The stages to measure."""
+    from bakery.trade.resolve import all_of
+
+    asked = [stage for stage in all_of(STAGES) if stage.applies(recipe)]
+    able = [stage for stage in asked if stage.measures and any(knob.values for knob in stage.knobs)]
+    for name in names:
+        if name not in [stage.name for stage in asked]:
+            raise UsageError(f'--stage: found "{name}"; this recipe has the stages {", ".join(stage.name for stage in asked)}')
+    chosen = [stage for stage in able if not names or stage.name in names]
+    if not chosen:
+        which = " and ".join(names) if names else f"none of its stages ({', '.join(stage.name for stage in asked)})"
+        able_names = f"; {', '.join(stage.name for stage in able)} would do" if able else ": its values are exact or take no time"
+        raise UsageError(f"{recipe.path}: {which} has knobs that trade time for accuracy{able_names}" if not names else
+                         f"--stage: {which} has no knobs that trade time for accuracy{able_names}")
+    return chosen
+
+
+def _written(trade: Trade) -> Trade:
+    """The same with its files written."""
+    from bakery.report.figures import drawn
+    from bakery.report.files import csv_text
+    from bakery.report.front import picture
+    from bakery.store.put import put
+    from bakery.trade.tables import columns
+
+    told = trade.as_dict()
+    files = [put(trade.folder / "trade.json", json.dumps(told, indent=1, allow_nan=False) + "\n"),
+             put(trade.folder / "trade.csv", csv_text(columns(told["stages"])))]
+    for stage in told["stages"]:
+        files.append(put(trade.folder / f"{stage['stage']}.png", drawn(picture(stage), ("png",))["png"]))
+    return Trade(trade.recipe, trade.folder, trade.sweeps, tuple(files))

@@ -1,0 +1,155 @@
+"""What a sweep found: corrected times, the front, its knee, what to recommend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import median
+
+from bakery.trade import front as fronts
+from bakery.trade.front import Point
+from bakery.trade.runs import Run, machine
+from bakery.trade.search import Ladder, Seen, Setting, inert, start_of
+from bakery.trade.times import deviation, quantiles, standard_error
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep over one stage found.
+
+    Attributes
+    ----------
+    stage : its declaration
+    tolerance : wished
+    wishes : name of each preset -> its tolerance
+    runs : every setting that was run, in that order; failed ones too
+    start : index of the recipe as it stands
+    presets : name -> index into `runs`
+    inert : keys of knobs that changed nothing
+    reference : of the converged values: `setting`, `input_hash`, `seconds`, `achieved` (the error that they claim), `check`
+    floor : by name of error, how far two converged groups are apart: smaller errors are not told apart
+    baseline : overrides of the setting that was run around every other
+    refused : (overrides, message) that the recipe does not allow
+    untried : overrides for which the time did not suffice; nothing there means that no further run can change the recommendations
+    reused : how many runs were on disk
+    """
+
+    stage: object
+    tolerance: float
+    wishes: Mapping[str, float]
+    runs: Sequence[Run]
+    start: int
+    presets: Mapping[str, int]
+    inert: Sequence[str]
+    reference: Mapping
+    floor: Mapping[str, float]
+    baseline: Mapping[str, str]
+    refused: Sequence[tuple[Mapping[str, str], str]]
+    untried: Sequence[Mapping[str, str]]
+    reused: int
+
+    @classmethod
+    def of(cls, *, ladders: Sequence[Ladder], measured: Mapping[Setting, Run], **values) -> Sweep:
+        """From runs by setting."""
+        seen = {s: None if run.failed else Seen(median(run.ratios), run.error, run.content) for s, run in measured.items()}
+        return cls(runs=list(measured.values()), start=list(measured).index(start_of(ladders)),
+                   inert=[ladder.key for k, ladder in enumerate(ladders) if inert(ladders, k, seen)], **values)
+
+    @cached_property
+    def good(self) -> list[int]:
+        """Indices of the runs that did not fail."""
+        return [i for i, run in enumerate(self.runs) if not run.failed]
+
+    @cached_property
+    def baseline_seconds(self) -> float:
+        """Median over all times of the baseline."""
+        return median(seconds for i in self.good for seconds in self.runs[i].baseline)
+
+    @property
+    def drift(self) -> tuple[float, float]:
+        """Least and largest time of the baseline relative to its median: what the correction took out."""
+        times = [seconds / self.baseline_seconds for i in self.good for seconds in self.runs[i].baseline]
+        return min(times), max(times)
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of ln(time) of a single run, after the correction."""
+        return deviation(self.runs[i].ratios for i in self.good)
+
+    @cached_property
+    def points(self) -> list[Point]:
+        """Time and error of the runs in `good`."""
+        found = []
+        for i in self.good:
+            ratios = self.runs[i].ratios
+            own = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
+            found.append(Point(self.seconds(i)[0], self.runs[i].error, standard_error(max(self.noise, own), len(ratios))))
+        return found
+
+    def seconds(self, index: int) -> tuple[float, float, float, float]:
+        """Median, median absolute deviation, least and largest corrected time of a run."""
+        return quantiles([ratio * self.baseline_seconds for ratio in self.runs[index].ratios])
+
+    @property
+    def floor_of_error(self) -> float:
+        """The floor of the error that ranks."""
+        return next(iter(self.floor.values()))
+
+    @cached_property
+    def front(self) -> list[int]:
+        """Indices of the runs on the front, fastest first."""
+        return [self.good[i] for i in fronts.front(self.points, self.floor_of_error)]
+
+    @property
+    def knee(self) -> int | None:
+        """The run at the knee of the front."""
+        at = fronts.knee([self.point(i) for i in self.front], self.floor_of_error)
+        return None if at is None else self.front[at]
+
+    def point(self, index: int) -> Point:
+        """Time and error of a run."""
+        return self.points[self.good.index(index)]
+
+    def dominating(self, index: int) -> int | None:
+        """The run on the front that is at least as accurate and not slower; None for a run on the front."""
+        on = [self.good.index(i) for i in self.front]
+        found = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
+        return None if found is None else self.good[found]
+
+    def recommended(self, tolerance: float) -> int | None:
+        """The run on the front with the least time whose true error meets a tolerance."""
+        found = fronts.cheapest([self.point(i) for i in self.front], tolerance)
+        return None if found is None else self.front[found]
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`, trade.json)."""
+        low, high = self.drift
+        return {
+            "stage": self.stage.name, "version": self.stage.version, "title": self.stage.title, "tolerance": self.tolerance,
+            "errors": list(self.floor), "front": self.front, "knee": self.knee, "start": self.start,
+            "presets": {name: {"run": i, "tolerance": self.wishes[name], "dominated_by": self.dominating(i)}
+                        for name, i in self.presets.items() if i in self.good},
+            "recommended": [{"tolerance": tolerance, "run": self.recommended(tolerance)} for tolerance in self.tolerances],
+            "runs": [self._run(i) for i in range(len(self.runs))],
+            "reference": {**self.reference, "floor": dict(self.floor)},
+            "baseline": {"setting": dict(self.baseline), "seconds": self.baseline_seconds, "least": low, "largest": high},
+            "noise": self.noise, "without_effect": list(self.inert),
+            "refused": [{"setting": dict(setting), "message": message} for setting, message in self.refused],
+            "untried": [dict(setting) for setting in self.untried], "complete": not self.untried, "reused": self.reused,
+            "machine": machine()}
+
+    @property
+    def tolerances(self) -> list[float]:
+        """The tolerances for which a setting is recommended: the wish first, then those of the presets."""
+        return list(dict.fromkeys([self.tolerance, *self.wishes.values()]))
+
+    def _run(self, i: int) -> dict:
+        run = self.runs[i]
+        if run.failed:
+            return {"setting": dict(run.setting), "input_hash": run.input_hash, "failed": run.failed}
+        middle, mad, least, largest = self.seconds(i)
+        return {"setting": dict(run.setting), "input_hash": run.input_hash, "seconds": middle, "mad": mad, "least": least,
+                "largest": largest, "repeats": len(run.seconds), "memory": run.memory, "errors": dict(run.errors),
+                "below_floor": run.error < self.floor_of_error, "achieved_error": run.achieved, "on_front": i in self.front,
+                "content": run.content}

@@ -1,0 +1,117 @@
+"""One measured setting, and the file that keeps it.
+
+The file's name is a hash over everything that the figures depend on: the stage's inputs and version, the converged values that
+errors are held against, the baseline, and the machine with its libraries.  A run that is asked for again is read, one whose
+recipe changed is made anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+
+import bakery
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Run:
+    """A setting and what its repeats showed.
+
+    Attributes
+    ----------
+    stage, input_hash : what was computed
+    setting : recipe key -> text, what differs from the recipe as it stands
+    seconds : of one core (processor time), one a repeat
+    wall : seconds on the wall's clock, one a repeat
+    baseline : seconds of the baseline around each repeat
+    memory : bytes, peak above the loaded process
+    errors : true errors by name, the ranking one first
+    achieved : the error that the stage claims, in its own measure
+    content : hash of the values
+    failed : why there are no figures; empty if there are
+    """
+
+    stage: str
+    input_hash: str
+    setting: Mapping[str, str]
+    seconds: tuple[float, ...] = ()
+    wall: tuple[float, ...] = ()
+    baseline: tuple[float, ...] = ()
+    memory: float = 0.0
+    errors: Mapping[str, float] = field(default_factory=dict)
+    achieved: float = 0.0
+    content: str = ""
+    failed: str = ""
+
+    @property
+    def ratios(self) -> list[float]:
+        """Seconds relative to the baseline."""
+        return [own / base for own, base in zip(self.seconds, self.baseline, strict=True)]
+
+    @property
+    def error(self) -> float:
+        """The true error that ranks."""
+        return next(iter(self.errors.values()))
+
+    def with_repeat(self, found: Mapping) -> Run:
+        """The same with one more repeat, as the worker tells it."""
+        more = {name: (*getattr(self, name), float(found[name])) for name in ("seconds", "wall", "baseline")}
+        if not self.seconds:
+            more |= {name: found[name] for name in ("memory", "errors", "achieved", "content")}
+        return replace(self, **more)
+
+
+class Store:
+    """The runs of one folder, one JSON file each, written whole as soon as a repeat is done."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def path(self, stage: str, *inputs: str) -> Path:
+        """Where the run with these inputs is kept."""
+        parts = json.dumps([FORMAT, stage, *inputs, machine()], sort_keys=True)
+        return self.folder / f"{stage}-{hashlib.sha256(parts.encode()).hexdigest()[:32]}.json"
+
+    def load(self, path: Path, stage: str, input_hash: str) -> Run | None:
+        """The run, or None where there is none, or none that is whole."""
+        try:
+            held = json.loads(path.read_text())
+            run = Run(**{name: tuple(value) if isinstance(value, list) else value for name, value in held["run"].items()})
+            whole = (run.stage, run.input_hash) == (stage, input_hash) and len(run.seconds) == len(run.baseline) == len(run.wall)
+            positive = all(value > 0 for value in (*run.seconds, *run.baseline)) and all(e >= 0 for e in run.errors.values())
+            return run if whole and positive and (run.failed or (run.seconds and run.errors)) else None
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            return None
+
+    def save(self, path: Path, run: Run) -> None:
+        """Write the run; what stood there stays whole until then."""
+        from bakery.store.put import put
+
+        put(path, json.dumps({"format": FORMAT, "run": asdict(run), "machine": machine()}, indent=1, allow_nan=False) + "\n")
+
+
+@cache
+def machine() -> dict[str, str]:
+    """What times depend on besides the recipe."""
+    from bakery.run.executors import library_versions
+
+    return {"processor": _processor(), "cores": str(os.cpu_count() or 1)} | library_versions() | {"bakery": bakery.__version__}
+
+
+def _processor() -> str:
+    import platform
+
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

@@ -1,0 +1,166 @@
+"""Which setting to run next: each knob alone, then combinations near the front, until none can move it for a wished tolerance.
+
+The second part is a Pareto local search (L. Paquete, M. Chiarandini and T. Stützle, Lecture Notes in Economics and Mathematical
+Systems 535, 177 (2004)): neighbours of settings on the front are tried.  Here a neighbour is left out when even a hopeful guess,
+from what the same step did elsewhere, does not beat the cheapest setting known for any wished tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from bakery.trade.front import Point, cheapest, front
+
+Setting = tuple[int, ...]  # one index into each ladder
+
+USELESS = 3.0  # times the largest tolerance wished: errors beyond that end a row of ever cheaper values
+ENOUGH = 1 / 3  # of the smallest tolerance wished: errors below that end a row of ever dearer values
+HOPE = 0.8  # a combination may be faster, and more accurate, than its parts say by this factor
+GAIN = 0.97  # time relative to the best known above which nothing is gained
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """The values of a knob from cheap to dear; `start` is where the recipe stands.
+
+    `switch`: its values are words (`mie`, `goa`, `auto`), so it may bring other knobs to life.
+    """
+
+    key: str
+    texts: tuple[str, ...]
+    start: int
+    switch: bool = False
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is known of a setting; `content` tells whether two settings gave the very same values."""
+
+    seconds: float
+    error: float
+    content: str
+
+
+def start_of(ladders: Sequence[Ladder]) -> Setting:
+    """The recipe as it stands."""
+    return tuple(ladder.start for ladder in ladders)
+
+
+def proposals(ladders: Sequence[Ladder], first: Sequence[Setting], wishes: Sequence[float],
+              seen: Mapping[Setting, Seen | None], floor: float = 0.0) -> list[Setting]:
+    """Settings to run, the most telling first; empty when no further run can change what is recommended.
+
+    Parameters
+    ----------
+    ladders : of each knob
+    first : settings that have to be known in any case
+    wishes : tolerances for which the cheapest setting is wanted
+    seen : what has been run; None for a setting that failed
+    floor : error below which settings cannot be told apart
+    """
+    missing = [setting for setting in dict.fromkeys((start_of(ladders), *first)) if setting not in seen]
+    if missing:
+        return missing
+    if seen[start_of(ladders)] is None:
+        return []
+    alone = [setting for k in range(len(ladders)) for setting in _row(ladders, k, wishes, seen)]
+    if alone:
+        return list(dict.fromkeys(alone))
+    dearest = tuple(len(ladder.texts) - 1 for ladder in ladders)
+    unmet = not any(found and found.error <= min(wishes) for found in seen.values())
+    # where each knob hides behind another that is as poor, no single step helps: all at once does
+    return _neighbours(ladders, wishes, seen, floor) or [dearest] * (unmet and dearest not in seen)
+
+
+def inert(ladders: Sequence[Ladder], k: int, seen: Mapping[Setting, Seen | None]) -> bool:
+    """Whether the knob at its far end gave the very values that the recipe has as it stands."""
+    start, end = start_of(ladders), _end(ladders, k)
+    return end != start and all(seen.get(setting) for setting in (start, end)) and seen[end].content == seen[start].content
+
+
+def _moved(setting: Setting, k: int, i: int) -> Setting:
+    return setting[:k] + (i,) + setting[k + 1 :]
+
+
+def _end(ladders, k: int) -> Setting:
+    return _moved(start_of(ladders), k, 0 if ladders[k].start > 0 else len(ladders[k].texts) - 1)
+
+
+def _row(ladders, k: int, wishes, seen) -> list[Setting]:
+    """What is still to run of one knob alone: its far end first, since a knob without effect needs no more."""
+    start, end = start_of(ladders), _end(ladders, k)
+    if end not in seen:
+        return [end]
+    if inert(ladders, k, seen):
+        return []
+    at = ladders[k].start
+    cheaper = (range(at - 1, -1, -1), lambda error: error > USELESS * max(wishes))
+    dearer = (range(at + 1, len(ladders[k].texts)), lambda error: error < ENOUGH * min(wishes))
+    todo = []
+    for indices, last in (cheaper, dearer):
+        before = seen[start]
+        if indices is dearer[0] and last(before.error):
+            continue
+        for i in indices:
+            setting = _moved(start, k, i)
+            if setting not in seen:
+                todo.append(setting)
+                break  # what it shows decides on the next
+            if seen[setting] is not None and last(seen[setting].error):
+                break
+            if i < at and all(_worse(seen[one], before) for one in (setting, end)):
+                break  # not cheap at all, neither here nor at the far end
+    return todo
+
+
+def _worse(found: Seen | None, start: Seen) -> bool:
+    """Whether a setting failed, or is slower than where the recipe stands and gains nothing by it."""
+    return found is None or (found.seconds > 1.2 * start.seconds and found.error > 0.9 * start.error)
+
+
+def _neighbours(ladders, wishes, seen, floor: float) -> list[Setting]:
+    known = {setting: found for setting, found in seen.items() if found is not None}
+    settings = list(known)
+    points = [Point(known[s].seconds, known[s].error) for s in settings]
+    best = {}
+    for wish in wishes:
+        i = cheapest(points, wish)
+        best[wish] = float("inf") if i is None else points[i].seconds
+    gains: dict[Setting, float] = {}
+    for j in front(points, floor):
+        for k, ladder in enumerate(ladders):
+            for i in (settings[j][k] - 1, settings[j][k] + 1):
+                setting = _moved(settings[j], k, i)
+                if not 0 <= i < len(ladder.texts) or setting in seen:
+                    continue
+                guess = _guess(ladders, settings[j], k, i, known)
+                if guess is None:
+                    continue
+                gain = max((best[wish] / guess.seconds for wish in wishes if guess.error <= wish), default=0.0)
+                if gain * GAIN > 1:
+                    gains[setting] = max(gain, gains.get(setting, 0.0))
+    return sorted(gains, key=lambda setting: (-gains[setting], setting))
+
+
+def _guess(ladders, setting: Setting, k: int, i: int, known: Mapping[Setting, Seen]) -> Point | None:
+    """A hopeful guess of one step from a known setting; None where the step is known to do nothing."""
+    here = known[setting]
+    pairs = [(a, _moved(a, k, i)) for a in known if a[k] == setting[k] and _moved(a, k, i) in known]
+    alike = [(a, b) for a, b in pairs if not _switched(ladders, a, setting)]
+    if any(known[a].content == known[b].content for a, b in alike):
+        return None
+    if not pairs and inert(ladders, k, known) and not _switched(ladders, start_of(ladders), setting):
+        return None
+    found = [(known[a], known[b]) for a, b in pairs if known[a].content != known[b].content]
+    if not found:
+        return Point(0.5 * here.seconds, HOPE * here.error) if i < setting[k] else Point(here.seconds, 0.0)
+    # an error that the step adds elsewhere may hide behind a larger one here; one that it removes goes in proportion at best
+    error = min(max(here.error, after.error) if after.error > before.error
+                else here.error * after.error / max(before.error, 1e-300) for before, after in found)
+    return Point(HOPE * here.seconds * min(after.seconds / before.seconds for before, after in found), HOPE * error)
+
+
+def _switched(ladders, a: Setting, b: Setting) -> bool:
+    """Whether a switch stands elsewhere: only then can a knob that did nothing at one setting do something at the other."""
+    return any(ladder.switch and x != y for ladder, x, y in zip(ladders, a, b, strict=True))

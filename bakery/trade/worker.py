@@ -1,0 +1,234 @@
+"""Runs settings of one stage in a process of its own, where nothing else takes memory or time.
+
+`Bench` does the work; `main` is the process around it: a line of JSON in, a line of JSON out.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from statistics import median
+
+from bakery.errors import BakeryError, StageError
+from bakery.store.tree import Group
+from bakery.trade.resolve import above, find, hash_of, hashes_above
+
+BURST = 0.15  # seconds of baseline around a run, or one run where that takes longer
+
+
+class Bench:
+    """Times and compares settings of one stage of one recipe.
+
+    Parameters
+    ----------
+    recipe : its path
+    stage : name
+    base : overrides of the recipe in every setting (`--set`)
+    upstream : overrides under which the stages upstream are computed, once
+    baseline : overrides of the setting that is run around every other
+    loosest : text of a tolerance at which a run is short, or None: loads the kernels of a setting before its time is taken
+    folder : of the converged values and the values upstream
+    stages : `module:function` that returns all stages
+    clock, wall : seconds of the processor and of the wall
+    share : is told the share done of a run, 0 to 1
+    """
+
+    def __init__(self, recipe: str, stage: str, base: Mapping[str, str], upstream: Mapping[str, str], baseline: Mapping[str, str],
+                 loosest: str | None, folder: str, stages: str, clock: Callable[[], float] = time.process_time,
+                 wall: Callable[[], float] = time.perf_counter, share: Callable[[float], None] = lambda share: None):
+        from bakery.run.cache import Cache
+
+        self._recipe, self._base, self._baseline, self._loosest = recipe, dict(base), dict(baseline), loosest
+        self._name, self._stages, self._upstream = stage, stages, dict(upstream)
+        self._clock, self._wall, self._share = clock, wall, share
+        self._cache = Cache(Path(folder))
+        self._groups: dict[str, Group] = {}
+        self._hashes: dict[str, str] | None = None
+        self._warm: set[str] = set()
+        self._warm_baseline = False
+        self._burst: float | None = None
+        self._resolved: dict[str, tuple] = {}
+        self._reference: tuple[str, Group] | None = None
+
+    def keep(self, setting: Mapping[str, str], expected: str) -> dict:
+        """Compute a setting and keep its values: seconds and the error that the stage claims."""
+        held = self._cache.get(self._name, expected)
+        if held is None:
+            group, seconds = self._compute(setting, expected)
+            self._burst = None
+            self._cache.put(self._name, expected, group, Group({}, {"seconds": seconds}))
+            held = self._cache.get(self._name, expected)
+            if held is None:
+                raise StageError(f"{self._cache.path(self._name, expected)}: the converged values could not be kept")
+        return {"seconds": held[1].attributes["seconds"], "achieved": held[0].attributes["achieved_error"]}
+
+    def compare(self, found: str, reference: str) -> dict[str, float]:
+        """True errors of kept values against other kept values."""
+        return self._errors(self._held(found), self._held(reference))
+
+    def run(self, setting: Mapping[str, str], expected: str, reference: str | None) -> dict:
+        """One timed run; with the key of a reference also errors and memory, which do not depend on the run."""
+        from bakery.run import resources
+        from bakery.store.hashes import content_hash
+
+        self._load_kernels(setting)
+        before = self._burst or self._around()
+        if reference is not None:
+            true = self._held(reference)
+            gc.collect()
+            _return_memory()
+            resident = resources.resident_memory()
+            resources.reset_peak()
+        started = self._wall()
+        group, seconds = self._compute(setting, expected)
+        found = {"seconds": seconds, "wall": max(self._wall() - started, 1e-9)}
+        if reference is not None:
+            found |= {"memory": max(resources.peak_memory() - resident, 0.0), "errors": self._errors(group, true),
+                      "achieved": group.attributes["achieved_error"], "content": content_hash(Group(group.members))}
+        del group
+        self._burst = self._around()
+        return found | {"baseline": (before * self._burst) ** 0.5}
+
+    def _load_kernels(self, setting) -> None:
+        kind = json.dumps({key: text for key, text in setting.items() if key != "tolerance" or self._loosest is None})
+        if kind in self._warm:
+            return
+        with suppress(BakeryError):  # the run itself will tell
+            self._compute({**setting, "tolerance": self._loosest} if self._loosest is not None else setting, None)
+        self._burst = None
+        self._warm.add(kind)
+
+    def _around(self) -> float:
+        """Median time of the baseline, run until it has taken a while."""
+        fixed = self._resolve(self._baseline, None)
+        if not self._warm_baseline:
+            self._timed(*fixed)  # loads its kernels
+            self._warm_baseline = True
+        times: list[float] = []
+        while sum(times) < BURST and len(times) < 15:
+            times.append(self._timed(*fixed)[1])
+        return median(times)
+
+    def _compute(self, setting, expected: str | None) -> tuple[Group, float]:
+        return self._timed(*self._resolve(setting, expected), self._share)
+
+    def _timed(self, stage, recipe, key: str, share=lambda share: None) -> tuple[Group, float]:
+        from bakery.run.executors import Context
+
+        context = Context(recipe.tolerance, recipe.seed, report=lambda done, error=None: share(done))
+        started = self._clock()
+        try:
+            result = stage.compute(stage.inputs(recipe, self._groups), context)
+        except MemoryError:
+            raise StageError(f"{stage.name}: out of memory") from None
+        seconds = max(self._clock() - started, 1e-9)
+        group = Group(result.members, {"stage": stage.name, "stage_version": stage.version, "input_hash": key,
+                                       "tolerance": recipe.tolerance, "achieved_error": float(result.achieved_error),
+                                       "error_measure": stage.error_measure})
+        broken = list(stage.check(group))
+        if broken:
+            raise StageError(f"{stage.name}: its values break the stage's own rules: " + "; ".join(broken))
+        return group, seconds
+
+    def _resolve(self, setting, expected: str | None):
+        from bakery.recipe import load
+
+        words = json.dumps(setting, sort_keys=True)
+        if words not in self._resolved:
+            hashes = self._upstream_hashes()
+            recipe = load(self._recipe, {**self._base, **setting})
+            stage = find(self._stages, recipe, self._name)
+            self._resolved[words] = (stage, recipe, hash_of(stage, recipe, hashes))
+        stage, recipe, key = self._resolved[words]
+        if expected is not None and key != expected:
+            raise StageError(f"{self._recipe}: it, or a file that it names, changed while it was measured; start again")
+        return stage, recipe, key
+
+    def _upstream_hashes(self) -> dict[str, str]:
+        """Hashes of the groups upstream, which are computed on the first call."""
+        if self._hashes is None:
+            from bakery.recipe import load
+
+            recipe = load(self._recipe, {**self._base, **self._upstream})
+            hashes = hashes_above(self._stages, recipe, self._name)
+            for stage in above(self._stages, recipe, self._name):
+                held = self._cache.get(stage.name, hashes[stage.name])
+                if held is None:
+                    group, seconds = self._timed(stage, recipe, hashes[stage.name])
+                    self._cache.put(stage.name, hashes[stage.name], group, Group({}, {"seconds": seconds}))
+                self._groups[stage.name] = held[0] if held else group
+            self._hashes = hashes
+        return self._hashes
+
+    def _held(self, key: str) -> Group:
+        if self._reference is None or self._reference[0] != key:
+            held = self._cache.get(self._name, key)
+            if held is None:
+                raise StageError(f"{self._cache.path(self._name, key)}: the converged values are gone; start again")
+            self._reference = (key, held[0])
+        return self._reference[1]
+
+    def _errors(self, group: Group, reference: Group) -> dict[str, float]:
+        stage, _, _ = self._resolve(self._baseline, None)
+        return {name: float(value) for name, value in stage.measures(group, reference).items()}
+
+
+def _return_memory() -> None:
+    # what earlier runs freed goes back to the system, or the next run's peak would not show above it
+    try:
+        import ctypes
+
+        ctypes.CDLL(None).malloc_trim(0)
+    except (OSError, AttributeError):
+        pass  # not glibc
+
+
+def main() -> None:
+    """The process: arguments of `Bench` as the first line, then one call a line; ends with its input."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides; it ends this process
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever a library prints must not look like an answer
+    calls = _calls()
+    said = [0.0]
+
+    def share(done: float) -> None:
+        if time.monotonic() - said[0] > 0.3:
+            said[0] = time.monotonic()
+            print(json.dumps({"share": done}), file=answers, flush=True)
+
+    bench = Bench(**next(calls), share=share)
+    for call in calls:
+        try:
+            answer = {"found": getattr(bench, call.pop("do"))(**call)}
+        except BakeryError as error:
+            answer = {"failed": str(error)}
+        print(json.dumps(answer), file=answers, flush=True)
+
+
+def _calls():
+    """Calls as they come in; when the parent is gone the process ends at once, whatever it computes."""
+    import queue
+    import threading
+
+    lines: queue.Queue = queue.Queue()
+
+    def read():
+        for line in sys.stdin:
+            lines.put(json.loads(line))
+        os._exit(0)
+
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        yield lines.get()
+
+
+if __name__ == "__main__":
+    main()
