@@ -76,7 +76,10 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
             reports.append(baked.as_dict())
             if not as_json:
                 write(f"{baked.output}" + ("\n" if baked.written else " is up to date\n"))
+            for wish in baked.missed:
+                click.echo(f"{baked.output}: {wish}", err=True)
         if as_json:
             print_json(reports)
+        return 3 if any(report["missed"] for report in reports) else 0
     finally:
         progress.close()

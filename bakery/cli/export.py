@@ -12,7 +12,8 @@ from bakery.errors import RecipeError, UsageError
 
 LATER = ("pbrt",)
 FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for stock Mitsuba 3 (XML)",
-           "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)"}
+           "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)",
+           "ply": "tiles as points with radii", "xyz": "tiles as extended XYZ, for particle viewers"}
 
 
 @click.command(name="export", short_help="hand an asset to other software")
@@ -42,6 +43,8 @@ def command(asset, target, output, each_wavelength, as_json):
         files, lost, lines = _csv(opened)
     elif target == "hg":
         files, lost, lines = _hg(opened)
+    elif target in ("ply", "xyz"):
+        files, lost, lines = _tiles(opened, target)
     else:
         files, lost, lines = _mitsuba(opened, stem, each_wavelength)
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
@@ -57,6 +60,14 @@ def _csv(asset):
 
     files = {f"{Path(asset.path).stem}_{name}": text for name, text in csv_files(asset.tree).items()}
     return files, [], ["nothing is lost: every number has all its digits; provenance stays in the asset"]
+
+
+def _tiles(asset, target: str):
+    from bakery.export.tiles import ply_files, xyz_files
+
+    made = (ply_files if target == "ply" else xyz_files)(asset.tree)
+    files = {f"{Path(asset.path).stem}{end}": text for end, text in made.items()}
+    return files, [], ["positions and radii keep all their digits; g2, chords and their errors stay in the asset (--to csv)"]
 
 
 def _print(paths, lines) -> None:

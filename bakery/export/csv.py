@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.export.tiles import csv_tables
 from bakery.report.axes import COORDINATES, axes, coordinate
 from bakery.report.files import csv_text
 from bakery.report.summary import describe
+from bakery.report.tiles import tiles_of
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 
@@ -17,9 +19,12 @@ def csv_files(root: Group) -> dict[str, str]:
     it depends on it, each wavelength.  What has no coordinate gets a file of its own.
     """
     files = {"recipe.yaml": read_text(root["recipe"])} if "recipe" in root.members else {}
+    packed = isinstance(root.members.get("packing"), Group) and bool(tiles_of(root["packing"]))
+    if packed:
+        files |= csv_tables(root)
     tables: dict[str, list] = {}
     for path, member in root.walk():
-        if not isinstance(member, Dataset) or path.split("/")[0] in ("provenance", "recipe", "wavelength"):
+        if not isinstance(member, Dataset) or path.split("/")[0] in ("provenance", "recipe", "wavelength", *["packing"] * packed):
             continue
         group = path.rpartition("/")[0].replace("/", "_")
         letters = axes(root, path)

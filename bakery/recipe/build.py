@@ -129,6 +129,9 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
     leaves = dict(_leaves("", parsed, len(checker.wavelength)))
     if parsed.particles:
         leaves |= dict(_leaves("phase", phase, len(checker.wavelength)))
+    packing = parsed.packing and _packing(parsed.packing, parsed.seed)
+    if packing:
+        leaves["packing.seed"] = packing.seed
     return model.Recipe(
         path=path,
         name=parsed.name,
@@ -140,6 +143,7 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         particles=parsed.particles and _particles(parsed.particles, checker),
         phase=_single_scattering(phase),
         medium=parsed.medium and _medium(parsed.medium, checker),
+        packing=packing,
         leaves=leaves,
         files=tuple(checker.files),
         places=places,
@@ -163,7 +167,7 @@ def _leaves(key: str, value, wavelengths: int) -> Iterator[tuple[str, str | int 
         for name in type(value).model_fields:
             yield from _leaves(f"{key}.{name}" if key else name, getattr(value, name), wavelengths)
     elif isinstance(value, (tuple, list)):
-        spread = len(value) == 1 and isinstance(value[0], float) and key != "wavelengths"
+        spread = len(value) == 1 and isinstance(value[0], float) and key not in ("wavelengths", "packing.fraction")
         for i, item in enumerate(value * wavelengths if spread else value):
             yield from _leaves(f"{key}[{i}]", item, wavelengths)
     elif value is not None:
@@ -216,6 +220,19 @@ def _medium(section: schema.Medium, checker: Checker) -> model.Medium:
         _frozen(albedo),
         model.Phase(phase.type, None if g is None else _frozen(g), getattr(phase, "spread", None), table),
     )
+
+
+def _packing(section: schema.Packing, seed: int) -> model.Packing:
+    radii = section.radii
+    if radii == "equal":
+        law = model.Radii("equal")
+    elif isinstance(radii, list):
+        law = model.Radii("list", tuple((part.share, part.radius) for part in radii))
+    else:
+        law = model.Radii("lognormal", sigma=radii.sigma)
+    growth, equilibration = (None if value == "auto" else value for value in (section.growth, section.equilibration))
+    return model.Packing(tuple(section.fraction), section.count, tuple(section.cell), law, growth, equilibration,
+                         seed if section.seed is None else section.seed)
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

@@ -53,6 +53,8 @@ class Checker:
                              "expected method: goa beside it, or switch: auto")
         for section in _mappings(self.tree.get("grains")):
             self._components(section, "weight")
+        for section in _mappings(self.tree.get("packing")):
+            self._packing(section)
         for name in NOT_YET:
             if name in self.tree:
                 self.problems.append(owner(self.tree[name]).problem(f"{name} is not available yet", "particles and medium are"))
@@ -270,6 +272,72 @@ class Checker:
         theta[0], theta[-1] = 0.0, math.pi
         if not theta[-2] < math.pi:
             self._report(phase["file"], "found two angles of 180 deg", "expected ascending order")
+
+    def _packing(self, section: Mapping) -> None:
+        beside = next((name for name in ("particles", "medium") if name in self.tree), None)
+        if beside:
+            self._report_section(section, f"found packing beside {beside}, which it has no effect on",
+                                 "expected it alone or with grains")
+        node = section.get("fraction")
+        fractions = self._list(node) or ()
+        shown = [f"{100 * f:g}" for f in fractions]
+        for i, f in enumerate(shown):
+            if f in shown[:i]:
+                self._report(node[i] if isinstance(node, Sequence) else node, f"found {f} % more than once",
+                             "expected distinct fractions")
+        radii = self._radii(section)
+        cell = self._list(section.get("cell"))
+        if radii is not None and ("cell" not in section or cell is not None and len(cell) == 3):
+            for i, f in enumerate(fractions):
+                self._tile(node[i] if isinstance(node, Sequence) else node, f, radii, cell or (1.0, 1.0, 1.0))
+
+    def _radii(self, section: Mapping) -> np.ndarray | None:
+        """Relative radii of the spheres of a tile, (count,)."""
+        from bakery.packing import radii
+
+        node = section.get("radii")
+        count = self._value(section, "count") if "count" in section else 500
+        if isinstance(node, Sequence):
+            parts = list(_mappings(*node))
+            shares, sizes = ([self._value(part, name) for part in parts] for name in ("share", "radius"))
+            if len(parts) < len(node) or not parts or None in shares or None in sizes:
+                return None
+            self._shares(node, "share", parts, None)
+            if count is None or abs(math.fsum(shares) - 1) > _SHARES:
+                return None
+            try:
+                return radii.species(shares, sizes, count)
+            except ValueError as error:
+                self._report_section(node, f"found {error}", "expected shares of at least one sphere, or a larger packing.count")
+                return None
+        if count is None:
+            return None
+        if isinstance(node, Mapping):
+            sigma = self._value(node, "sigma")
+            return None if sigma is None else radii.lognormal(sigma, count)
+        return np.ones(count)
+
+    def _tile(self, node: Node, fraction: float, radii: np.ndarray, cell: tuple) -> None:
+        """Whether spheres can be packed so far, in a cell of these proportions."""
+        from bakery.packing.ceiling import limit
+        from bakery.packing.radii import room
+
+        most = limit(radii)
+        if fraction > most:
+            equal = np.ptp(radii) < 1e-9
+            what = "equal spheres" if equal else "these radii"
+            more = "; several sizes reach more (packing.radii)" if equal else ""
+            self._report(node, f"found {fraction:g}", f"expected at most {most:.4g}, as far as {what} are packed at random{more}")
+            return
+        width = room(fraction, radii, cell)
+        if width <= 1 + 1e-6:
+            spheres = f"the largest of {radii.size:,} spheres" if radii.size > 1 else "the sphere"
+            most = 0.999 * fraction * width**3
+            self._report(
+                node,
+                f"found {fraction:g}, where {spheres} meets its own image: the cell is {width:.3g} of its diameter wide",
+                f"expected less than {most:.3g}, a larger packing.count, or a packing.cell nearer to a cube",
+            )
 
     # ---- files
 

@@ -9,7 +9,7 @@ def json_schema() -> dict:
     """The schema (draft 2020-12) as a dictionary; the same text in `assets/schemas/recipe-1.json`."""
     made = schema.RecipeFile.model_json_schema()
     made["title"] = "Bakery recipe, format 1"
-    made["oneOf"] = [{"required": [name]} for name in schema.SOURCES]
+    made["anyOf"] = [{"oneOf": [{"required": [name]} for name in schema.SOURCES]}, {"required": ["packing"]}]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(made)}
 
 

@@ -95,6 +95,29 @@ class Medium:
 
 
 @dataclass(frozen=True)
+class Radii:
+    """Radii of a tile's spheres: `distribution` is equal, list (`of` = shares by number and relative radii) or lognormal
+    (`sigma`, geometric standard deviation)."""
+
+    distribution: str
+    of: tuple[tuple[float, float], ...] = ()
+    sigma: float | None = None
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Tiles of spheres, one for each of `fraction`; `growth` and `equilibration` are None where the recipe says auto."""
+
+    fraction: tuple[float, ...]
+    count: int
+    cell: tuple[float, float, float]
+    radii: Radii
+    growth: float | None
+    equilibration: int | None
+    seed: int
+
+
+@dataclass(frozen=True)
 class Recipe:
     """A recipe whose values are all checked; see docs/architecture.md."""
 
@@ -108,6 +131,7 @@ class Recipe:
     particles: Particles | None
     phase: SingleScattering
     medium: Medium | None
+    packing: Packing | None
     leaves: Mapping[str, str | int | float | bool]
     files: tuple[DataFile, ...]
     places: Mapping[str, str] = field(repr=False)

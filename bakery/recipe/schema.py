@@ -314,8 +314,8 @@ class RadiusShare(Section):
 
 
 class RadiusLaw(Section):
-    distribution: word("lognormal") = Field(description="Kind of distribution.")
-    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation.")
+    distribution: word("lognormal") = Field(description="ln r is normally distributed.")
+    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation by number, above 1.")
 
 
 Radii = Annotated[
@@ -327,14 +327,21 @@ Radii = Annotated[
 class Packing(Section):
     """Spheres in a periodic tile."""
 
-    fraction: numbers(FRACTION, above=0, below=0.75) = Field(
-        description="Of the bounding spheres; a list bakes a dictionary of tiles."
+    fraction: numbers(FRACTION, above=0, below=1) = Field(
+        description="Share of the volume in spheres, up to 0.64 for equal ones; a list bakes a dictionary of tiles."
     )
     count: whole(1, 10**6) = Field(500, description="Spheres in the tile.")
     cell: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] = Field(
         (1.0, 1.0, 1.0), description="Proportions of the cell."
     )
-    radii: Radii = Field("equal", description="equal, a list of {share, radius}, or a distribution.")
+    radii: Radii = Field("equal", description="equal, a list of {share, radius}, or {distribution: lognormal, sigma}.")
+    growth: number(least=1e-5, most=1, auto=True) = Field(
+        "auto", description="Growth of the diameters over the thermal speed where it is slowest; auto: by the tolerance."
+    )
+    equilibration: whole(0, 10**6, auto=True) = Field(
+        "auto", description="Collisions a sphere at the final size, at fractions up to 0.5; auto: by the tolerance."
+    )
+    seed: whole(0, 2**53) | None = Field(None, description="Of the tiles; the recipe's seed if absent.")
 
 
 class Scatterometer(Section):
@@ -371,7 +378,7 @@ class RecipeFile(Section):
     tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="The error that each baked figure should reach.")
     particles: Particles | None = Field(None, description="Suspended spheres: fog, dust, bubbles.")
     grains: Grains | None = Field(None, description="Packed grains: sand, snow (not available yet).")
-    packing: Packing | None = Field(None, description="Packed spheres (not available yet).")
+    packing: Packing | None = Field(None, description="Periodic tiles of packed spheres; alone or with grains.")
     medium: Medium | None = Field(None, description="A continuous medium given by its coefficients: milk, wax, skin.")
     phase: SingleScattering | None = Field(None, description="Options of the single-scattering stage.")
     discrete: Discrete | None = Field(None, description="One random realisation (not available yet).")
@@ -383,4 +390,4 @@ class RecipeFile(Section):
 
 
 SOURCES = ("particles", "grains", "medium")
-NOT_YET = ("grains", "packing", "discrete", "scatterometer", "multiple_scattering", "beam")
+NOT_YET = ("grains", "discrete", "scatterometer", "multiple_scattering", "beam")

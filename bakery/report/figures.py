@@ -46,6 +46,11 @@ def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg")) -> dict[str, 
 
 def pictures(root: Group) -> Iterator[Picture]:
     """Every picture that the content of an asset allows."""
+    packing = root.members.get("packing")
+    if isinstance(packing, Group):
+        from bakery.report import tiles
+
+        yield from tiles.pictures(packing)
     medium = root.members.get("medium")
     wavelength = root.members.get("wavelength")
     if not isinstance(wavelength, Dataset):

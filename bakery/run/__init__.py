@@ -32,16 +32,18 @@ SHARE_OF_MEMORY = 0.8
 
 @dataclass(frozen=True)
 class Baked:
-    """What a bake did: where the asset is, whether it was written, and each step with its seconds and peak memory."""
+    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, and in words which
+    wishes the asset does not meet."""
 
     output: Path
     written: bool
     steps: tuple[dict, ...]
     files: tuple[Path, ...]
+    missed: tuple[str, ...] = ()
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
-        return {"output": str(self.output), "written": self.written, "steps": list(self.steps)}
+        return {"output": str(self.output), "written": self.written, "steps": list(self.steps), "missed": list(self.missed)}
 
 
 def overrides(
@@ -121,23 +123,24 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     cache = cache or Cache(say=progress.say)
     workers = resources.jobs(jobs)
     files = tuple([plan.recipe.path] + [file.path for file in plan.recipe.files])
+    standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
         steps = tuple(_report(step, "unchanged", 0.0, None) for step in plan.steps)
-        return Baked(plan.output, False, steps, files)
+        held = [_held(standing, step.stage.name, step.input_hash) for step in plan.steps]
+        return Baked(plan.output, False, steps, files, _missed({s.stage.name: h[1] for s, h in zip(plan.steps, held) if h}))
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
-    standing = _standing(plan.output)
     with pool as running:
         for step in plan.steps:
             group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress)
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
     write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
-    return Baked(plan.output, True, tuple(steps), files)
+    return Baked(plan.output, True, tuple(steps), files, _missed(provenances))
 
 
 def bake(
@@ -168,7 +171,8 @@ def bake(
 
     Raises
     ------
-    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
+    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does not
+        meet a wish, saying which
 
     Examples
     --------
@@ -177,7 +181,10 @@ def bake(
     cache = Cache(say=progress.say if progress else lambda text: None)
     plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
                    cache=cache, jobs=jobs)
-    return execute(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress).output
+    baked = execute(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress)
+    if baked.missed:
+        raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))
+    return baked.output
 
 
 def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress):
@@ -229,10 +236,19 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
 
     provenance = Group(
         {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
-        | ({"notes": text("\n".join(result.notes), "remarks of the stage")} if result.notes else {}),
+        | ({"notes": text("\n".join(result.notes), "remarks of the stage")} if result.notes else {})
+        | ({"missed": text("\n".join(result.missed), "wishes that were not met")} if result.missed else {}),
         {"seconds": seconds, "peak_memory": peak, "workers": workers, "bakery_version": bakery.__version__,
          "finished": _now()})
     return group, provenance, seconds
+
+
+def _missed(provenances: Mapping[str, Group]) -> tuple[str, ...]:
+    """The wishes that were not met, whether just now or when a stage was computed."""
+    from bakery.store.tree import read_text
+
+    return tuple(f"{name}: {line}" for name, held in provenances.items() if "missed" in held.members
+                 for line in read_text(held["missed"]).splitlines())
 
 
 def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str, Group]) -> Group:

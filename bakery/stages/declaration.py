@@ -67,11 +67,15 @@ class Cost:
 
 @dataclass(frozen=True)
 class Result:
-    """What `compute` returns: the group's members, the error reached in the stage's measure, remarks for the user."""
+    """What `compute` returns: the group's members, the error reached in the stage's measure, remarks for the user.
+
+    `missed` says in words which wishes were not met although what was reached is worth storing; the bake then ends with status 3.
+    """
 
     members: dict[str, Dataset | Group]
     achieved_error: float
     notes: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
 
 
 class Context(Protocol):

@@ -15,7 +15,9 @@ import pytest
 import bakery
 from tests.conftest import ROOT
 
-CASES = sorted(path.stem for path in (ROOT / "recipes").glob("*.yaml"))
+# Tiles have none: hard spheres are chaotic, one bit of another libm makes another tile.  Their statistics are tested instead
+# (tests/physics/test_structure.py), and their rules (tests/unit/test_packing_stage.py).
+CASES = sorted(path.stem for path in (ROOT / "recipes").glob("*.yaml") if not path.stem.startswith("tile"))
 FOLDER = ROOT / "tests" / "regression" / "golden"
 ANGLES = (0.0, 1.0, 10.0, 60.0, 90.0, 138.0, 175.0, 180.0)  # deg
 # On one kind of processor the values agree to the last bit; between kinds NumPy's exp and log differ there, and that reaches

@@ -10,19 +10,21 @@ import pytest
 
 from tests.conftest import ROOT
 
-PHYSICS = {"averages", "goa", "mie", "sizes", "materials", "medium"}
+PHYSICS = {"averages", "goa", "mie", "sizes", "materials", "medium", "packing"}
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
-    "recipe": {"materials"},
+    "recipe": {"materials", "packing"},
     "plan": {"recipe", "stages", "store.tree"},
     "stages": PHYSICS | {"store.tree", "recipe"},
+    "trade": {"plan", "recipe", "report", "run", "stages", "store"},
     "run": {"plan", "recipe", "stages", "store", "__version__"},
     "store": set(),
-    "report": {"__version__", "asset", "medium", "stages", "store", "recipe.units"},
+    "report": {"__version__", "asset", "medium", "packing", "stages", "store", "recipe.units"},
     "export": {"asset", "medium", "report", "store"},
 } | {folder: PHYSICS for folder in PHYSICS}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading", "operator"}
+           "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading", "operator", "heapq",
+           "time"}
 
 
 def modules(folder: str):

@@ -352,12 +352,13 @@ def test_problems_of_overrides_name_them(key, value, says):
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_recipes(path):
     recipe = load(path)
-    assert recipe.name == path.stem and recipe.tolerance == 0.01
+    assert recipe.name == path.stem and recipe.tolerance == (0.03 if path.stem == "drizzle" else 0.01)
     assert path.read_text(encoding="utf-8").startswith("# yaml-language-server: $schema=../assets/schemas/recipe-1.json\n")
 
 
 def test_all_are_shipped():
-    assert {path.stem for path in SHIPPED} >= {"fog", "cirrus", "blowing_snow", "dust", "soot", "bubbles", "haze", "milk", "wax"}
+    assert {path.stem for path in SHIPPED} >= {"fog", "cirrus", "blowing_snow", "dust", "soot", "bubbles", "haze", "milk", "wax",
+                                                   "drizzle", "tile", "tiles"}
 
 
 def test_schema_file_is_current():
