@@ -26,6 +26,7 @@ __all__ = ["Average", "Component", "Rays", "averages", "expected", "first_grid"]
 
 SERIES = Rays("mie")
 _RIPPLE = 0.03  # steps of this over x are a hundredth of a ripple
+_TRIES = 4
 _MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant together; the rest is the normalisation's
 
 
@@ -72,6 +73,7 @@ def averages(
     rays: Rays = SERIES,
     radii: int | None = None,
     angles: int | None = None,
+    integrated: bool = False,
 ) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
 
@@ -85,6 +87,8 @@ def averages(
     map : `map(function, tasks)` -> list in the order of the tasks
     report : called with the work that is done, in seconds as predicted for one core, and the error reached
     rays : whether and how rays stand for the series of large spheres
+    integrated : the tolerance holds for the integral of the phase function's error over the sphere (twice the share of light that
+        goes elsewhere), not for its relative error at every angle
     radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
         the tolerance takes
 
@@ -102,7 +106,8 @@ def averages(
     Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
-    made, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii, angles=angles)
+    made, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii, angles=angles,
+                                       integrated=integrated)
     k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
     work = Work(map, report)
     work.expect(made)
@@ -111,24 +116,29 @@ def averages(
     reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
                       for c in channels])
     theta = first_grid(channels, tolerance, angles)
-    margin = math.inf if angles else _MARGIN * tolerance
+    margin = math.inf if angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
     target, known = math.inf if radii else SHARE * tolerance, None
     # rays jump here and there by less than their error; nothing that a sphere scatters is narrower than its ripples
     finest = max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
 
     def evaluate(new, floor):
-        return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work)
+        return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work, integrated)
 
-    for _ in range(3):
+    for _ in range(_TRIES):
         try:
-            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, strict=not radii)
+            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, strict=not radii,
+                                integrated=integrated)
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
-        found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k)) for i, channel in enumerate(channels)]
+        found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
+                 for i, channel in enumerate(channels)]
         if angles or radii or all(error <= tolerance for *_, error in found):
             break
-        # the normalisation took more than its share: leave it more room
-        theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
+        # the normalisation, or angles between the first ones, took more than their share: leave more room
+        if integrated:
+            margin, target = 0.7 * margin, 0.7 * target
+        else:
+            theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
     else:
         worst = max(range(len(channels)), key=lambda i: found[i][3])
         raise StageError(
@@ -144,7 +154,8 @@ def averages(
     return table.theta, out
 
 
-def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None):
+def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None,
+             integrated=False):
     """What `averages` with these arguments will take, before it runs.
 
     Returns
@@ -152,9 +163,9 @@ def expected(components, wavelength, host, tolerance, polarized=False, *, rays=S
     prediction : `predicted.Prediction`
     channels, choices : each component at each wavelength, component by component, and where rays are taken in it (measured here)
     """
-    channels = channels_of(components, wavelength, host, tolerance, radii)
+    channels = channels_of(components, wavelength, host, tolerance, radii, integrated)
     choices = choose(channels, tolerance, rays)
-    return predict(channels, choices, tolerance, polarized, rays, angles), channels, choices
+    return predict(channels, choices, tolerance, polarized, rays, angles, integrated), channels, choices
 
 
 def first_grid(channels, tolerance, count=None):
@@ -190,24 +201,24 @@ def _too_many(channels, tolerance):
             "or take a larger tolerance")
 
 
-def _finish(table, i, channel, choice, cross, wavelength):
-    """Normalised elements (E, A), absolute error (A,), integral before over C_sca, relative error of one channel."""
+def _finish(table, i, channel, choice, cross, wavelength, integrated):
+    """Normalised elements (E, A), absolute error (A,), integral before over C_sca, error of one channel in the measure asked."""
     values = table.values[i]
     _, was = phase.normalised(table.theta, values[0])
-    mean = float(np.sum(cross.scattering[wavelength] * cross.weight))
-    scale = float(was) / (channel.k**2 * mean)
+    scattering = float(np.sum(cross.scattering[wavelength] * cross.weight))
+    scale = float(was) / (channel.k**2 * scattering)
     s11, _ = phase.normalised(table.theta, values[0])
     factor = s11 / values[0]
     elements = np.concatenate([s11[None], values[1:] * factor])
     between = table.between[i]
     near = np.maximum(np.concatenate([between[:1], between]), np.concatenate([between, between[-1:]]))
-    shift = _shift(table.theta, values[0], between)
+    shift = mean = _shift(table.theta, values[0], between)
     if not choice.taken:  # series have the integral C_sca, rays only about
         shift = min(shift, abs(scale - 1) + float(cross.error[wavelength]))
     absolute = np.maximum(near / was, table.error[i] * s11) + shift * s11
     if choice.taken:
         absolute += np.interp(table.theta, choice.theta, choice.difference)
-    return elements, absolute, scale, float(table.relative[i]) + shift
+    return elements, absolute, scale, (mean if integrated else float(table.relative[i])) + shift
 
 
 def _shift(theta, f, between):

@@ -14,7 +14,7 @@ from bakery.averages.predicted import FIRST_LEVEL, HELD, INTENSITY, MUELLER, ang
 from bakery.averages.spheres import features_of
 from bakery.averages.work import BLOCK, cut
 from bakery.errors import StageError
-from bakery.medium import grid
+from bakery.medium import grid, phase
 
 _FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
 _WINDOW = 4  # neighbours on either side whose error an angle shares, and those within one ripple pi/x
@@ -41,13 +41,17 @@ def angular_block(m, x, weight, theta, polarized, rays=None):
     return out
 
 
-def solve(channels, switches, theta, floor, target, polarized, rays, work):
+def solve(channels, switches, theta, floor, target, polarized, rays, work, integrated=False):
     """Values (C, E, B) of the averaged elements at new angles, their errors and levels (C, B).
 
+    `integrated`: the errors of all angles of a first grid (no floor) together meet the target, as a share of the integral over
+    the sphere, instead of each; angles between them take the level of their neighbours.
     switches (C,): size parameter from which each channel takes `rays`; inf: nowhere.
     """
     elements = 4 if polarized else 1
-    batches = [_Batch(c, switches[i], theta, None if floor is None else floor[i], target, elements)
+    areas = phase.areas(theta) if integrated and floor is None else None
+    target = math.inf if integrated and floor is not None else target
+    batches = [_Batch(c, switches[i], theta, None if floor is None else floor[i], target, elements, areas)
                for i, c in enumerate(channels)]
     while True:
         jobs = [(batch, index, level) for batch in batches for index, level in batch.wanted()]
@@ -61,7 +65,7 @@ def solve(channels, switches, theta, floor, target, polarized, rays, work):
 class _Batch:
     """Angles of one channel on their way to convergence."""
 
-    def __init__(self, channel, switch, theta, floor, target, elements):
+    def __init__(self, channel, switch, theta, floor, target, elements, areas=None):
         count = len(theta)
         self.channel, self.switch, self.theta, self.target, self.elements = channel, switch, theta, target, elements
         self.last = channel.nodes.levels - 1
@@ -72,7 +76,7 @@ class _Batch:
         unknown = math.inf if channel.nodes.refinable else 0.0
         self.change, self.earlier = np.full(count, unknown), np.full(count, unknown)
         self.weights = [0.0]  # of the refinable nodes, by level, shifted by one
-        self.begun = False
+        self.begun, self.areas = False, areas
         ripple = math.pi / max(x for x, _ in features_of(channel))
         here = np.arange(count)
         low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), here - _WINDOW)
@@ -91,6 +95,9 @@ class _Batch:
         if not self.channel.nodes.refinable:
             return []
         error = self.error()
+        if self.areas is not None:
+            light = self.areas * self.values()[0]
+            error = np.full(len(error), np.sum(light * error) / np.sum(light))
         open_ = error > self.target
         if open_.any():
             self._give_up(open_, error)

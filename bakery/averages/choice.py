@@ -126,7 +126,7 @@ def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     # from above: the average with rays for all samples from i on
     change = np.cumsum((weight[:, None] * (other - series))[large][::-1], axis=0)[::-1]
     hybrid, _ = phase.normalised(theta, np.maximum(weight @ series + change, 0.0))
-    error = 2 * math.pi * np.sum(_areas(theta) * np.abs(hybrid - exact), axis=-1)
+    error = 2 * math.pi * np.sum(phase.areas(theta) * np.abs(hybrid - exact), axis=-1)
     good = error <= allowed
     # the smallest size from which the error stays within what is allowed
     first = len(good) - int(np.argmin(good[::-1])) if not good.all() else 0
@@ -162,12 +162,6 @@ def _angles(m, features):
     if len(theta) > _MOST_ANGLES:
         theta = theta[np.linspace(0, len(theta) - 1, _MOST_ANGLES).astype(int)]
     return theta
-
-
-def _areas(theta):
-    """Weights of angles in an integral over cos theta."""
-    cells = phase.steps(theta)
-    return (np.append(cells, 0.0) + np.insert(cells, 0, 0.0)) / 2
 
 
 def _largest_near(values):

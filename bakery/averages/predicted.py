@@ -68,10 +68,10 @@ def trace_seconds(angles: int, rays: Rays) -> float:
 
 
 def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: bool = False, rays: Rays | None = None,
-            angles: int | None = None) -> Prediction:
+            angles: int | None = None, integrated: bool = False) -> Prediction:
     """Predicted work of `averages` for its channels and the choices made for them; fitted to 30 varied runs (docs/averages.md).
 
-    `angles`: a fixed number of angles; None: as many as the tolerance takes.
+    `angles`: a fixed number of angles; None: as many as the tolerance takes.  `integrated`: the first levels suffice for most.
     """
     count = angles or predicted_angles([f for c in channels for f in features_of(c)], tolerance)
     per_angle = MUELLER if polarized else INTENSITY
@@ -93,7 +93,7 @@ def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: b
         rows += len(fixed)
         if channel.nodes.refinable:
             first = channel.nodes.fresh(0)[0]
-            most, last = _doublings(channel, tolerance)
+            most, last = _doublings(channel, tolerance, integrated)
             seconds += float(np.sum(terms(channel.k * first))) * last * _PASSES * COEFFICIENT + most * angular(first, computed)
             spheres += int(len(first) * last)
             rows += len(first) * 2**FIRST_LEVEL
@@ -105,7 +105,7 @@ def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: b
     return Prediction(seconds, memory, file, int(count), spheres)
 
 
-def _doublings(channel, tolerance):
+def _doublings(channel, tolerance, integrated=False):
     """Nodes that most angles take, and that the last one takes, over the nodes of the first level.
 
     Spheres that absorb, and bubbles, are smooth once the ripples are resolved; in others resonances decide, and nodes go like
@@ -114,6 +114,9 @@ def _doublings(channel, tolerance):
     if channel.nodes.counted:
         return 2.0**FIRST_LEVEL, 2.0**FIRST_LEVEL
     fine = 0.01 / tolerance
+    if integrated:  # resonances hardly count in the whole
+        most = min(2.0**FIRST_LEVEL * max(1.0, fine), 2.0 ** (channel.nodes.levels - 1))
+        return most, most
     absorption = 4 * channel.m.imag
     last = 2.0 ** (channel.nodes.levels - 1)
     most, resonant = 2.0**FIRST_LEVEL * max(1.0, fine) ** 0.6, False

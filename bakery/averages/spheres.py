@@ -52,10 +52,11 @@ class Rays:
         return {"rainbow": self.rainbow, "axis": self.axis, "edge": self.edge}
 
 
-def channels_of(components: Sequence[Component], wavelength, host, tolerance: float, radii: int | None = None) -> list[Channel]:
-    """Every component at every wavelength, component by component; `radii` as in `Nodes`."""
+def channels_of(components: Sequence[Component], wavelength, host, tolerance: float, radii: int | None = None,
+                coarse: bool = False) -> list[Channel]:
+    """Every component at every wavelength, component by component; `radii` (its `count`) and `coarse` as in `Nodes`."""
     k = 2 * np.pi * np.asarray(host, float) / np.asarray(wavelength, float)
-    nodes = [Nodes(component.sizes, k, tolerance, radii) for component in components]
+    nodes = [Nodes(component.sizes, k, tolerance, radii, coarse) for component in components]
     return [Channel(c.name, float(w), complex(m), float(q), n)
             for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bakery.medium import phase
+
 LIMIT = 1_000_000  # angles
 _WIDEST = math.radians(1.0)
 _RATIO = 0.12  # step over distance from the place that is being closed in upon
@@ -105,7 +107,8 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, strict=True):
+def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, strict=True,
+           integrated=False):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
     Parameters
@@ -117,6 +120,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself
     known : values, error, tag at theta, from an earlier call
+    integrated : the errors of all cells together stay below the tolerance, as a share of the integral over the sphere, instead of
+        each below it; the values' own errors do not count
     strict : whether the values' own errors count where a cell is judged; not where nothing lowers them
     finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
@@ -147,6 +152,9 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         between[:, cell] = miss + own
         worst[:, cell] = np.divide(miss + own, reference, out=np.zeros_like(miss), where=reference > 0)
         judged = worst[:, cell] if strict else np.divide(miss, reference, out=np.zeros_like(miss), where=reference > 0)
+        if integrated:
+            areas = phase.steps(theta)
+            judged = miss * areas[cell] * cells / np.sum((values[:, 0, 1:] + values[:, 0, :-1]) / 2 * areas, axis=1)[:, None]
         bad = judged > tolerance
         uneven = bad & (tag[:, cell] != tag[:, cell + 1])
         failing = np.zeros(cells, bool)

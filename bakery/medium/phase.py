@@ -20,6 +20,12 @@ def steps(theta):
     return 2 * np.sin((theta[1:] + theta[:-1]) / 2) * np.sin((theta[1:] - theta[:-1]) / 2)
 
 
+def areas(theta):
+    """(A,) weights of the angles in an integral over cos theta."""
+    cells = steps(theta)
+    return (np.append(cells, 0.0) + np.insert(cells, 0, 0.0)) / 2
+
+
 def integral(theta, f):
     """2 pi times the integral of f over cos theta, (...,)."""
     f = np.asarray(f, float)

@@ -139,6 +139,7 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         text=text,
         seed=parsed.seed,
         tolerance=parsed.tolerance,
+        measure=parsed.measure,
         wavelength=tuple(checker.wavelength),
         particles=parsed.particles and _particles(parsed.particles, checker),
         phase=_single_scattering(phase),

@@ -127,6 +127,7 @@ class Recipe:
     text: str
     seed: int
     tolerance: float
+    measure: str
     wavelength: tuple[float, ...]
     particles: Particles | None
     phase: SingleScattering

@@ -375,7 +375,11 @@ class RecipeFile(Section):
         NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."
     )
     seed: whole(0, 2**53) = Field(0, description="Every random stream derives from it.")
-    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="The error that each baked figure should reach.")
+    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="Error that each baked figure should reach.")
+    measure: word("pointwise", "integrated") = Field(
+        "pointwise", description="Where the tolerance of particles' phase functions holds: at every angle, or for the light as a "
+        "whole (the integral of the error over the sphere)."
+    )
     particles: Particles | None = Field(None, description="Suspended spheres: fog, dust, bubbles.")
     grains: Grains | None = Field(None, description="Packed grains: sand, snow (not available yet).")
     packing: Packing | None = Field(None, description="Periodic tiles of packed spheres; alone or with grains.")

@@ -24,8 +24,12 @@ from bakery.run.progress import Progress
 from bakery.stages.declaration import Cost, Stage
 from bakery.store.tree import Dataset, Group
 
-# What a quality means for the tolerance of every figure; `final` is the recipe's own.
-QUALITY = {"draft": "10%", "preview": "3%", "final": None}
+# What a quality sets; `final` is the recipe as it stands.  Measured by `bake trade`: docs/trade.md.
+QUALITY = {
+    "draft": {"tolerance": "10%", "measure": "integrated"},
+    "preview": {"tolerance": "3%", "measure": "integrated"},
+    "final": {},
+}
 LARGEST_FILE = 16 << 30
 SHARE_OF_MEMORY = 0.8
 
@@ -55,8 +59,7 @@ def overrides(
     if quality is not None:
         if quality not in QUALITY:
             raise UsageError(f'--quality: found "{quality}"; {", ".join(QUALITY)} would do')
-        if QUALITY[quality]:
-            values["tolerance"] = QUALITY[quality]
+        values |= QUALITY[quality]
     if tolerance is not None:
         values["tolerance"] = str(tolerance)
     if seed is not None:
@@ -171,8 +174,8 @@ def bake(
 
     Raises
     ------
-    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does not
-        meet a wish, saying which
+    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
+        not meet a wish, saying which
 
     Examples
     --------

@@ -67,7 +67,7 @@ def _settings(recipe) -> dict:
 
     phase = recipe.phase
     return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, phase.edge, phase.switch),
-            "radii": phase.radii, "angles": phase.angles}
+            "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
 
 
 def predicted(recipe):
@@ -132,7 +132,7 @@ def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
                f"fix leave an error of {average.error[worst]:.2g}; auto would meet the tolerance")
     for at, choice in zip(wavelength, average.choices):
         if choice.error > tolerance:
-            yield (f"{component.name} at {at:g} um: rays from size parameter {choice.switch:.3g} on are off by {choice.error:.2g} "
+            yield (f"{component.name} at {at:g} um: rays from size parameter {choice.switch:.3g} are off by {choice.error:.2g} "
                    "of the light; method: auto would keep to the tolerance")
 
 
@@ -210,17 +210,18 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=3,
+    version=4,
     title="single scattering of each component, averaged over its sizes",
-    reads=("wavelengths", "tolerance", "particles.host", "particles.components[*].name", "particles.components[*].material",
-           "particles.components[*].size", "phase"),
+    reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
+           "particles.components[*].material", "particles.components[*].size", "phase"),
     needs=(),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,
     error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
                   "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
                   "linear interpolation in cos theta half-way between angles; for (nearly) equal spheres relative to the "
-                  "nearest crest; or, where rays stand for series, the integral of the difference that they make to the phase "
+                  "nearest crest (with measure: integrated, instead of all this the integral of the phase function's error over "
+                  "the sphere); or, where rays stand for series, the integral of the difference that they make to the phase "
                   "function over the sphere, if that is larger",
     cost=cost,
     inputs=inputs,
@@ -229,6 +230,7 @@ STAGE = Stage(
     knobs=(
         Knob("tolerance", "tolerance", 0.01, "largest error of cross sections and phase function",
              ("30%", "10%", "3%", "1%", "0.3%")),
+        Knob("measure", "measure", "pointwise", "where the tolerance of the phase function holds", ("integrated", "pointwise")),
         Knob("method", "phase.method", "auto", "series, rays, or rays where they are good enough and save time",
              ("goa", "auto", "mie")),
         Knob("switch", "phase.switch", "auto", "size parameter from which rays are taken", ("30", "100", "300", "1000", "3000")),
@@ -240,5 +242,6 @@ STAGE = Stage(
         Knob("angles", "phase.angles", "auto", "number of angles", ("91", "181", "361", "721", "1801")),
     ),
     measures=measures.optics,
-    reference={"phase.method": "mie", "phase.radii": "auto", "phase.angles": "auto", "phase.switch": "auto"},
+    reference={"measure": "pointwise", "phase.method": "mie", "phase.radii": "auto", "phase.angles": "auto",
+               "phase.switch": "auto"},
 )

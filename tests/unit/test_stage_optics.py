@@ -28,7 +28,7 @@ def recipe(polarized=False, tolerance=0.03, number=1e8, filled=None, host=1.0, h
                   SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2)))
     return SimpleNamespace(
     wavelength=(
-        0.6, 0.45), tolerance=tolerance, medium=None, phase=SingleScattering("auto", 3, polarized, None, "narrow", True, True, None, None), particles=SimpleNamespace(
+        0.6, 0.45), tolerance=tolerance, measure="pointwise", medium=None, phase=SingleScattering("auto", 3, polarized, None, "narrow", True, True, None, None), particles=SimpleNamespace(
                 host=index(
                     host, host_k), number_density=number, volume_fraction=filled, components=components))
 
