@@ -49,8 +49,8 @@ def solve(channels, switches, theta, floor, target, polarized, rays, work, integ
     switches (C,): size parameter from which each channel takes `rays`; inf: nowhere.
     """
     elements = 4 if polarized else 1
-    areas = phase.areas(theta) if integrated and floor is None else None
-    target = math.inf if integrated and floor is not None else target
+    # angles between the first ones take the level that these needed
+    areas = (phase.areas(theta) if floor is None else np.zeros(len(theta))) if integrated else None
     batches = [_Batch(c, switches[i], theta, None if floor is None else floor[i], target, elements, areas)
                for i, c in enumerate(channels)]
     while True:
@@ -97,7 +97,7 @@ class _Batch:
         error = self.error()
         if self.areas is not None:
             light = self.areas * self.values()[0]
-            error = np.full(len(error), np.sum(light * error) / np.sum(light))
+            error = np.full(len(error), np.sum(light * error) / np.sum(light) if light.any() else 0.0)
         open_ = error > self.target
         if open_.any():
             self._give_up(open_, error)
@@ -137,9 +137,12 @@ class _Batch:
         return (self.fixed[:, index] + self.sums[:, index]) / whole
 
     def error(self):
-        """(A,): change on halving and half the change before, added in squares; the largest among neighbours."""
+        """(A,): change on halving and half the change before, added in squares; the largest among neighbours.
+
+        Where only the mean over all angles counts, each angle has its own.
+        """
         own = np.hypot(self.change, self.earlier / 2)
-        return grid.largest(own, *self.window)
+        return own if self.areas is not None else grid.largest(own, *self.window)
 
     def values(self):
         whole = float(np.sum(self.channel.nodes.fixed()[1])) + np.array(self.weights)[self.level + 1]

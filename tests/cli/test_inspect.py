@@ -197,9 +197,9 @@ def test_an_asset_of_other_stages_is_shown_too(call, tmp_path):
     """Groups that no declaration of this version speaks of, values that are not finite."""
     root = small_asset()
     odd = Group({"centers": Dataset(np.zeros((5, 3)), "1", "centres"), "r": Dataset(np.array([np.nan, 1.0]), "1", "distance")},
-                root["medium"].attributes | {"stage": "packing"})
+                root["medium"].attributes | {"stage": "shards"})
     path = tmp_path / "odd.h5"
-    write(path, Group({"recipe": root["recipe"], "wavelength": root["wavelength"], "packing": odd, "provenance": Group()},
+    write(path, Group({"recipe": root["recipe"], "wavelength": root["wavelength"], "shards": odd, "provenance": Group()},
                       root.attributes))
     status, out, _ = call("inspect", path)
     assert status == 0 and "5 x 3" in out and "nan" in out
@@ -207,4 +207,4 @@ def test_an_asset_of_other_stages_is_shown_too(call, tmp_path):
     assert call("report", path)[0] == 0
     assert "holds nothing that is drawn" in call("plot", path)[2]
     assert "holds no stage `medium`" in call("export", path, "--to", "mitsuba")[2]
-    assert call("query", path, "packing/centers")[0] == 0
+    assert call("query", path, "shards/centers")[0] == 0

@@ -21,7 +21,7 @@ particles:
 """
 MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
 TOP = (
-    "bakery, name, description, wavelengths, seed, tolerance, particles, grains, packing, medium, phase, discrete, "
+    "bakery, name, description, wavelengths, seed, tolerance, measure, particles, grains, packing, medium, phase, discrete, "
     "scatterometer, multiple_scattering or beam"
 )
 
