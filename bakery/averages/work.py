@@ -21,13 +21,13 @@ class Work:
         if made.seconds > LONGEST and made.angles <= grid.LIMIT:
             raise StageError(
     f"about {made.seconds / 3600:.3g} hours of one core for {made.angles} angles and {made.spheres} spheres, more than "
-    f"the {LONGEST / 3600:g} hours allowed; smaller spheres, a narrower size range or a larger tolerance would do")
+    f"the {LONGEST / 3600:g} hours allowed; smaller spheres, narrower sizes, a larger tolerance or measure: integrated would do")
 
     def charge(self, seconds, what):
         self.seconds += seconds
         if self.seconds > LONGEST:
             raise StageError(f"{what}: the work has grown beyond {LONGEST / 3600:g} hours of one core; smaller spheres, "
-                             "a narrower size range or a larger tolerance would do")
+                             "a narrower size range, a larger tolerance or measure: integrated would do")
 
 
 def cut(cost):

@@ -14,6 +14,9 @@ from bakery.trade.search import Ladder, Seen, Setting, inert, start_of
 from bakery.trade.times import deviation, quantiles, standard_error
 
 
+ALIKE = 1.3  # times the least, within which runs with the same values count as the same work
+
+
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep over one stage found.
@@ -58,8 +61,8 @@ class Sweep:
 
     @cached_property
     def good(self) -> list[int]:
-        """Indices of the runs that did not fail."""
-        return [i for i, run in enumerate(self.runs) if not run.failed]
+        """Indices of the runs that did not fail, those in the fewest words first: they are preferred among equals."""
+        return sorted((i for i, run in enumerate(self.runs) if not run.failed), key=lambda i: (len(self.runs[i].setting), i))
 
     @cached_property
     def baseline_seconds(self) -> float:
@@ -79,12 +82,23 @@ class Sweep:
 
     @cached_property
     def points(self) -> list[Point]:
-        """Time and error of the runs in `good`."""
+        """Time and error of the runs in `good`.
+
+        Settings that gave the very same values in nearly the least time for these did the same work: they share their times, so
+        that noise does not choose between them.
+        """
+        alike: dict[str, list[list[float]]] = {}
+        for i in self.good:
+            alike.setdefault(self.runs[i].content, []).append(list(self.runs[i].ratios))
         found = []
         for i in self.good:
-            ratios = self.runs[i].ratios
+            ratios, others = self.runs[i].ratios, alike[self.runs[i].content]
+            limit = ALIKE * min(median(other) for other in others)
+            if median(ratios) <= limit:
+                ratios = [ratio for other in others if median(other) <= limit for ratio in other]
             own = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
-            found.append(Point(self.seconds(i)[0], self.runs[i].error, standard_error(max(self.noise, own), len(ratios))))
+            seconds = median(ratios) * self.baseline_seconds
+            found.append(Point(seconds, self.runs[i].error, standard_error(max(self.noise, own), len(ratios))))
         return found
 
     def seconds(self, index: int) -> tuple[float, float, float, float]:
@@ -112,7 +126,9 @@ class Sweep:
         return self.points[self.good.index(index)]
 
     def dominating(self, index: int) -> int | None:
-        """The run on the front that is at least as accurate and not slower; None for a run on the front."""
+        """The run on the front that is at least as accurate and not slower; None for a run with the values of one on the front."""
+        if any(self.runs[index].content == self.runs[i].content and self.point(index) == self.point(i) for i in self.front):
+            return None
         on = [self.good.index(i) for i in self.front]
         found = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
         return None if found is None else self.good[found]

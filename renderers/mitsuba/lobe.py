@@ -116,7 +116,7 @@ def _plot(figure, theta, value, colours):
         axes.semilogy(np.degrees(theta), np.maximum(row, 1e-300), color=tint, lw=0.8)
     axes.axhline(1 / (4 * np.pi), color=_DIM, lw=0.5, ls=":")
     low, high = value.min(), value.max()
-    axes.set(xlim=(0, 180), ylim=(max(low, 1e-7 * high) / 1.6, high * 1.6), xticks=(0, 45, 90, 135, 180))
+    axes.set(xlim=(0, 180), ylim=(max(low, 1e-10 * high) / 1.6, high * 1.6), xticks=(0, 45, 90, 135, 180))
     axes.set_xlabel("scattering angle (degrees)", color=_DIM, fontsize=5.6, labelpad=1)
     axes.set_ylabel("phase function (1/sr)", color=_DIM, fontsize=5.6, labelpad=1)
     axes.tick_params(colors=_DIM, labelsize=5.4, width=0.4, length=2, pad=1.5, which="both")
