@@ -47,10 +47,10 @@ class Context:
             for future in futures:
                 future.cancel()
 
-    def report(self, fraction: float, error: float | None = None) -> None:
-        """Share of the work that is done, 0 to 1, and the error reached so far."""
+    def report(self, fraction: float, error: float | None = None, state: str = "") -> None:
+        """Share of the work that is done, 0 to 1, the error reached so far, the state of the work in the stage's own words."""
         if self._report:
-            self._report(fraction, error)
+            self._report(fraction, error, state)
 
 
 @contextmanager

@@ -14,8 +14,8 @@ class Progress:
     def stage(self, name: str, title: str, tolerance: float, seconds: float) -> None:
         """A stage starts; `seconds` is what the plan expects of it."""
 
-    def update(self, fraction: float, error: float | None = None) -> None:
-        """Share done, 0 to 1, and the error so far where one is known."""
+    def update(self, fraction: float, error: float | None = None, state: str = "") -> None:
+        """Share done, 0 to 1, the error so far where one is known, the state of the work in the stage's own words."""
 
     def done(self, name: str, text: str) -> None:
         """A stage has ended."""
@@ -33,13 +33,13 @@ class _State:
     def __init__(self, tolerance: float = 0.0):
         self._tolerance, self._error, self._started = tolerance, None, time.monotonic()
 
-    def words(self, fraction: float, error: float | None) -> str:
+    def words(self, fraction: float, error: float | None, state: str) -> str:
         self._error = self._error if error is None else error
         spent = time.monotonic() - self._started
         left = f", {duration(spent / fraction - spent)} left" if fraction > 0.05 else ""
         allowed = f" of {self._tolerance:.2g}" if self._tolerance else ""
         reached = "" if self._error is None else f", error {self._error:.2g}{allowed}"
-        return f"{100 * fraction:.0f} %{reached}{left}"
+        return f"{100 * fraction:.0f} %{reached}{state and ', ' + state}{left}"
 
 
 class Lines(Progress):
@@ -59,10 +59,10 @@ class Lines(Progress):
     def stage(self, name, title, tolerance, seconds):
         self._name, self._state, self._last = name, _State(tolerance), time.monotonic()
 
-    def update(self, fraction, error=None):
+    def update(self, fraction, error=None, state=""):
         if time.monotonic() - self._last >= self._every:
             self._last = time.monotonic()
-            self.say(f"{self._name}: {self._state.words(fraction, error)}")
+            self.say(f"{self._name}: {self._state.words(fraction, error, state)}")
 
     def done(self, name, text):
         self.say(f"{name}: {text}")
@@ -86,9 +86,9 @@ class Bar(Progress):
         self._state = _State(tolerance)
         self._task = self._bar.add_task(name, total=1.0, state=f"about {duration(seconds)}" if seconds else "")
 
-    def update(self, fraction, error=None):
+    def update(self, fraction, error=None, state=""):
         if self._task is not None:
-            self._bar.update(self._task, completed=fraction, state=self._state.words(fraction, error))
+            self._bar.update(self._task, completed=fraction, state=self._state.words(fraction, error, state))
 
     def done(self, name, text):
         if self._task is not None:

@@ -90,8 +90,8 @@ class Context(Protocol):
         `function` is importable by name and takes picklable arguments: it may run in another process or machine.
         """
 
-    def report(self, fraction: float, error: float | None = None) -> None:
-        """Share of the work that is done, 0 to 1, and the error reached so far."""
+    def report(self, fraction: float, error: float | None = None, state: str = "") -> None:
+        """Share of the work that is done, 0 to 1, the error reached so far, the state of the work in the stage's own words."""
 
 
 @dataclass(frozen=True)

@@ -170,14 +170,14 @@ class _Watch:
 
     def __init__(self, context, wished, weight):
         self.context, self.wished, self.weight = context, wished, np.asarray(weight, float)
-        self.share, self.reached, self.stopped = np.zeros(len(wished)), np.zeros(len(wished)), False
+        self.share, self.stopped = np.zeros(len(wished)), False
 
-    def tell(self, k: int, fraction: float, share: float) -> None:
+    def tell(self, k: int, fraction: float, pressure: float, share: float) -> None:
         if self.stopped:
             raise KeyboardInterrupt
-        self.share[k], self.reached[k] = share, fraction
-        self.context.report(0.95 * float(self.share @ self.weight / self.weight.sum()),
-                            float(np.max(1 - self.reached / self.wished).clip(0)))
+        self.share[k] = share
+        self.context.report(0.95 * float(self.share @ self.weight / self.weight.sum()), None,
+                            f"fraction {fraction:.3f} of {self.wished[k]:g}, pressure {pressure:.3g}")
 
 
 _watches: dict[int, _Watch] = {}
@@ -203,7 +203,7 @@ def _packed(number, k, fraction, radii, cell, seed, schedule):
 
     def report(reached, pressure, share):
         if watch:
-            watch.tell(k, reached, share)
+            watch.tell(k, reached, pressure, share)
 
     return pack(fraction, radii, cell, seed=seed, schedule=schedule, report=report)
 

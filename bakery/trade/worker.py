@@ -121,7 +121,7 @@ class Bench:
     def _timed(self, stage, recipe, key: str, share=lambda share: None) -> tuple[Group, float]:
         from bakery.run.executors import Context
 
-        context = Context(recipe.tolerance, recipe.seed, report=lambda done, error=None: share(done))
+        context = Context(recipe.tolerance, recipe.seed, report=lambda done, error=None, state="": share(done))
         started = self._clock()
         try:
             result = stage.compute(stage.inputs(recipe, self._groups), context)
