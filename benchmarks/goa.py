@@ -48,7 +48,7 @@ def speed(m=1.33, angles=1801, together=64):
             weight, out = np.ones(sizes.size), np.empty(theta.size)
             seconds = interleaved({
                 "mie": lambda: mie.intensity_block(complex(m), sizes, weight, theta, out),
-                "goa": lambda: goa.intensity_block(m, sizes, weight, theta, out, orders)}, 5 if x < 4000 else 3)
+                "goa": lambda: goa.intensity_block(m, sizes, weight, theta, out, orders)}, 31 if spheres == 1 else 7)
             exact, found = exact_and_found(m, sizes, weight, inner, orders, dict(edge="narrow"))
             log, part = errors(found, exact, inner)
             ratio = seconds["goa"] / seconds["mie"]

@@ -75,13 +75,15 @@ def _choose(channel: Channel, tolerance: float, rays: Rays) -> Choice:
     largest = channel.k * channel.nodes.span()[1]
     lowest = max(LOWEST, rays.switch or LOWEST)
     if largest < lowest:
-        return _never(f"all size parameters are below {lowest:g}")
+        return _never(f"all size parameters are below {lowest:.4g}")
     if rays.method == "auto":
         pays = _crossing(channel.m, rays)
         if largest < pays:
-            return _never(f"all size parameters are below {pays:.3g}, from which on rays save time")
+            return _never(f"all size parameters are below {pays:.4g}, from which on rays save time")
         lowest = max(lowest, pays)
     radius, weight = _samples(channel)
+    if rays.method == "auto" and _saved(channel.m, channel.k * radius, lowest, rays) < WORTH:
+        return _never(f"rays would save less than {100 * WORTH:g} % of the time, whatever their error")
     return _measured(channel.m, tuple(channel.k * radius), tuple(weight), tuple(features_of(channel)), lowest,
                      tolerance if rays.method == "auto" else math.inf, rays)
 
@@ -114,7 +116,7 @@ def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     x, weight = np.array(x), np.array(weight)
     large = np.flatnonzero(x >= lowest)
     if not len(large):
-        return _never(f"hardly any size parameter is above {lowest:.3g}, from which on rays save time")
+        return _never(f"hardly any size parameter is above {lowest:.4g}")
     theta = _angles(m, features)
     series, one = np.zeros((len(x), len(theta))), np.ones(1)
     other = np.zeros_like(series)
@@ -131,21 +133,21 @@ def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     # the smallest size from which the error stays within what is allowed
     first = len(good) - int(np.argmin(good[::-1])) if not good.all() else 0
     if first == len(good):
-        return _never(f"rays would be off by {error.min():.2g} at best where they save time (x from {x[large[0]]:.3g}), "
+        return _never(f"rays would be off by {error.min():.2g} at best where they save time (x from {x[large[0]]:.4g}), "
                       f"more than the tolerance of {allowed:.2g}")
     # half-way to the next smaller sample, so that the switch depends smoothly on the sizes; never below the bound
     start = large[first]
     switch = lowest if start == 0 or x[start - 1] < lowest else math.sqrt(x[start] * x[start - 1])
-    saved = _saved(m, x, weight, switch, rays)
+    saved = _saved(m, x, switch, rays)
     if math.isfinite(allowed) and saved < WORTH:
         where = f" with the spheres for which they are good enough (off by {error[0]:.2g} with all)" if first else ""
         return _never(f"rays would save less than {100 * WORTH:g} % of the time{where}")
     difference = _largest_near(np.abs(hybrid[first] - exact))
     return Choice(float(switch), float(error[first]), saved, theta, difference,
-                  f"rays from x = {switch:.3g}: off by {error[first]:.2g}, saves {100 * saved:.0f} % of the angular work")
+                  f"rays from x = {switch:.4g}: off by {error[first]:.2g}, saves {100 * saved:.0f} % of the angular work")
 
 
-def _saved(m, x, weight, switch, rays) -> float:
+def _saved(m, x, switch, rays) -> float:
     """Share of the angular work that rays save; nodes are as dense as the samples."""
     series = angular_seconds(m, x, TYPICAL_ANGLES)
     mixed = np.where(x >= switch, angular_seconds(m, x, TYPICAL_ANGLES, rays=rays), series)

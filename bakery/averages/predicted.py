@@ -21,9 +21,10 @@ CROSS = 2e-9  # per term of a sphere's series, cross sections only
 COEFFICIENT = 11e-9  # per term, where angles follow
 INTENSITY = 0.13e-9  # per term and angle
 MUELLER = 0.15e-9
-# rays: per angle and sphere, a + b orders^2 (bubbles reflect totally and take twice that) and the edge's windows; and once per
-# angle for any number of spheres, tracing
-RAY, RAY_ORDERS, EDGE, CRITICAL, TRACE, TRACE_ORDERS = 20e-9, 9e-9, 90e-9, 4e-9, 60e-9, 70e-9
+# rays: per angle and sphere, a + b orders^2 and the edge's windows (of bubbles the second one, times sqrt(x)); per sphere, the
+# coefficients of these windows, a + b x^(1/3) (sqrt(x)); and once per angle for any number of spheres, tracing
+RAY, RAY_ORDERS, EDGE, CRITICAL, TRACE, TRACE_ORDERS = 15e-9, 3.3e-9, 50e-9, 3e-9, 25e-9, 9e-9
+START, START_EDGE, START_CRITICAL = 2e-6, 0.19e-6, 0.3e-6
 LOADING, COMPILING = 0.6, 12.0  # seconds, same machine
 FIRST_LEVEL = 2  # level before which nothing has converged: steps in size parameter of ~1
 HELD = 64 * 2**20  # bytes of block results held at a time
@@ -56,9 +57,12 @@ def angular_seconds(m, x, angles: int, per_angle: float = INTENSITY, rays: Rays 
     if rays is None:
         return terms(x) * (COEFFICIENT + per_angle * angles)
     bubble = m.real < 1
-    seconds = np.full(x.shape, (1 + bubble) * (RAY + RAY_ORDERS * rays.orders**2) * angles)
+    seconds = np.full(x.shape, (RAY + RAY_ORDERS * rays.orders**2) * angles)
     if rays.edge is not None:
-        seconds += terms(x) * COEFFICIENT + (EDGE + bubble * CRITICAL * np.sqrt(x)) * angles
+        # small or soft spheres take the series of coefficients from n = 1 on (bakery.goa._asymptotic.reach)
+        whole = (x < 430) | (abs(m - 1) < np.maximum(0.02, 10 * x ** (-2 / 3)))
+        start = START + START_EDGE * np.cbrt(x) + bubble * START_CRITICAL * np.sqrt(x)
+        seconds += np.where(whole, terms(x) * COEFFICIENT, start) + (EDGE + bubble * CRITICAL * np.sqrt(x)) * angles
     return seconds
 
 

@@ -65,14 +65,13 @@ def amplitudes(m, x, theta, orders=3, *, rainbow=True, axis=True, edge="narrow")
         raise ValueError(f"theta = {angles[bad][0]:g}: scattering angles are in radians, 0 (forward) to pi (backward)")
     orders, edge = _checked_options(orders, edge)
     s1, s2 = np.zeros((2, x.size, angles.size), dtype=np.complex128)
-    order = np.argsort(angles, kind="stable")  # neighbours are good first guesses
+    order = np.argsort(angles, kind="stable")  # rays are traced for ascending angles
     jobs = []
     for index, places in _by_index(m, x):
         if index == 1.0 or not angles.size:
             continue
-        # Blocks of angles are fixed: first guesses come from neighbours, and the bits must not depend on the number of threads.
         cuts = np.split(order, range(BLOCK, order.size, BLOCK))
-        parts = _parts(places.size * angles.size * 3e-7)
+        parts = _parts(places.size * angles.size * 1.2e-7)
         pieces = np.array_split(places, parts) if len(cuts) < 4 * parts and places.size >= 4 * parts else [places]
         jobs += [(index, piece, cut) for piece in pieces for cut in cuts]
 
@@ -151,6 +150,10 @@ def _sums(m, x, weight, theta, orders, rainbow, axis, edge):
     x, weight, theta = (np.ascontiguousarray(v, dtype=np.float64) for v in (x, weight, theta))
     sums = np.zeros((4, theta.size))
     if m == 1.0 or not x.size:
+        return sums
+    if np.any(theta[1:] < theta[:-1]):
+        order = np.argsort(theta, kind="stable")
+        sums[:, order] = _sums(m, x, weight, theta[order], orders, rainbow, axis, edge)
         return sums
     for start in range(0, theta.size, ANGLES_AT_ONCE):
         part = slice(start, start + ANGLES_AT_ONCE)

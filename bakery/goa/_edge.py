@@ -1,16 +1,16 @@
 """The edge sum: partial waves near n = x exactly, those far below by their sum in closed form.
 
-The kernels of `bakery.mie` and of `_special` are compiled in; numba's disk cache here does not see changes there.
-
 The rays have the share 1 - W(n + 1/2) of each partial wave, so with c_n = 2n + 1 and p_n, q_n, e_n, f_n of `bakery.mie._kernels`
 
     S1 + S2 = sum c_n [W_n (a_n + b_n) + (1 - W_n)] p_n + 2 rays,      S1 - S2 = sum c_n W_n (a_n - b_n) q_n.
 
 The second part is diffraction by a soft edge.  Where W = 0 it has the sum T_N = sum_{n<N} c_n p_n, from pi_{N-1} and pi_N; the
 recurrences start there from Bessel functions with a phase of the next order (relative error 1/N^2), or at n = 1 where that
-is soon reached.  So a sphere costs O(x^(1/3)) an angle, and O(x) once for its coefficients.
+is soon reached.  The coefficients start there too (`_asymptotic`): a sphere costs O(x^(1/3)) an angle, and as much once.
 
 Bubbles have a second window around the critical order n x, as wide as sqrt(x).
+
+The kernels of `bakery.mie`, `_special` and `_asymptotic` are compiled in; numba's disk cache does not see changes there.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from bakery.goa._special import bessel_of, sincos, window
+from bakery.goa._asymptotic import reach, stretch
+from bakery.goa._special import BESSEL_END, STRICT, bessel_far, bessel_near, share, sincos
 from bakery.mie._kernels import (
     ANGLES,
     DIF_R,
@@ -30,14 +31,11 @@ from bakery.mie._kernels import (
     Q,
     V,
     _coefficients,
-    _order_table,
     _reset,
     _sweep,
-    _tiles,
     terms,
 )
 
-STRICT = dict(cache=True, nogil=True, error_model="numpy")
 NEAR_START = 400  # below, a recurrence from n = 1 is as cheap as Bessel functions
 EDGE_MAX = 2e6  # as bakery.mie.X_MAX: above, the coefficients are not computed and diffraction is the tapered one
 CHUNK = 1024  # terms whose coefficients (64 kB) stay in the cache
@@ -77,36 +75,71 @@ def _spans(x, scales, spans):
     return count
 
 
-# Rows of the constants of an angle beta: sin beta, 1/beta - cot beta, tan(beta/2), cot(beta/2) - 2/beta, sqrt(beta/sin beta),
-# sin and cos of beta/2
-BETA, SINE, BEND, LEAN, LIFT, ROOT, HALF_SIN, HALF_COS = range(8)
+# Rows of the constants of an angle beta: beta, sin and cos of beta/2; 1/beta - cot beta, cot(beta/2) - 2/beta, tan(beta/2),
+# sqrt(beta/sin beta); then of a start: sin and cos of n beta, and five Bessel functions
+BETA, HALF_SIN, HALF_COS, BEND, LIFT, LEAN, ROOT, SINE, COSINE = range(0, 9 * ANGLES, ANGLES)
+BEFORE, AFTER, Q_BEFORE, Q_AFTER, P_AFTER = range(9 * ANGLES, 14 * ANGLES, ANGLES)
+CONSTANTS = 14 * ANGLES
+# Which order below n + 1/2, which of J0, J1/u, J2, and the shift of the argument in parts of BEND, LIFT, LEAN over the order
+STARTS = ((1.0, 1.0, -0.375, 0.0, 0.0), (0.0, 1.0, -0.375, 0.0, 0.0), (1.0, 2.0, 0.125, 1.0, 0.0), (0.0, 2.0, 0.125, 1.0, 0.0),
+          (0.0, 0.0, 0.125, 0.0, -1.0))
 
 
 @njit(**STRICT)
-def _angle_constants(tiles):
-    out = np.empty((tiles.shape[0], 8, ANGLES))
-    for t in range(tiles.shape[0]):
+def _angles(theta, ahead):
+    """The angles up to 90 degrees (or those beyond, reflected): tiles, constants (T, CONSTANTS) and where each came from."""
+    count = 0
+    for a in range(theta.shape[0]):
+        count += (theta[a] <= 0.5 * np.pi) == ahead
+    number = (count + ANGLES - 1) // ANGLES
+    tiles, source, constants = np.zeros((number, 9, ANGLES)), np.empty(count, np.int64), np.zeros((number, CONSTANTS))
+    count = 0
+    for a in range(theta.shape[0]):
+        if (theta[a] <= 0.5 * np.pi) == ahead:
+            constants[count // ANGLES, count % ANGLES] = theta[a] if ahead else np.pi - theta[a]
+            source[count] = a
+            count += 1
+    for t in range(number):
+        own = constants[t]
         for j in range(ANGLES):
-            s = np.sqrt(0.5 * tiles[t, V, j])
-            b = 2.0 * np.arcsin(s)
-            out[t, BETA, j], out[t, SINE, j], out[t, LEAN, j] = b, np.sin(b), np.tan(0.5 * b)
-            out[t, HALF_SIN, j], out[t, HALF_COS, j] = s, np.cos(0.5 * b)
-            if b < 0.05:
-                out[t, BEND, j], out[t, LIFT, j] = b / 3.0 * (1.0 + b * b / 15.0), -b / 6.0 * (1.0 + b * b / 60.0)
-                out[t, ROOT, j] = 1.0 + b * b / 12.0
-            else:
-                out[t, BEND, j] = 1.0 / b - 1.0 / np.tan(b)
-                out[t, LIFT, j] = 1.0 / np.tan(0.5 * b) - 2.0 / b
-                out[t, ROOT, j] = np.sqrt(b / np.sin(b))
-    return out
+            b = own[BETA + j]
+            s, c = sincos(0.5 * b)
+            sine, cosine = 2.0 * s * c, 1.0 - 2.0 * s * s
+            near = b < 0.05
+            d = 0.05 if near else b
+            sine, cosine, half = (0.05 if near else sine), (0.0 if near else cosine), (0.05 if near else s)
+            own[HALF_SIN + j], own[HALF_COS + j], own[LEAN + j] = s, c, s / c
+            own[BEND + j] = b / 3.0 * (1.0 + b * b / 15.0) if near else 1.0 / d - cosine / sine
+            own[LIFT + j] = -b / 6.0 * (1.0 + b * b / 60.0) if near else c / half - 2.0 / d
+            own[ROOT + j] = 1.0 + b * b / 12.0 if near else np.sqrt(d / sine)
+        for j in range(ANGLES):
+            tiles[t, V, j] = 2.0 * own[HALF_SIN + j] ** 2
+    return tiles, constants, source
 
 
 @njit(**STRICT)
-def _turned(u, shift, s, c):
-    """J0, J1/u, J2 of u + shift, from sin u and cos u; shift < 0.01."""
-    y = shift * shift
-    ds, dc = shift * (1.0 - y / 6.0), 1.0 - 0.5 * y
-    return bessel_of(max(u + shift, 0.0), s * dc + c * ds, c * dc - s * ds)
+def _bessel_start(nu, own):
+    """The five Bessel functions at the order nu of one tile."""
+    for j in range(ANGLES):
+        own[SINE + j], own[COSINE + j] = sincos((nu - 0.5) * own[BETA + j])  # one sine for five arguments
+    for which in range(5):
+        below, kind, of_bend, of_lift, of_lean = STARTS[which]
+        order, turn, row = nu - below, (1.0 if below == 0.0 else -1.0), BEFORE + which * ANGLES
+        for j in range(ANGLES):
+            s, c, half_s, half_c = own[SINE + j], own[COSINE + j], turn * own[HALF_SIN + j], own[HALF_COS + j]
+            s, c = s * half_c + c * half_s, c * half_c - s * half_s
+            shift = (of_bend * own[BEND + j] + of_lift * own[LIFT + j] + of_lean * own[LEAN + j]) / order  # < 0.01
+            ds, dc = shift * (1.0 - shift * shift * (1.0 / 6.0)), 1.0 - 0.5 * shift * shift
+            u = order * own[BETA + j] + shift
+            zero, one, two = bessel_far(u if u > BESSEL_END else BESSEL_END, s * dc + c * ds, c * dc - s * ds)
+            own[row + j] = zero if kind == 0.0 else (one if kind == 1.0 else two)
+        for j in range(ANGLES):
+            b = own[BETA + j]
+            if order * b < BESSEL_END + 0.1:
+                u = order * b + (of_bend * own[BEND + j] + of_lift * own[LIFT + j] + of_lean * own[LEAN + j]) / order
+                if u < BESSEL_END:
+                    zero, one, two = bessel_near(max(u, 0.0))
+                    own[row + j] = zero if kind == 0.0 else (one if kind == 1.0 else two)
 
 
 @njit(**STRICT)
@@ -118,42 +151,49 @@ def _closed(n, before, after):
 @njit(**STRICT)
 def _start(tiles, constants, first, sign, behind):
     """Put the state of order `first` into all tiles and sign T_first into their sums."""
-    n, nu = float(first), first + 0.5
+    n = float(first)
     swing = 1.0 if first % 2 else -1.0
     for t in range(tiles.shape[0]):
+        own = constants[t]
+        _bessel_start(n + 0.5, own)
         for j in range(ANGLES):
-            b, sine, bend, lean, lift, root, half_s, half_c = constants[t, :, j]
-            s, c = sincos(n * b)  # one sine for the five arguments near n b
-            up_s, up_c = s * half_c + c * half_s, c * half_c - s * half_s
-            down_s, down_c = s * half_c - c * half_s, c * half_c + s * half_s
-            low, high = (nu - 1.0) * b, nu * b
-            stretch = root * (b / sine if b > 0.0 else 1.0)
-            before = (n - 1.0) * n * stretch * _turned(low, -0.375 * bend / (nu - 1.0), down_s, down_c)[1]
-            after = n * (n + 1.0) * stretch * _turned(high, -0.375 * bend / nu, up_s, up_c)[1]
+            root = own[ROOT + j]
+            stretched = root * root * root  # with b/sin b
+            before, after = (n - 1.0) * n * stretched * own[BEFORE + j], n * (n + 1.0) * stretched * own[AFTER + j]
             ahead = _closed(n, before, after)
             if behind:  # pi_n(pi - b) = (-1)^(n+1) pi_n(b)
                 tiles[t, DIF_R, j] += sign * swing * _closed(n, -before, after)
             else:
                 tiles[t, SUM_R, j] += sign * ahead
             if sign > 0.0:
-                q = root * _turned(high, (0.125 * bend + lift) / nu, up_s, up_c)[2]
-                q_before = root * _turned(low, (0.125 * bend + lift) / (nu - 1.0), down_s, down_c)[2]
-                tiles[t, P, j] = root * _turned(high, (0.125 * bend - lean) / nu, up_s, up_c)[0]
+                q = root * own[Q_AFTER + j]
+                tiles[t, P, j] = root * own[P_AFTER + j]
                 tiles[t, E, j] = -tiles[t, V, j] * ahead
                 tiles[t, Q, j] = q
-                tiles[t, F, j] = (q - q_before) * (n - 1.0) * (n + 1.0) / n
+                tiles[t, F, j] = (q - root * own[Q_BEFORE + j]) * (n - 1.0) * (n + 1.0) / n
 
 
 @njit(**STRICT)
-def _mix(work, lane, rows, first, count, scales, front, back):
-    """Coefficients of the two sums, for exp(+i w t), and their twins beyond 90 degrees; row c is of n = first + c."""
+def _mix(work, rows, first, count, scales, order, front, back):
+    """Coefficients of the two sums, for exp(+i w t), and their twins beyond 90 degrees, and what the recurrences need of n.
+
+    Row c is of n = first + c; work (.., 4) has `rows` of them, zero beyond.
+    """
+    for c in range(count):
+        n = float(first + c)
+        k = 2.0 * n + 1.0
+        order[c, 0], order[c, 1], order[c, 2] = k, 2.0 * k / (n * (n + 1.0)), (n + 1.0) / (n * (n + 2.0))
+    weight = np.empty(count)
+    centre, width, low, high, soft = scales[0], scales[1], scales[2], scales[3], scales[4]
+    for c in range(count):
+        weight[c] = share(first + c + 0.5, centre, width, low, high, soft)
     for c in range(count):
         n = first + c
-        w, k = window(n + 0.5, scales), 2.0 * n + 1.0
-        kw = k * w
+        k = 2.0 * n + 1.0
+        kw = k * weight[c]
         ar, ai, br, bi = 0.0, 0.0, 0.0, 0.0
-        if n <= rows:
-            ar, ai, br, bi = work[n - 1, 0, lane], work[n - 1, 1, lane], work[n - 1, 2, lane], work[n - 1, 3, lane]
+        if c < rows:
+            ar, ai, br, bi = work[c, 0], work[c, 1], work[c, 2], work[c, 3]
         sr, si, dr, di = kw * (ar + br) + (k - kw), -kw * (ai + bi), kw * (ar - br), -kw * (ai - bi)
         sign = 1.0 if n % 2 else -1.0
         front[c, 0], front[c, 1], front[c, 2], front[c, 3] = sr, si, dr, di
@@ -172,46 +212,68 @@ def _collect(tiles, source, swapped, out):
 
 
 @njit(**STRICT)
+def _near(m, x, spans, count):
+    """Whether the coefficients of all spans may start at the span."""
+    good = True
+    for span in range(count):
+        good = good and reach(m, x, spans[span, 0], spans[span, 1])
+    return good
+
+
+@njit(**STRICT)
+def _whole(m, x, scales, spans):
+    """Which of the spheres x (R,) need their coefficients from n = 1 on, and the largest of them (0: none)."""
+    whole, size = np.zeros(x.shape[0], np.bool_), 0.0
+    for r in range(x.shape[0]):
+        if scales[r, 1] > 0.0 and not _near(m, x[r], spans, _spans(x[r], scales[r], spans)):
+            whole[r], size = True, max(size, x[r])
+    return whole, size
+
+
+@njit(**STRICT)
 def wave_block(m, x, theta, scales, out):
     """Add the edge sums of the spheres x (R,) to out (R, A, 2), S1 and S2 for exp(+i w t); those without a window stay."""
-    width = LANES if x.shape[0] > 1 and terms(min(np.max(x), EDGE_MAX)) <= 12_000 else 1
-    size = 0.0
-    for r in range(x.shape[0]):
-        if scales[r, 1] > 0.0:
-            size = max(size, x[r])
-    if size == 0.0 or theta.shape[0] == 0:
-        return
-    most = terms(size) + 6
-    work, lane, xs = np.empty((most, 4, width)), np.empty((27, width)), np.empty(width)
-    order, front, back = _order_table(most), np.empty((CHUNK, 4)), np.empty((CHUNK, 4))
-    ahead, ahead_source = _tiles(theta, True)
-    behind, behind_source = _tiles(theta, False)
-    ahead_constants, behind_constants = _angle_constants(ahead), _angle_constants(behind)
     spans = np.empty((2, 2), np.int64)
-    for first in range(0, x.shape[0], width):
-        for j in range(width):
-            xs[j] = min(x[min(first + j, x.shape[0] - 1)], size)
-        _coefficients(m, xs, lane, work)
-        for j in range(min(width, x.shape[0] - first)):
-            r = first + j
-            if scales[r, 1] <= 0.0:
-                continue
-            _reset(ahead)
-            _reset(behind)
-            for span in range(_spans(x[r], scales[r], spans)):
-                low, high = spans[span]
-                if low > 1:
-                    _start(ahead, ahead_constants, low, 1.0, False)
-                    _start(behind, behind_constants, low, 1.0, True)
-                if span == 1:  # what the first span has had already
-                    _start(ahead, ahead_constants, spans[0, 1], -1.0, False)
-                    _start(behind, behind_constants, spans[0, 1], -1.0, True)
-                for start in range(low, high, CHUNK):
-                    count = min(CHUNK, high - start)
-                    _mix(work, j, terms(x[r]), start, count, scales[r], front, back)
-                    for t in range(ahead.shape[0]):
-                        _sweep(order, front, start - 1, count, ahead[t])
-                    for t in range(behind.shape[0]):
-                        _sweep(order, back, start - 1, count, behind[t])
-            _collect(ahead, ahead_source, False, out[r])
-            _collect(behind, behind_source, True, out[r])
+    whole, size = _whole(m, x, scales, spans)
+    width = LANES if x.shape[0] > 1 and terms(size) <= 12_000 else 1
+    work, lane, xs = np.empty((terms(size) + 6 if size > 0.0 else 0, 4, width)), np.empty((27, width)), np.empty(width)
+    here, table = np.empty((0, 4)), np.empty((4, 0))
+    order, front, back = np.empty((CHUNK, 3)), np.empty((CHUNK, 4)), np.empty((CHUNK, 4))
+    ahead, ahead_constants, ahead_source = _angles(theta, True)
+    behind, behind_constants, behind_source = _angles(theta, False)
+    for r in range(x.shape[0]):
+        if r % width == 0:
+            wanted = False
+            for j in range(width):
+                k = min(r + j, x.shape[0] - 1)
+                xs[j], wanted = min(x[k], size), wanted or whole[k]
+            if wanted:
+                _coefficients(m, xs, lane, work)
+        if scales[r, 1] <= 0.0:
+            continue
+        _reset(ahead)
+        _reset(behind)
+        for span in range(_spans(x[r], scales[r], spans)):
+            low, high = spans[span]
+            if low > 1:
+                _start(ahead, ahead_constants, low, 1.0, False)
+                _start(behind, behind_constants, low, 1.0, True)
+            if span == 1:  # what the first span has had already
+                _start(ahead, ahead_constants, spans[0, 1], -1.0, False)
+                _start(behind, behind_constants, spans[0, 1], -1.0, True)
+            if not whole[r]:
+                if high - low > here.shape[0]:
+                    here, table = np.empty((high - low + 100, 4)), np.empty((4, high - low + 101))
+                stretch(m, x[r], low, high, table, here)
+            for start in range(low, high, CHUNK):
+                count = min(CHUNK, high - start)
+                if whole[r]:
+                    _mix(work[start - 1 :, :, r % width], terms(x[r]) + 1 - start, start, count, scales[r], order, front, back)
+                else:
+                    _mix(here[start - low :], count, start, count, scales[r], order, front, back)
+                for t in range(ahead.shape[0]):
+                    _sweep(order, front, 0, count, ahead[t])
+                for t in range(behind.shape[0]):
+                    _sweep(order, back, 0, count, behind[t])
+        _collect(ahead, ahead_source, False, out[r])
+        _collect(behind, behind_source, True, out[r])

@@ -7,7 +7,8 @@ rays far from the caustic:
 - rainbow (Chester, Friedman and Ursell 1957): Ai and Ai' of zeta = [(3/4)(Psi_+ - Psi_-)]^(2/3), beyond it with complex rays;
 - axis: J0, J1, J2 of half the phase difference, from the integral over the ring.
 
-Caustics without such a formula are floored at their diffraction width.
+Caustics without such a formula are floored at their diffraction width.  Stretches of angles are taken WIDTH at a time: what all
+lanes need in loops without branches, what few need (floors, shares of the exact waves) one by one.
 """
 
 from __future__ import annotations
@@ -15,54 +16,55 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from bakery.goa._rays import (
-    AXIAL,
+from bakery.goa._rays import AXIS, DARK, DARKEST, FOCUS, RAINBOW, SINGLE
+from bakery.goa._solve import WIDTH, times
+from bakery.goa._special import BESSEL_END, STRICT, airy_of, bessel, bessel_far, bessel_near, decay, share, sincos, window
+from bakery.goa._surface import (
+    ALWAYS,
     CHORD,
     CHORD_I,
-    DARK,
-    END,
-    FLOOR,
+    COLUMNS,
+    CUBE,
+    EXISTS,
     G_I,
     G_R,
     GEOMETRY,
     I1,
     I2,
-    KAPPA,
     LAM,
     LAM_I,
+    LIMIT,
     M_I1,
     M_I2,
     M_R1,
     M_R2,
+    OF_REAL,
     PATH,
     PATH_I,
     R1,
     R2,
-    RAINBOW,
-    SIGN,
     SINE,
-    SINGLE,
+    SIZE,
     SLOPE,
 )
-from bakery.goa._special import airy, bessel, sincos, window
 
-DARKEST = 40.0  # e^-40 of the bright side is nothing
-STRICT = dict(cache=True, nogil=True, error_model="numpy")
-
-
-@njit(**STRICT)
-def _cis(angle):
-    s, c = sincos(angle)
-    return complex(c, s)
+# Rows of the lanes behind the columns of a ray: modulus, sin and cos of the phase; the waves of a single ray, or half the phase
+# difference of a pair, its sin and cos, and Bessel functions of it
+MOD, SIN, COS, HALF, HALF_SIN, HALF_COS, J_0, J_1, J_2 = range(COLUMNS, COLUMNS + 9)
+WAVE, WAVE_I, WAVE_2, WAVE_2I = range(HALF, HALF + 4)
+ROWS = COLUMNS + 9
+EIGHTH = np.exp(0.25j * np.pi)
 
 
 @njit(**STRICT)
-def _modulus(x, ray, scales, sine, slope):
-    """a without Fresnel's factor: x sqrt(D), weakened by absorption and by the share of the exact waves."""
-    weight = 1.0 - window(x * ray[LAM], scales)
-    if weight <= 0.0:
-        return 0.0
-    return x * weight * np.sqrt(ray[GEOMETRY] / (sine * slope)) * (np.exp(-x * ray[CHORD]) if ray[CHORD] != 0.0 else 1.0)
+def _load(rays, columns, row, count, w):
+    for column in range(columns):
+        if count == WIDTH:  # a known length: one instruction
+            for j in range(WIDTH):
+                w[column * WIDTH + j] = rays[column, row + j]
+        else:
+            for j in range(count):
+                w[column * WIDTH + j] = rays[column, row + j]
 
 
 @njit(**STRICT)
@@ -80,8 +82,33 @@ def ray_block(x, theta, items, rays, scales, out):
     scales (R, 5) as `window`; without exact waves diffraction is added, tapered.
     """
     out[:] = 0.0
+    w, other, clear = np.zeros(ROWS * WIDTH), np.zeros(ROWS * WIDTH), np.empty(x.shape[0])
     for r in range(x.shape[0]):
-        _add_rays(x[r], items, rays, scales[r], out[r])
+        # below, no partial wave is summed exactly, nor around the critical order
+        clear[r] = scales[r, 0] - 5.0 * scales[r, 1] if scales[r, 1] > 0.0 else np.inf
+        if scales[r, 4] > 0.0:
+            clear[r] = scales[r, 2] - 5.0 * scales[r, 4]
+    for i in range(items.shape[0]):
+        kind, angle, length = int(items[i, 0]), int(items[i, 1]), int(items[i, 2])
+        row, partner = int(items[i, 3]), int(items[i, 4])
+        kappa, sign, end = items[i, 5], items[i, 6], items[i, 7]
+        columns = COLUMNS if kind == DARK else (ALWAYS if kind in (SINGLE, FOCUS) else OF_REAL)
+        for start in range(0, length, WIDTH):  # read once for all spheres
+            count, a = min(WIDTH, length - start), angle + start
+            _load(rays, columns, row + start, count, w)
+            if kind in (RAINBOW, AXIS):
+                _load(rays, OF_REAL, partner + start, count, other)
+            for r in range(x.shape[0]):
+                if kind == DARK:
+                    _dark(x[r], count, kappa, end, scales[r], clear[r], w, out, r, a)
+                elif kind == RAINBOW:
+                    _rainbow(x[r], count, kappa, scales[r], clear[r], w, other, out, r, a)
+                elif kind == AXIS:
+                    _axis(x[r], count, kappa, sign, end, scales[r], clear[r], w, other, out, r, a)
+                else:
+                    phase = kappa - 0.25 * np.pi * sign
+                    _single(x[r], count, kind == FOCUS, phase, end, scales[r], clear[r], w, rays, row + start, out, r, a)
+    for r in range(x.shape[0]):
         if scales[r, 1] <= 0.0:
             _add_diffraction(x[r], theta, out[r])
 
@@ -102,108 +129,178 @@ def gather(field, weight, sums):
 
 
 @njit(**STRICT)
-def _add_rays(x, items, rays, scales, out):
-    """Add all rays of the sphere x to out (A, 2)."""
-    thin = 1.0 / np.cbrt(x)
-    clear = scales[0] - 5.0 * scales[1] if scales[1] > 0.0 else np.inf  # below, no partial wave is summed exactly ..
-    if scales[4] > 0.0:
-        clear = scales[2] - 5.0 * scales[4]  # .. nor around the critical order
-    for i in range(items.shape[0]):
-        kind, a, k = items[i, 0], items[i, 1], items[i, 2]
-        if kind == SINGLE:
-            # The common case by itself, without views of rows: three times as fast.
-            axial, slope, sine = rays[k, AXIAL], rays[k, SLOPE], rays[k, SINE]
-            weight = 1.0 if x * rays[k, LAM] < clear else 1.0 - window(x * rays[k, LAM], scales)
-            if weight <= 0.0:
-                continue
-            e1, e2 = complex(rays[k, R1], rays[k, I1]), complex(rays[k, R2], rays[k, I2])
-            size = x * weight
-            if axial == 2.0:  # reflection outside: D = 1/4
-                size *= 0.5
-            else:
-                slope = max(slope, rays[k, FLOOR] * thin)
-                if axial == 1.0:
-                    focus = 0.5 / np.sqrt(x)  # a point focus at the axis (n = p) has the width x^(-1/4)
-                    size *= np.sqrt(min(rays[k, GEOMETRY] / sine, 1.0 / focus) / max(slope, focus))
-                else:
-                    if x * sine < 1.0:
-                        e1, e2 = _round(x * sine, rays[k, END], e1, e2)
-                        sine = 1.0 / x
-                    size *= np.sqrt(rays[k, GEOMETRY] / (sine * slope))
-                if rays[k, CHORD] != 0.0:
-                    size *= np.exp(-x * rays[k, CHORD])
-            wave = size * _cis(x * rays[k, PATH] + rays[k, KAPPA] - 0.25 * np.pi * rays[k, SIGN])
-            out[a, 0] += wave * e1
-            out[a, 1] += wave * e2
-            continue
-        ray = rays[k]
-        if kind == DARK:
-            _add_dark(x, ray, scales, out[a])
-            continue
-        e1, e2 = complex(ray[R1], ray[I1]), complex(ray[R2], ray[I2])
-        other = rays[items[i, 3]]
-        f1, f2 = complex(other[R1], other[I1]), complex(other[R2], other[I2])
-        half = max(0.5 * x * (ray[PATH] - other[PATH]), 0.0)
-        mean = 0.5 * x * (ray[PATH] + other[PATH])
-        if kind == RAINBOW:
-            sine = max(ray[SINE], 1.0 / x)
-            one, two = _modulus(x, ray, scales, sine, ray[SLOPE]), _modulus(x, other, scales, sine, other[SLOPE])
-            if one == 0.0 and two == 0.0:
-                continue
-            zeta = np.cbrt(1.5 * half) ** 2
-            ai, slope = airy(-zeta)
-            quarter = np.sqrt(np.sqrt(zeta))
-            wave = np.sqrt(np.pi) * _cis(mean + ray[KAPPA])
-            ai, slope = ai * quarter, slope / quarter
-            out[a, 0] += wave * ((one * e1 + two * f1) * ai + 1j * (one * e1 - two * f1) * slope)
-            out[a, 1] += wave * ((one * e2 + two * f2) * ai + 1j * (one * e2 - two * f2) * slope)
-        else:
-            # sin theta needs no floor here: the Bessel functions cancel it
-            one = _modulus(x, ray, scales, ray[SINE], max(ray[SLOPE], ray[FLOOR] * thin))
-            two = _modulus(x, other, scales, other[SINE], max(other[SLOPE], other[FLOOR] * thin))
-            if one == 0.0 and two == 0.0:
-                continue
-            j0, g, j2 = bessel(half)
-            f, fs, gs = j0 - g, -g * half, 0.0
-            if half > 1e-6:
-                gs = -j2 / half
-                fs -= gs
-            sigma = ray[END]
-            wave = np.sqrt(0.5 * np.pi * half) * _cis(mean + ray[KAPPA] + 0.25 * np.pi * (1.0 - ray[SIGN]))
-            p1, m1 = one * e1 + two * f1, -1j * (one * e1 - two * f1)
-            p2, m2 = one * e2 + two * f2, -1j * (one * e2 - two * f2)
-            out[a, 0] += wave * (p1 * f + m1 * fs + sigma * (p2 * g + m2 * gs))
-            out[a, 1] += wave * (p2 * f + m2 * fs + sigma * (p1 * g + m1 * gs))
+def _single(x, count, focus, kappa, end, scales, clear, w, rays, row, out, r, a):
+    floored = 0
+    for j in range(WIDTH):
+        w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(x * w[PATH * WIDTH + j] + kappa)
+        floored += not x >= w[LIMIT * WIDTH + j]
+    _moduli(x, scales, clear, w)
+    if floored:
+        for j in range(count):
+            if not x >= w[LIMIT * WIDTH + j]:
+                _floor(x, j, focus, end, scales, clear, w, rays, row, out, r, a)
+    for j in range(WIDTH):
+        re, im = w[MOD * WIDTH + j] * w[COS * WIDTH + j], w[MOD * WIDTH + j] * w[SIN * WIDTH + j]
+        w[WAVE * WIDTH + j], w[WAVE_I * WIDTH + j] = times(re, im, w[R1 * WIDTH + j], w[I1 * WIDTH + j])
+        w[WAVE_2 * WIDTH + j], w[WAVE_2I * WIDTH + j] = times(re, im, w[R2 * WIDTH + j], w[I2 * WIDTH + j])
+    for j in range(count):
+        out[r, a + j, 0] += complex(w[WAVE * WIDTH + j], w[WAVE_I * WIDTH + j])
+        out[r, a + j, 1] += complex(w[WAVE_2 * WIDTH + j], w[WAVE_2I * WIDTH + j])
 
 
 @njit(**STRICT)
-def _add_dark(x, ray, scales, out):
-    big = x * abs(ray[PATH_I])
-    if big > DARKEST:
-        return
-    weight = complex(1.0 - window(x * ray[LAM], scales))
-    if scales[1] > 0.0:
-        # Where the share of the rays changes across the pair, both sides of the rainbow have to meet: the share of a complex ray, to
-        # first order in Im lam and fading where that is no longer small.
+def _floor(x, j, focus, end, scales, clear, w, rays, row, out, r, a):
+    """Add lane j of single rays, one near a caustic, and leave none of it."""
+    sine, geometry = rays[SINE, row + j], rays[GEOMETRY, row + j]
+    slope = max(rays[SLOPE, row + j], np.cbrt(rays[CUBE, row + j] / x))
+    e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
+    if focus:
+        width = 0.5 / np.sqrt(x)  # a point focus at the axis (n = p) has the width x^(-1/4)
+        size = x * np.sqrt(min(geometry / sine, 1.0 / width) / max(slope, width))
+    else:
+        if x * sine < 1.0:
+            e1, e2 = _round(x * sine, end, e1, e2)
+            sine = 1.0 / x
+        size = x * np.sqrt(geometry / (sine * slope))
+    lam = x * w[LAM * WIDTH + j]
+    if lam >= clear:
+        size *= 1.0 - window(lam, scales)
+    wave = size * decay(x * w[CHORD * WIDTH + j]) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
+    out[r, a + j, 0] += wave * e1
+    out[r, a + j, 1] += wave * e2
+    w[MOD * WIDTH + j] = 0.0
+
+
+@njit(**STRICT)
+def _halves(x, kappa, w, other):
+    """Mean phase of the pairs of rays, and half the difference."""
+    for j in range(WIDTH):
+        half = 0.5 * x * (w[PATH * WIDTH + j] - other[PATH * WIDTH + j])
+        half = half if half > 0.0 else 0.0
+        mean = 0.5 * x * (w[PATH * WIDTH + j] + other[PATH * WIDTH + j])
+        w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(mean + kappa)
+        w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j] = sincos(half)
+        w[HALF * WIDTH + j] = half
+
+
+@njit(**STRICT)
+def _moduli(x, scales, clear, w):
+    """a without Fresnel's factor: x sqrt(D), weakened by absorption and by the share of the exact waves."""
+    shared, absorbed = 0, 0
+    for j in range(WIDTH):
+        w[MOD * WIDTH + j] = x * w[SIZE * WIDTH + j]
+        shared += x * w[LAM * WIDTH + j] >= clear
+        absorbed += w[CHORD * WIDTH + j] != 0.0
+    if shared:
+        centre, width, low, high, soft = scales[0], scales[1], scales[2], scales[3], scales[4]
+        for j in range(WIDTH):
+            w[MOD * WIDTH + j] *= 1.0 - share(x * w[LAM * WIDTH + j], centre, width, low, high, soft)
+    if absorbed:
+        for j in range(WIDTH):
+            w[MOD * WIDTH + j] *= decay(x * w[CHORD * WIDTH + j])
+
+
+@njit(**STRICT)
+def _rainbow(x, count, kappa, scales, clear, w, other, out, r, a):
+    _halves(x, kappa, w, other)
+    _moduli(x, scales, clear, w)
+    _moduli(x, scales, clear, other)
+    for j in range(count):
+        one, two = w[MOD * WIDTH + j], other[MOD * WIDTH + j]
+        sine = x * w[SINE * WIDTH + j]
+        if sine < 1.0:
+            one, two = one * np.sqrt(sine), two * np.sqrt(sine)
+        if one == 0.0 and two == 0.0:
+            continue
+        e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
+        f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
+        zeta = np.cbrt(1.5 * w[HALF * WIDTH + j]) ** 2
+        ai, slope = airy_of(-zeta, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
+        quarter = np.sqrt(np.sqrt(zeta))
+        wave = np.sqrt(np.pi) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
+        ai, slope = wave * (ai * quarter), wave * complex(0.0, slope / quarter)
+        out[r, a + j, 0] += (one * e1 + two * f1) * ai + (one * e1 - two * f1) * slope
+        out[r, a + j, 1] += (one * e2 + two * f2) * ai + (one * e2 - two * f2) * slope
+
+
+@njit(**STRICT)
+def _axis(x, count, kappa, sign, end, scales, clear, w, other, out, r, a):
+    # sin theta needs no floor here: the Bessel functions cancel it
+    _halves(x, kappa + 0.25 * np.pi * (1.0 - sign), w, other)
+    _moduli(x, scales, clear, w)
+    _moduli(x, scales, clear, other)
+    for j in range(WIDTH):
+        half = w[HALF * WIDTH + j]
+        half = half if half > BESSEL_END else BESSEL_END
+        zero, one, two = bessel_far(half, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
+        w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j] = zero, one, two
+    for j in range(count):
+        one, two, half = w[MOD * WIDTH + j], other[MOD * WIDTH + j], w[HALF * WIDTH + j]
+        if w[CUBE * WIDTH + j] > 0.0:
+            one *= _flattened(x, w[SLOPE * WIDTH + j], w[CUBE * WIDTH + j])
+            two *= _flattened(x, other[SLOPE * WIDTH + j], other[CUBE * WIDTH + j])
+        if one == 0.0 and two == 0.0:
+            continue
+        e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
+        f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
+        j0, g, j2 = w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j]
+        if half < BESSEL_END:
+            j0, g, j2 = bessel_near(half)
+        f, fs, gs = j0 - g, -g * half, 0.0
+        if half > 1e-6:
+            gs = -j2 / half
+            fs -= gs
+        wave = np.sqrt(0.5 * np.pi * half) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
+        p1, m1 = one * e1 + two * f1, one * e1 - two * f1
+        p2, m2 = one * e2 + two * f2, one * e2 - two * f2
+        turned = wave * -1j
+        out[r, a + j, 0] += wave * (p1 * f + p2 * (end * g)) + turned * (m1 * fs + m2 * (end * gs))
+        out[r, a + j, 1] += wave * (p2 * f + p1 * (end * g)) + turned * (m2 * fs + m1 * (end * gs))
+
+
+@njit(**STRICT)
+def _flattened(x, slope, cube):
+    """Factor of the modulus where the slope is below that which diffraction leaves."""
+    if x * slope * slope * slope >= cube:
+        return 1.0
+    return np.sqrt(slope / np.cbrt(cube / x))
+
+
+@njit(**STRICT)
+def _dark(x, count, kappa, end, scales, clear, w, out, r, a):
+    for j in range(WIDTH):
+        w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(x * w[PATH * WIDTH + j] + kappa)
+    for j in range(count):
+        big, lam = x * abs(w[PATH_I * WIDTH + j]), x * w[LAM * WIDTH + j]
+        if big > DARKEST or w[EXISTS * WIDTH + j] == 0.0:
+            continue
+        weight = complex(1.0)
         apart = 1e-3 * scales[1]
-        rise = (window(x * ray[LAM] - apart, scales) - window(x * ray[LAM] + apart, scales)) / (2.0 * apart)
-        weight += 1j * rise * x * ray[LAM_I] / (1.0 + (x * ray[LAM_I] / scales[1]) ** 2)
-    if weight == 0.0:
-        return
-    zeta = np.cbrt(1.5 * big) ** 2
-    ai, slope = airy(zeta)
-    quarter = np.sqrt(np.sqrt(zeta)) * _cis(0.25 * np.pi)
-    wave = np.sqrt(np.pi) * x / np.sqrt(max(ray[SINE], 1.0 / x)) * _cis(x * ray[PATH] + ray[KAPPA])
-    ai, slope = wave * ai * quarter, 1j * wave * slope / quarter
-    # The chord of complex rays grows with k: exp(-x CHORD) of t+ and of its conjugate.
-    fade = np.exp(-x * ray[CHORD])
-    turn = _cis(-x * ray[CHORD_I])
-    g = complex(ray[G_R], ray[G_I])
-    plus, minus = weight * g * fade * turn, -1j * np.conj(weight * g) * fade * np.conj(turn)
-    e1, e2 = _round(x * ray[SINE], ray[END], complex(ray[R1], ray[I1]), complex(ray[R2], ray[I2]))
-    f1, f2 = _round(x * ray[SINE], ray[END], complex(ray[M_R1], ray[M_I1]), complex(ray[M_R2], ray[M_I2]))
-    out[0] += (plus * e1 + minus * f1) * ai + (plus * e1 - minus * f1) * slope
-    out[1] += (plus * e2 + minus * f2) * ai + (plus * e2 - minus * f2) * slope
+        if lam + apart >= clear:
+            # Where the share of the rays changes across the pair, both sides of the rainbow have to meet: the share of a complex
+            # ray, to first order in Im lam and fading where that is no longer small.
+            rise, deep = (window(lam - apart, scales) - window(lam + apart, scales)) / (2.0 * apart), x * w[LAM_I * WIDTH + j]
+            weight = complex(1.0 - window(lam, scales), rise * deep / (1.0 + (deep / scales[1]) ** 2))
+            if weight == 0.0:
+                continue
+        zeta = np.cbrt(1.5 * big) ** 2
+        ai, slope = airy_of(zeta, 0.0, 1.0)
+        quarter = np.sqrt(np.sqrt(zeta)) * EIGHTH
+        sine = x * w[SINE * WIDTH + j]
+        wave = np.sqrt(np.pi) * x / np.sqrt(max(w[SINE * WIDTH + j], 1.0 / x)) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
+        ai, slope = wave * ai * quarter, 1j * wave * slope / quarter
+        g = weight * complex(w[G_R * WIDTH + j], w[G_I * WIDTH + j])
+        if w[CHORD * WIDTH + j] != 0.0:
+            # The chord of complex rays grows with k: exp(-x CHORD) of t+; of its conjugate t- the conjugate.
+            s, c = sincos(-x * w[CHORD_I * WIDTH + j])
+            g *= decay(x * w[CHORD * WIDTH + j]) * complex(c, s)
+        plus, minus = g, -1j * np.conj(g)
+        e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
+        f1, f2 = complex(w[M_R1 * WIDTH + j], w[M_I1 * WIDTH + j]), complex(w[M_R2 * WIDTH + j], w[M_I2 * WIDTH + j])
+        if sine < 1.0:
+            (e1, e2), (f1, f2) = _round(sine, end, e1, e2), _round(sine, end, f1, f2)
+        out[r, a + j, 0] += (plus * e1 + minus * f1) * ai + (plus * e1 - minus * f1) * slope
+        out[r, a + j, 1] += (plus * e2 + minus * f2) * ai + (plus * e2 - minus * f2) * slope
 
 
 @njit(**STRICT)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bakery import goa, mie
-from bakery.goa import _rays, _special
+from bakery.goa import _asymptotic, _edge, _rays, _solve, _special, _surface
 from bakery.mie import _kernels as mie_kernels
 
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))
@@ -126,7 +126,8 @@ def test_every_ray_is_found():
             for p in range(1, 6):
                 angle = np.arccos(np.cos(2 * p * inside - 2 * part - (p - 1) * np.pi))
                 expected += np.count_nonzero((angle[1:] - theta[a]) * (angle[:-1] - theta[a]) < 0)
-            assert np.count_nonzero(items[:, 1] == a) == expected
+            first, count = items[:, _rays.ANGLE], items[:, _rays.COUNT]
+            assert np.count_nonzero((first <= a) & (a < first + count)) == expected
 
 
 def test_rainbow_against_its_debye_order():
@@ -208,8 +209,6 @@ def test_phase_of_total_reflection():
 
 def test_jump_of_the_edge_sum():
     """Starting the recurrences at the window equals the sum of all partial waves from n = 1, but for the tails cut off."""
-    from bakery.goa import _edge
-
     theta = np.concatenate([[0.0, 1e-7, 1e-4], np.linspace(0.01, np.pi - 0.01, 40), [np.pi - 1e-4, np.pi]])
     for m, x, edge in ((1.33, 3000.0, "narrow"), (0.75, 9000.0, "wide"), (1.5 + 0.01j, 30000.0, "narrow")):
         found, sizes = np.zeros((1, theta.size, 2), complex), np.array([x])
@@ -329,14 +328,100 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
 
 def test_dark_side_is_left_out_only_where_nothing_is_left():
     """The estimate that ends the tracing of complex rays is at most 120/40 too large."""
-    row = np.empty(_rays.COLUMNS)
+    lanes, out = np.zeros(_solve.ROWS * _solve.WIDTH), np.zeros(_surface.OUT_ROWS * _solve.WIDTH)
+    rays = np.empty((_surface.COLUMNS, 12))
     for n, p in ((1.001, 2), (1.33, 2), (1.33, 20), (1.9, 2), (3.5, 6)):
         bow = np.arccos(np.sqrt((n * n - 1) / (p * p - 1)))
-        h, top = 2 * (p * p - 1) / (p * p) * np.tan(bow), _rays.unfolded(n, p, bow)
-        for beyond in np.geomspace(1e-4, _rays.REACH, 12):
-            if _rays._dark(complex(n), p, top + beyond, bow, top, 1.0, 0.0, 0j, row) != 0:
-                estimate = 2 / 3 * ((2 * np.cos(bow) ** 2 / h) ** (1 / 3) * beyond) ** 1.5
-                assert 40 / _rays.FADED < abs(row[_rays.PATH_I]) / estimate < 1.001
+        h, top = 2 * (p * p - 1) / (p * p) * np.tan(bow), _rays.turning(n, p, bow)
+        beyond = np.geomspace(1e-4, _rays.REACH, 12)
+        _rays._dark(complex(n), p, top + beyond, np.ones(12), 0, 12, 0, 1.0, top, bow, 0.0, lanes, out, rays, 0)
+        there = rays[_surface.EXISTS] == 1
+        assert np.count_nonzero(there) > 5
+        estimate = 2 / 3 * ((2 * np.cos(bow) ** 2 / h) ** (1 / 3) * beyond) ** 1.5
+        share = abs(rays[_surface.PATH_I]) / estimate
+        assert np.all((share[there] > 40 / _rays.FADED) & (share[there] < 1.001))
+
+
+def test_rays_near_the_critical_angle():
+    """Angle of incidence, path and Fresnel's factors of a bubble's rays just below total reflection: roots with 30 digits."""
+    m, theta = 0.75 + 0.001j, math.radians(82.8)
+    items, rays = _rays.trace(m, np.array([theta]), 3, False, False)
+    found = rays[:, items[:, _rays.ROW].astype(int)]
+    with mpmath.workdps(30):
+        n, eta = mpmath.mpf(0.75), mpmath.mpc(m.real, -m.imag)
+        for p, turned in ((1, mpmath.mpf(theta)), (2, mpmath.pi + theta), (3, 2 * mpmath.pi + theta)):
+            v = mpmath.findroot(lambda v, p=p, turned=turned: 2 * p * v - 2 * mpmath.asin(n * mpmath.sin(v)) - turned,
+                                (0.01, mpmath.pi / 2 - 1e-9), solver="anderson")
+            s, c = n * mpmath.sin(v), mpmath.sqrt(1 - (n * mpmath.sin(v)) ** 2)
+            path = 2 * (c - p * n * mpmath.cos(v))
+            row = found[:, np.argmin(abs(found[_surface.PATH] - float(path)) + abs(found[_surface.LAM] - float(s)))]
+            assert abs(row[_surface.LAM] - s) < 1e-14 and abs(row[_surface.PATH] - path) < 1e-14
+            w = mpmath.sqrt(eta * eta - s * s)
+            for r, real, imag in (((c - w) / (c + w), row[_surface.R1], row[_surface.I1]),
+                                  ((eta**2 * c - w) / (eta**2 * c + w), row[_surface.R2], row[_surface.I2])):
+                assert abs(complex(real, imag) - complex((1 - r * r) * (-r) ** (p - 1))) < 1e-8
+
+
+@pytest.mark.parametrize("m", [1.33, 1.5, 1.05, 3.0, 0.75, 0.97, 0.5, 1.33 + 1e-5j, 1.33 + 1e-2j, 1.5 + 1j, 0.75 + 0.01j,
+                               0.055 + 3.42j, 1.0 + 0.1j, np.inf])
+def test_coefficients_that_start_at_the_window(m):
+    """Against the series from n = 1, for all orders of all windows; measured: 1e-10, 1e-8 for x > 1e5 (rounded phases)."""
+    tried = 0
+    for x in (450.0, 777.7, 2000.0, 12345.0, 3e5):
+        with_waves = np.array([x])
+        work, lane = np.empty((mie_kernels.terms(x) + 2, 4, 1)), np.empty((27, 1))
+        mie_kernels._coefficients(complex(m), with_waves, lane, work)
+        for edge in ("narrow", "wide"):
+            spans = np.empty((2, 2), np.int64)
+            for low, high in spans[:_edge._spans(x, _edge.scales_of(complex(m), with_waves, edge)[0], spans)]:
+                if _asymptotic.reach(complex(m), x, low, high):
+                    found = np.empty((high - low, 4))
+                    _asymptotic.stretch(complex(m), x, low, high, np.empty((4, high - low + 1)), found)
+                    assert abs(found - work[low - 1 : high - 1, :, 0]).max() < (1e-9 if x < 1e5 else 1e-7)
+                    tried += 1
+    assert tried >= 4
+
+
+def test_resonances_inside_the_window():
+    """Sharp peaks of a_n, b_n beyond n = x are kept: m = 1.5, where |b_n| reaches 1 within less than 1e-3 of x."""
+    peak = 0.0
+    for x in 2000.0 + np.linspace(0.0, 1.0, 400):
+        low, high = int(x), int(x + 3 * np.cbrt(x))
+        found, table = np.empty((high - low, 4)), np.empty((4, high - low + 1))
+        _asymptotic.stretch(1.5 + 0j, x, low, high, table, found)
+        work, lane = np.empty((mie_kernels.terms(x) + 2, 4, 1)), np.empty((27, 1))
+        mie_kernels._coefficients(1.5 + 0j, np.array([x]), lane, work)
+        exact = work[low - 1 : high - 1, :, 0]
+        assert abs(found - exact).max() < 1e-8
+        beyond = exact[int(2 * np.cbrt(x)) :]
+        peak = max(peak, np.hypot(beyond[:, 0], beyond[:, 1]).max(), np.hypot(beyond[:, 2], beyond[:, 3]).max())
+    assert peak > 0.8  # a hundred times what lies between the peaks
+
+
+def test_where_coefficients_need_the_whole_series():
+    for m, x in ((1.01, 1e4), (1.04, 1500.0), (1.33, 100.0), (1.04 + 1e-4j, 1500.0)):
+        low = int(x - 3 * np.cbrt(x))
+        assert not _asymptotic.reach(complex(m), x, low, int(x + 4 * np.cbrt(x)))
+
+
+def test_share_of_the_exact_waves():
+    for z in np.linspace(-6, 6, 500):
+        expected = 0.5 * math.erfc(z) if abs(z) <= 5 else float(z < 0)
+        assert abs(_special.window(100.0 - 7 * z, np.array([100.0, 7.0, 0.0, 0.0, 0.0])) - expected) < 1e-11
+    for y in (0.0, 1e-9, 0.3, 1.0, 20.5, 300.0):
+        assert abs(_special.decay(y) / math.exp(-y) - 1) < 1e-14
+
+
+def test_an_angle_does_not_depend_on_its_neighbours():
+    theta, sizes = np.linspace(0, np.pi, 400), np.array([60.0, 900.0, 5000.0])
+    for m in (1.33, 0.75, 1.5 + 0.001j):
+        whole = np.array(goa.amplitudes(m, sizes, theta))
+        assert np.array_equal(whole[..., ::7], np.array(goa.amplitudes(m, sizes, theta[::7])))
+        assert np.array_equal(whole[:, 1], np.array(goa.amplitudes(m, sizes[1], theta)))
+        shuffled, out, mixed = np.random.default_rng(1).permutation(400), np.empty(400), np.empty(400)
+        goa.intensity_block(m, sizes, np.ones(3), theta, out)
+        goa.intensity_block(m, sizes, np.ones(3), theta[shuffled], mixed)
+        assert np.array_equal(out[shuffled], mixed)
 
 
 def test_bad_input():
