@@ -19,7 +19,8 @@ from types import SimpleNamespace
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from bakery.averages import Component, averages, batches, cross, expected, spheres as kinds
+from bakery.averages import Component, averages, batches, cross, expected
+from bakery.averages import spheres as kinds
 from bakery.errors import StageError
 from bakery.medium import phase
 from bakery.sizes import Nodes, population

@@ -24,7 +24,7 @@ def recipe_options(command):
     for option in reversed((
         click.option("--stage", multiple=True, metavar="NAME", help="Only this stage and what it needs; repeatable."),
         click.option("--scene", metavar="FILE", callback=_no_scenes, help="Bake what a scene needs (not available yet)."),
-        click.option("--quality", metavar="draft|preview|final", help="10 % or 3 % of the whole light, or the recipe as it stands."),
+        click.option("--quality", metavar="draft|preview|final", help="10 or 3 % of all light, or the recipe as it stands."),
         click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
         click.option("--seed", metavar="N", help="Seed of every random stream."),
         click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."),

@@ -13,7 +13,6 @@ from bakery.trade.runs import Run, machine
 from bakery.trade.search import Ladder, Seen, Setting, inert, start_of
 from bakery.trade.times import deviation, quantiles, standard_error
 
-
 ALIKE = 1.3  # times the least, within which runs with the same values count as the same work
 
 
@@ -126,7 +125,7 @@ class Sweep:
         return self.points[self.good.index(index)]
 
     def dominating(self, index: int) -> int | None:
-        """The run on the front that is at least as accurate and not slower; None for a run with the values of one on the front."""
+        """The run on the front that is at least as accurate and not slower; None for one that is, or equals one, on the front."""
         if any(self.runs[index].content == self.runs[i].content and self.point(index) == self.point(i) for i in self.front):
             return None
         on = [self.good.index(i) for i in self.front]

@@ -246,7 +246,7 @@ def test_integrated_tolerance(s, m, tolerance):
     done = {}
 
     def made(name, tolerance, **options):
-        return averages(component, [0.55], [1.0], tolerance, report=lambda seconds, error: done.update({name: seconds}), **options)
+        return averages(component, [0.55], [1.0], tolerance, report=lambda seconds, _: done.update({name: seconds}), **options)
 
     reference, exact = made("exact", tolerance / 4)
     theta, found = made("integrated", tolerance, integrated=True)

@@ -222,7 +222,8 @@ def test_the_message_of_the_contract(tmp_path):
             ["4: phase.switch: found a size parameter for the switch to rays with another method than goa; "
              "expected method: goa beside it, or switch: auto"],
         ),
-        ("particles:", "phase: {method: goa, switch: 20}\nparticles:", ['4: phase.switch: found "20"; expected a number at least 30 and at most 1e+08']),
+        ("particles:", "phase: {method: goa, switch: 20}\nparticles:",
+         ['4: phase.switch: found "20"; expected a number at least 30 and at most 1e+08']),
         ("particles:", "phase: {radii: few}\nparticles:",
          ['4: phase.radii: found "few"; expected auto or a whole number from 3 to 1,000,000']),
         ("particles:", "phase: {edge: off}\nparticles:", ['4: phase.edge: found "off"; expected narrow, wide or none']),

@@ -26,11 +26,10 @@ def index(n, k=0.0):
 def recipe(polarized=False, tolerance=0.03, number=1e8, filled=None, host=1.0, host_k=0.0, **of_size):
     components = (SimpleNamespace(name="drops", material=index(1.33, 1e-3), fraction=0.8, size=size(**of_size)),
                   SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2)))
-    return SimpleNamespace(
-    wavelength=(
-        0.6, 0.45), tolerance=tolerance, measure="pointwise", medium=None, phase=SingleScattering("auto", 3, polarized, None, "narrow", True, True, None, None), particles=SimpleNamespace(
-                host=index(
-                    host, host_k), number_density=number, volume_fraction=filled, components=components))
+    options = SingleScattering("auto", 3, polarized, None, "narrow", True, True, None, None)
+    particles = SimpleNamespace(host=index(host, host_k), number_density=number, volume_fraction=filled, components=components)
+    return SimpleNamespace(wavelength=(0.6, 0.45), tolerance=tolerance, measure="pointwise", medium=None, phase=options,
+                           particles=particles)
 
 
 class Here:
