@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import ROOT
 
-PHYSICS = {"averages", "goa", "mie", "sizes", "materials", "medium", "packing"}
+PHYSICS = {"averages", "goa", "grains", "mie", "sizes", "materials", "medium", "packing"}
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
     "recipe": {"materials", "packing"},
@@ -23,8 +23,8 @@ MAY = {
     "export": {"asset", "medium", "report", "store"},
 } | {folder: PHYSICS for folder in PHYSICS}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
-           "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading", "operator", "heapq",
-           "time"}
+           "array", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading",
+           "operator", "heapq", "time"}
 
 
 def modules(folder: str):

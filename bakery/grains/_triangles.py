@@ -1,0 +1,268 @@
+"""Loops over triangles: a tree of boxes, crossings of lines, crossings of triangles with each other, winding."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+LEAF = 4  # triangles
+_STACK = 128
+_SLACK = 1e-14
+_BOUND = 7.8e-16  # rounding of the determinant below, relative to the sum of its terms' magnitudes (Shewchuk 1997)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def boxes(vertices, faces, order):
+    """Bounds (2 P, 6) of a complete binary tree over the triangles in this order: node 1 is the root, P the number of leaves."""
+    leaves = 1
+    while leaves * LEAF < len(order):
+        leaves *= 2
+    box = np.empty((2 * leaves, 6))
+    box[:, :3] = np.inf
+    box[:, 3:] = -np.inf
+    for i in range(len(order)):
+        node = leaves + i // LEAF
+        for corner in range(3):
+            for k in range(3):
+                x = vertices[faces[order[i], corner], k]
+                box[node, k] = min(box[node, k], x)
+                box[node, 3 + k] = max(box[node, 3 + k], x)
+    for node in range(leaves - 1, 0, -1):
+        for k in range(3):
+            box[node, k] = min(box[2 * node, k], box[2 * node + 1, k])
+            box[node, 3 + k] = max(box[2 * node, 3 + k], box[2 * node + 1, 3 + k])
+    return box
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def crossings(vertices, faces, order, box, body, origin, direction, skip):
+    """What half-lines meet: (N,) crossings, crossings outward less inward, and length inside (right for closed meshes).
+
+    Triangles of body `skip[i]` are left out for half-line i.
+    """
+    leaves = len(box) // 2
+    count, balance, length = np.zeros(len(origin), np.int32), np.zeros(len(origin), np.int32), np.zeros(len(origin))
+    stack = np.empty(_STACK, np.int64)
+    for i in range(len(origin)):
+        ox, oy, oz = origin[i, 0], origin[i, 1], origin[i, 2]
+        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+        ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
+        stack[0] = 1
+        top = 1
+        while top:
+            top -= 1
+            node = stack[top]
+            a, b = (box[node, 0] - ox) * ix, (box[node, 3] - ox) * ix
+            near, far = (a, b) if a < b else (b, a)
+            a, b = (box[node, 1] - oy) * iy, (box[node, 4] - oy) * iy
+            if a > b:
+                a, b = b, a
+            near, far = a if a > near else near, b if b < far else far
+            a, b = (box[node, 2] - oz) * iz, (box[node, 5] - oz) * iz
+            if a > b:
+                a, b = b, a
+            near, far = a if a > near else near, b if b < far else far
+            # slack for rounding; comparisons are such that 0 * inf, a line in a face of the box, goes on
+            if near > far + _SLACK * (abs(near) + abs(far)) or far < 0 or box[node, 0] > box[node, 3]:  # the last: no triangles
+                continue
+            if node < leaves:
+                stack[top] = 2 * node
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            for j in range((node - leaves) * LEAF, min((node - leaves + 1) * LEAF, len(order))):
+                f = order[j]
+                if body[f] == skip[i]:
+                    continue
+                a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+                ax, ay, az = vertices[a, 0] - ox, vertices[a, 1] - oy, vertices[a, 2] - oz
+                bx, by, bz = vertices[b, 0] - ox, vertices[b, 1] - oy, vertices[b, 2] - oz
+                cx, cy, cz = vertices[c, 0] - ox, vertices[c, 1] - oy, vertices[c, 2] - oz
+                # signed volumes with the corners in the order of their numbers, so that both sides of an edge round alike
+                u = _volume(dx, dy, dz, bx, by, bz, cx, cy, cz, b > c)
+                v = _volume(dx, dy, dz, cx, cy, cz, ax, ay, az, c > a)
+                w = _volume(dx, dy, dz, ax, ay, az, bx, by, bz, a > b)
+                if not ((u >= 0 and v >= 0 and w >= 0) or (u <= 0 and v <= 0 and w <= 0)) or u + v + w == 0:
+                    continue
+                # a line that meets an edge exactly passes through two triangles, of which one has the edge's ends in this order
+                if (u == 0 and b > c) or (v == 0 and c > a) or (w == 0 and a > b):
+                    continue
+                t = (u * (ax * dx + ay * dy + az * dz) + v * (bx * dx + by * dy + bz * dz) + w * (cx * dx + cy * dy + cz * dz)) \
+                    / ((u + v + w) * (dx * dx + dy * dy + dz * dz))
+                if t <= 0:
+                    continue
+                sign = 1 if u + v + w > 0 else -1
+                count[i] += 1
+                balance[i] += sign
+                length[i] += sign * t
+    return count, balance, length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _volume(dx, dy, dz, ax, ay, az, bx, by, bz, swap):
+    """d . (a x b), positive where the line leaves through a triangle that is ordered outward; antisymmetric to the last bit."""
+    if swap:
+        return -(dx * (by * az - bz * ay) + dy * (bz * ax - bx * az) + dz * (bx * ay - by * ax))
+    return dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _side(p, a, b, c, d):
+    """Sign of the volume of the tetrahedron a b c d (points p[.]); 0 where rounding hides it."""
+    adx, ady, adz = p[a, 0] - p[d, 0], p[a, 1] - p[d, 1], p[a, 2] - p[d, 2]
+    bdx, bdy, bdz = p[b, 0] - p[d, 0], p[b, 1] - p[d, 1], p[b, 2] - p[d, 2]
+    cdx, cdy, cdz = p[c, 0] - p[d, 0], p[c, 1] - p[d, 1], p[c, 2] - p[d, 2]
+    bc, cb, ca, ac, ab, ba = bdx * cdy, cdx * bdy, cdx * ady, adx * cdy, adx * bdy, bdx * ady
+    value = adz * (bc - cb) + bdz * (ca - ac) + cdz * (ab - ba)
+    bound = _BOUND * ((abs(bc) + abs(cb)) * abs(adz) + (abs(ca) + abs(ac)) * abs(bdz) + (abs(ab) + abs(ba)) * abs(cdz))
+    return 1 if value > bound else -1 if value < -bound else 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pierces(p, s, e, a, b, c):
+    """Whether the open segment s e passes from one side of the triangle a b c to the other, its rim included."""
+    if _side(p, a, b, c, s) * _side(p, a, b, c, e) >= 0:
+        return False
+    u, v, w = _side(p, s, e, a, b), _side(p, s, e, b, c), _side(p, s, e, c, a)
+    return (u >= 0 and v >= 0 and w >= 0) or (u <= 0 and v <= 0 and w <= 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _overlap_flat(p, one, two):
+    """Whether two triangles overlap, seen along the axis that is nearest to the normal of the first: no side separates them."""
+    a, b, c = one
+    nx = (p[b, 1] - p[a, 1]) * (p[c, 2] - p[a, 2]) - (p[b, 2] - p[a, 2]) * (p[c, 1] - p[a, 1])
+    ny = (p[b, 2] - p[a, 2]) * (p[c, 0] - p[a, 0]) - (p[b, 0] - p[a, 0]) * (p[c, 2] - p[a, 2])
+    nz = (p[b, 0] - p[a, 0]) * (p[c, 1] - p[a, 1]) - (p[b, 1] - p[a, 1]) * (p[c, 0] - p[a, 0])
+    i, j = 0, 1
+    if abs(nx) >= abs(ny) and abs(nx) >= abs(nz):
+        i, j = 1, 2
+    elif abs(ny) >= abs(nz):
+        i, j = 0, 2
+    for turn in range(2):
+        first, second = (one, two) if turn == 0 else (two, one)
+        for k in range(3):
+            a, b, c = first[k], first[(k + 1) % 3], first[(k + 2) % 3]
+            ex, ey = p[b, i] - p[a, i], p[b, j] - p[a, j]
+            l, r = ex * (p[c, j] - p[a, j]), ey * (p[c, i] - p[a, i])
+            own = l - r
+            apart = abs(own) > _BOUND * (abs(l) + abs(r))  # a triangle seen from its edge separates nothing
+            for d in second:
+                l, r = ex * (p[d, j] - p[a, j]), ey * (p[d, i] - p[a, i])
+                if (l - r) * own > 0 and abs(l - r) > _BOUND * (abs(l) + abs(r)):
+                    apart = False
+            if apart:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cross(p, one, two):
+    """Whether two triangles share more than the corners and the edge that they have in common."""
+    shared = 0
+    lone_one, lone_two = -1, -1  # with one shared corner: its place in each
+    for i in range(3):
+        for j in range(3):
+            if one[i] == two[j]:
+                shared += 1
+                lone_one, lone_two = i, j
+    flat = True
+    sides_one, sides_two = 0, 0
+    for i in range(3):
+        if one[i] != two[0] and one[i] != two[1] and one[i] != two[2]:
+            s = _side(p, two[0], two[1], two[2], one[i])
+            flat &= s == 0
+            sides_one += s
+        if two[i] != one[0] and two[i] != one[1] and two[i] != one[2]:
+            s = _side(p, one[0], one[1], one[2], two[i])
+            flat &= s == 0
+            sides_two += s
+    if flat:
+        return _overlap_flat(p, one, two)
+    if shared >= 2 or abs(sides_one) == 3 - shared or abs(sides_two) == 3 - shared:
+        return False
+    for i in range(3):
+        if (shared == 0 or i == (lone_one + 1) % 3) and _pierces(p, one[i], one[(i + 1) % 3], two[0], two[1], two[2]) \
+                or (shared == 0 or i == (lone_two + 1) % 3) and _pierces(p, two[i], two[(i + 1) % 3], one[0], one[1], one[2]):
+            # where all is flat to rounding, signs of 0 look like a rim that is met
+            return _overlap_flat(p, one, two)
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def self_crossings(vertices, faces, order, box, limit):
+    """Pairs of triangles (K, 2) that cross or overlap, at most `limit`."""
+    leaves = len(box) // 2
+    found = np.empty((limit, 2), np.int32)
+    number = 0
+    stack = np.empty(_STACK, np.int64)
+    low, high = np.empty(3), np.empty(3)
+    for i in range(len(order)):
+        one = (faces[order[i], 0], faces[order[i], 1], faces[order[i], 2])
+        for k in range(3):
+            low[k] = min(vertices[one[0], k], vertices[one[1], k], vertices[one[2], k])
+            high[k] = max(vertices[one[0], k], vertices[one[1], k], vertices[one[2], k])
+        stack[0] = 1
+        top = 1
+        while top:
+            top -= 1
+            node = stack[top]
+            if box[node, 0] > high[0] or box[node, 1] > high[1] or box[node, 2] > high[2] \
+                    or box[node, 3] < low[0] or box[node, 4] < low[1] or box[node, 5] < low[2]:
+                continue
+            if node < leaves:
+                last = node
+                while last < leaves:
+                    last = 2 * last + 1
+                if (last - leaves + 1) * LEAF <= i:  # all of it lies before i: seen from there
+                    continue
+                stack[top] = 2 * node
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            for j in range(max((node - leaves) * LEAF, i + 1), min((node - leaves + 1) * LEAF, len(order))):
+                two = (faces[order[j], 0], faces[order[j], 1], faces[order[j], 2])
+                if _cross(vertices, one, two):
+                    found[number, 0], found[number, 1] = order[i], order[j]
+                    number += 1
+                    if number == limit:
+                        return found
+    return found[:number]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def oriented(neighbour, against):
+    """Bodies and winding: for each face its body (F,), whether it must be turned (F,), and a face where that is impossible or -1.
+
+    Parameters
+    ----------
+    neighbour : (F, 3) face across each edge or -1
+    against : (F, 3) whether both run along that edge in the same direction, so that one of them is wrong
+    """
+    body = np.full(len(neighbour), -1, np.int32)
+    turned = np.zeros(len(neighbour), np.bool_)
+    queue = np.empty(len(neighbour), np.int64)
+    bodies, bad = 0, -1
+    for start in range(len(neighbour)):
+        if body[start] >= 0:
+            continue
+        body[start] = bodies
+        queue[0] = start
+        head, tail = 0, 1
+        while head < tail:
+            f = queue[head]
+            head += 1
+            for k in range(3):
+                g = neighbour[f, k]
+                if g < 0:
+                    continue
+                wish = turned[f] ^ against[f, k]
+                if body[g] < 0:
+                    body[g] = bodies
+                    turned[g] = wish
+                    queue[tail] = g
+                    tail += 1
+                elif turned[g] != wish and bad < 0:
+                    bad = f
+        bodies += 1
+    return body, turned, bad
