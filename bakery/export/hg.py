@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from bakery.errors import AssetError
+from bakery.export import medium_of
 from bakery.medium.lobe_fits import Fit, fits
 from bakery.report.files import csv_text
 from bakery.report.fits import SAID, lobe_fits
@@ -49,10 +49,7 @@ def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row
     ------
     AssetError : there is no medium
     """
-    medium = root.members.get("medium")
-    if not isinstance(medium, Group):
-        raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles` or "
-                         "`medium`")
+    medium = medium_of(root, name)
     theta, phase = medium["theta"].data, medium["phase"].data
     rows = []
     for i, um in enumerate(root["wavelength"].data):

@@ -8,7 +8,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from bakery.errors import AssetError
+from bakery.export import medium_of
 from bakery.medium.regular import Loss, adaptive_table, loss
 from bakery.store.tree import Group
 
@@ -52,10 +52,7 @@ def fragments(root: Group, name: str, bands, each: bool = False) -> list[Fragmen
     ------
     AssetError : there is no medium
     """
-    medium = root.members.get("medium")
-    if not isinstance(medium, Group):
-        raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles` or "
-                         "`medium`")
+    medium = medium_of(root, name)
     um, theta, phase = root["wavelength"].data, medium["theta"].data, medium["phase"].data
     sigma_t, sigma_s = medium["sigma_t"].data, medium["sigma_s"].data
     if each:
