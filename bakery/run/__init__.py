@@ -120,10 +120,13 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     jobs : threads, unless `executor` (any `concurrent.futures` executor) or `address` (a Dask scheduler) is given
     progress : is told what happens
     """
-    from bakery.store.write import write
+    from bakery.store.write import sweep, write
 
     progress = progress or Progress()
     cache = cache or Cache(say=progress.say)
+    # what killed bakes left goes even where this one has nothing to write
+    cache.sweep()
+    sweep(os.path.dirname(os.path.realpath(plan.output)))
     workers = resources.jobs(jobs)
     files = tuple([plan.recipe.path] + [file.path for file in plan.recipe.files])
     standing = _standing(plan.output)

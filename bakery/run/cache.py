@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -132,14 +133,12 @@ class Cache:
 
     def note_speed(self, name: str, ratio: float) -> None:
         """Remember how a stage's time compared with its model."""
-        import tempfile
-
         speeds = self._speeds()
         speeds[name] = (speeds.get(name, []) + [ratio])[-KEEP:]
+        part = self.where / f".{SPEED}.{secrets.token_hex(8)}.part"
         try:
-            with tempfile.NamedTemporaryFile("w", dir=self.where, prefix=f".{SPEED}.", suffix=".part", delete=False) as part:
-                json.dump(speeds, part)
-            os.replace(part.name, self.where / SPEED)
+            part.write_text(json.dumps(speeds))
+            os.replace(part, self.where / SPEED)
         except OSError:
             pass  # only the next plan's estimate is poorer
 
@@ -151,6 +150,12 @@ class Cache:
             return {}
 
     # tidying
+
+    def sweep(self) -> None:
+        """Remove the half-written files of killed bakes."""
+        from bakery.store.write import sweep
+
+        sweep(os.fspath(self.where))
 
     def entries(self) -> list[tuple[Path, int, float]]:
         """Path, size and time of last use of each entry, oldest first."""

@@ -16,7 +16,7 @@ from bakery.store.image import image
 from bakery.store.read import parse, slurp
 from bakery.store.tree import Group, text
 
-__all__ = ["check_target", "free_space", "text", "write"]
+__all__ = ["check_target", "free_space", "sweep", "text", "write"]
 
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part", re.DOTALL)
 
@@ -79,7 +79,7 @@ def check_target(path: str | os.PathLike) -> None:
 def _part(target: str, files: Files) -> Iterator[tuple[int, str]]:
     """A new, locked file beside the target, gone at the end unless it was renamed."""
     folder, name = os.path.split(target)
-    _sweep(folder, files)
+    sweep(folder, files)
     fd, part = _create(folder, name, files)
     try:
         yield fd, part
@@ -112,8 +112,8 @@ def _create(folder: str, name: str, files: Files) -> tuple[int, str]:
         files.close(fd)
 
 
-def _sweep(folder: str, files: Files) -> None:
-    """Remove what killed writers left: part files whose lock, freed by the kernel on death, can be had."""
+def sweep(folder: str, files: Files = FILES) -> None:
+    """Remove what killed writers left in a folder: part files whose lock, freed by the kernel on death, can be had."""
     with suppress(OSError):
         for name in files.list(folder):
             if _PART.fullmatch(name):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +53,18 @@ def test_kill_at_random_moments(drops, tmp_path, undisturbed):
     ends_well(start(drops, output))
     assert read(output).attributes["content_hash"] == expected
     assert no_parts(tmp_path)
+
+
+def test_an_unchanged_bake_sweeps_too(milk, tmp_path, call):
+    """A bake that was killed while it wrote over a finished asset leaves a part file; the next one has nothing to write."""
+    output = tmp_path / "out.h5"
+    assert call(milk, "-o", output)[0] == 0
+    left = [folder / f".out.h5.{'0123456789abcdef'}.part" for folder in (tmp_path, Path(os.environ["BAKERY_CACHE"]))]
+    for path in left:
+        path.write_bytes(b"half")
+    status, _, message = call(milk, "-o", output)
+    assert status == 0 and "unchanged" in message + _
+    assert not any(path.exists() for path in left)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
