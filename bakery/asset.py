@@ -67,7 +67,7 @@ class Members(Mapping):
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})
         self.choices = MappingProxyType({name: member.choices for name, member in datasets.items() if member.choices})
-        self.error = MappingProxyType({name.removesuffix(ERROR): member.data for name, member in datasets.items()
+        self.error = MappingProxyType({name.removesuffix(ERROR): _seen(member.data) for name, member in datasets.items()
                                        if name.endswith(ERROR) and name.removesuffix(ERROR) in datasets})
         own = datasets.get("theta")
         self._theta = own.data if own is not None else theta
@@ -76,7 +76,9 @@ class Members(Mapping):
     def _item(self, name: str, member: Dataset | Group):
         if isinstance(member, Group):
             return Members(member, f"{self._path}/{name}", self._theta)
-        return read_text(member) if is_text(member) else member.data
+        if is_text(member):
+            return read_text(member)
+        return _seen(member.data)
 
     def __getitem__(self, name: str):
         """A member as it is stored: an array, text, or a group; `droplets/radius` goes down a group."""
@@ -116,6 +118,23 @@ class Members(Mapping):
                 lines.append(f"  {name} {_shape(member.data.shape)} {member.units}  {_range(member)}"
                              f"{_largest_error(member.data, self.error.get(name))}")
         return "\n".join(lines)
+
+
+class One(np.ndarray):
+    """An array of one number that also passes for the number: the file holds no scalars, users of a fraction expect one."""
+
+    def __float__(self) -> float:
+        return float(self.item())
+
+    def __int__(self) -> int:
+        return int(self.item())
+
+    def __format__(self, spec: str) -> str:
+        return format(self.item(), spec) if spec else str(self)
+
+
+def _seen(data: np.ndarray) -> np.ndarray:
+    return data.view(One) if data.shape == (1,) else data
 
 
 class Phase:

@@ -22,6 +22,7 @@ def asset(tmp_path_factory):
     path = tmp_path_factory.mktemp("asset") / "fog.h5"
     root = with_member(small_asset(), "packing", Group({
         "centers": Dataset(np.zeros((2, 3)), "1", "centres"),
+        "fraction": Dataset(np.array([0.6]), "1", "share"), "fraction_error": Dataset(np.array([0.01]), "1", "its error"),
         "pair_correlation": Group({"r": Dataset(np.ones(4), "1", "distance")})}, {"stage": "packing"}))
     write(path, root)
     return bakery.open(path)
@@ -42,6 +43,14 @@ def test_what_the_interface_promises(asset):
     assert asset.stages["medium"]["achieved_error"] == 0.004 and list(asset.stages) == ["optics", "medium", "packing"]
     assert asset.provenance.attributes["command"] == "bake fog.yaml" and asset.provenance["optics"].notes == "none"
     assert asset.packing.centers.shape == (2, 3) and asset.packing.pair_correlation.r.shape == (4,)
+
+
+def test_one_number_passes_for_a_number(asset):
+    fraction = asset.packing.fraction
+    assert fraction.shape == (1,) and fraction[0] == 0.6 and float(fraction) == 0.6 and f"{fraction:.2f}" == "0.60"
+    assert float(2 * fraction) == 1.2 and float(asset.packing.error["fraction"]) == 0.01 and np.isclose(fraction, 0.6)
+    with pytest.raises(ValueError, match="read-only"):
+        fraction[0] = 0.5
 
 
 def test_phase_is_the_interpolant_in_the_cosine(asset):
