@@ -214,10 +214,11 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
 
 def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progress) -> tuple[Group, Group, float]:
     stage, recipe = step.stage, plan.recipe
-    progress.stage(stage.name, stage.title, recipe.tolerance, step.cost.seconds)
+    tolerance = stage.tolerance(recipe)
+    progress.stage(stage.name, stage.title, tolerance, step.cost.seconds)
     resources.reset_peak()
     started = time.monotonic()
-    context = Context(recipe.tolerance, recipe.seed, pool, progress.update)
+    context = Context(tolerance, recipe.seed, pool, progress.update)
     try:
         result = stage.compute(stage.inputs(recipe, groups), context)
     except BakeryError:
@@ -228,7 +229,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     seconds = time.monotonic() - started
     peak = resources.peak_memory()
     group = Group(result.members, {
-        "stage": stage.name, "stage_version": stage.version, "input_hash": step.input_hash, "tolerance": recipe.tolerance,
+        "stage": stage.name, "stage_version": stage.version, "input_hash": step.input_hash, "tolerance": tolerance,
         "achieved_error": result.achieved_error, "error_measure": stage.error_measure})
     broken = list(stage.check(group))
     if broken:
@@ -236,7 +237,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
-    progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {recipe.tolerance:.2g}, "
+    progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {tolerance:.2g}, "
                               f"{resources.in_words(peak)} memory")
     from bakery.store.tree import text
 

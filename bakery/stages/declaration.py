@@ -114,6 +114,7 @@ class Stage:
     measures : (group, converged group) -> true errors by name, the one that settings are ranked by first; None where settings
         cannot be compared.  Errors are finite and in the unit of the tolerance
     reference : recipe key -> text: where the knobs stand for a converged group, besides the tolerance
+    tolerance_key : recipe key of the error to be reached, where it is not the recipe's own
     """
 
     name: str
@@ -131,3 +132,8 @@ class Stage:
     knobs: tuple[Knob, ...] = field(default=())
     measures: Callable[[Group, Group], Mapping[str, float]] | None = None
     reference: Mapping[str, str] = field(default_factory=dict, hash=False)
+    tolerance_key: str = "tolerance"
+
+    def tolerance(self, recipe) -> float:
+        """The error that the stage has to reach."""
+        return recipe.tolerance if self.tolerance_key == "tolerance" else recipe.leaves[self.tolerance_key]

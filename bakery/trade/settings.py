@@ -81,7 +81,8 @@ class Settings:
     def _ladder(self, knob) -> Ladder:
         own = self.recipe.leaves.get(knob.key, knob.default)
         rungs: list[tuple] = []  # value as the recipe holds it, text
-        for text in (*knob.values, *(preset[knob.key] for preset in self.job.presets.values() if knob.key in preset)):
+        held = [(preset.get(knob.key), self._held(preset, knob.key)) for preset in self.job.presets.values()]
+        for text in (*knob.values, *(said or text_of(value) for said, value in held if value is not None)):
             try:
                 value = self._value(knob.key, text)
             except RecipeError as error:
@@ -118,14 +119,14 @@ class Settings:
 
     def preset(self, name: str) -> Setting:
         """Where a preset lies on the ladders."""
-        wanted = self.job.presets[name]
-        return tuple(self._place(ladder, wanted[ladder.key]) if ladder.key in wanted else ladder.start for ladder in self.ladders)
+        held = {ladder.key: self._held(self.job.presets[name], ladder.key) for ladder in self.ladders}
+        return tuple(next((i for i, text in enumerate(ladder.texts) if self._value(ladder.key, text) == held[ladder.key]),
+                          ladder.start) for ladder in self.ladders)
 
-    def _place(self, ladder: Ladder, wanted: str) -> int:
-        return next((i for i, text in enumerate(ladder.texts) if self._same(ladder.key, text, wanted)), ladder.start)
-
-    def _same(self, key: str, a: str, b: str) -> bool:
-        return a == b or self._value(key, a) == self._value(key, b)
+    def _held(self, overrides: Mapping[str, str], key: str):
+        """The value of a key under overrides, set by them or following from what they set; None where they change nothing."""
+        value = self.load(overrides).leaves.get(key)
+        return None if value == self.recipe.leaves.get(key) else value
 
     def upstream(self, tolerance: float) -> dict[str, str]:
         """Overrides under which the stages upstream are computed for a sweep; hashes are from now on with these."""

@@ -71,8 +71,8 @@ class Sweeper:
         """
         settings, stage = self.settings, self.settings.stage
         presets = {name: settings.preset(name) for name in self.job.presets}
-        wishes = {name: settings.load(overrides).tolerance for name, overrides in self.job.presets.items()}
-        limits = sorted({settings.recipe.tolerance, *wishes.values()})
+        wishes = {name: stage.tolerance(settings.load(overrides)) for name, overrides in self.job.presets.items()}
+        limits = sorted({stage.tolerance(settings.recipe), *wishes.values()})
         self.progress.stage(stage.name, stage.title, 0.0, self._budget)
         reference, floor = self._reference(limits[0])
         self._began = self._now()
@@ -102,7 +102,8 @@ class Sweeper:
         for part in TIGHTER:
             tolerance = tightest / part
             upstream = self.settings.upstream(tolerance)
-            pair = [{**self.settings.stage.reference, "tolerance": f"{at:.10g}"}
+            stage = self.settings.stage
+            pair = [{**stage.reference, "tolerance": f"{at:.10g}", stage.tolerance_key: f"{at:.10g}"}
                     for at in (tolerance, min(CHECK * tolerance, 0.5))]
             keys = [self.settings.hash(overrides) for overrides in pair]
             kept = self.job.folder / "reference"
@@ -137,7 +138,7 @@ class Sweeper:
         self.close()
         job, settings = self.job, self.settings
         self._baseline = dict(next(iter(job.presets.values())))
-        loosest = next((ladder.texts[0] for ladder in settings.ladders if ladder.key == "tolerance"), None)
+        loosest = {ladder.key: ladder.texts[0] for ladder in settings.ladders if ladder.key == settings.stage.tolerance_key}
         self._bench = self._make_bench(
             recipe=str(job.recipe), stage=job.stage, base=dict(job.base), upstream=upstream, baseline=self._baseline,
             loosest=loosest, folder=kept, stages=job.stages, share=lambda share: self._show(()))
@@ -232,8 +233,9 @@ class Sweeper:
         if self._measured[start_of(self.settings.ladders)].failed:
             raise StageError(f"{self.job.recipe}: as it stands: {self._measured[start_of(self.settings.ladders)].failed}")
         self.progress.done(self.settings.stage.name, f"{len(settings)} settings, {self._reused} of them kept from before")
+        stage = self.settings.stage
         return Sweep.of(
-            stage=self.settings.stage, tolerance=self.settings.recipe.tolerance, wishes=wishes, ladders=self.settings.ladders,
+            stage=stage, tolerance=stage.tolerance(self.settings.recipe), wishes=wishes, ladders=self.settings.ladders,
             measured=self._measured, presets={name: settings.index(at) for name, at in presets.items() if at in settings},
             reference=reference, floor=floor, baseline=self._baseline, refused=self.settings.refused,
             untried=[self.settings.overrides(setting) for setting in sorted(too_long)], reused=self._reused)

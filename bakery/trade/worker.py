@@ -32,7 +32,7 @@ class Bench:
     base : overrides of the recipe in every setting (`--set`)
     upstream : overrides under which the stages upstream are computed, once
     baseline : overrides of the setting that is run around every other
-    loosest : text of a tolerance at which a run is short, or None: loads the kernels of a setting before its time is taken
+    loosest : overrides with which a run is short: one loads the kernels of a setting before its time is taken
     folder : of the converged values and the values upstream
     stages : `module:function` that returns all stages
     clock, wall : seconds of the processor and of the wall
@@ -40,11 +40,11 @@ class Bench:
     """
 
     def __init__(self, recipe: str, stage: str, base: Mapping[str, str], upstream: Mapping[str, str], baseline: Mapping[str, str],
-                 loosest: str | None, folder: str, stages: str, clock: Callable[[], float] = time.process_time,
+                 loosest: Mapping[str, str], folder: str, stages: str, clock: Callable[[], float] = time.process_time,
                  wall: Callable[[], float] = time.perf_counter, share: Callable[[float], None] = lambda share: None):
         from bakery.run.cache import Cache
 
-        self._recipe, self._base, self._baseline, self._loosest = recipe, dict(base), dict(baseline), loosest
+        self._recipe, self._base, self._baseline, self._loosest = recipe, dict(base), dict(baseline), dict(loosest)
         self._name, self._stages, self._upstream = stage, stages, dict(upstream)
         self._clock, self._wall, self._share = clock, wall, share
         self._cache = Cache(Path(folder))
@@ -96,11 +96,11 @@ class Bench:
         return found | {"baseline": (before * self._burst) ** 0.5}
 
     def _load_kernels(self, setting) -> None:
-        kind = json.dumps({key: text for key, text in setting.items() if key != "tolerance" or self._loosest is None})
+        kind = json.dumps({key: text for key, text in setting.items() if key not in self._loosest})
         if kind in self._warm:
             return
         with suppress(BakeryError):  # the run itself will tell
-            self._compute({**setting, "tolerance": self._loosest} if self._loosest is not None else setting, None)
+            self._compute({**setting, **self._loosest}, None)
         self._burst = None
         self._warm.add(kind)
 
@@ -121,7 +121,8 @@ class Bench:
     def _timed(self, stage, recipe, key: str, share=lambda share: None) -> tuple[Group, float]:
         from bakery.run.executors import Context
 
-        context = Context(recipe.tolerance, recipe.seed, report=lambda done, error=None, state="": share(done))
+        tolerance = stage.tolerance(recipe)
+        context = Context(tolerance, recipe.seed, report=lambda done, error=None, state="": share(done))
         started = self._clock()
         try:
             result = stage.compute(stage.inputs(recipe, self._groups), context)
@@ -129,7 +130,7 @@ class Bench:
             raise StageError(f"{stage.name}: out of memory") from None
         seconds = max(self._clock() - started, 1e-9)
         group = Group(result.members, {"stage": stage.name, "stage_version": stage.version, "input_hash": key,
-                                       "tolerance": recipe.tolerance, "achieved_error": float(result.achieved_error),
+                                       "tolerance": tolerance, "achieved_error": float(result.achieved_error),
                                        "error_measure": stage.error_measure})
         broken = list(stage.check(group))
         if broken:
