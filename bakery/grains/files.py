@@ -10,10 +10,9 @@ from array import array
 
 import numpy as np
 
+from bakery.grains.limits import BYTES, KINDS
 from bakery.grains.quality import FACES
 
-KINDS = ("ply", "obj", "stl", "off")
-BYTES = 256 << 20
 CORNERS = 1000  # of a polygon
 _LINE = 1 << 16  # bytes
 _HEADER = 1 << 16

@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bakery.grains import radial
+from bakery.grains import limits, radial
 from bakery.grains.bounding import onto_unit_sphere
+from bakery.grains.limits import LEVELS, TRIANGLES
 from bakery.grains.noise import directions, stream
 
-LEVELS = {"coarse": 1_300, "middle": 20_000, "fine": 200_000}  # triangles
-TRIANGLES = 20, 2_000_000  # that may be asked for
-BODIES_MAX = 64  # of an aggregate
 _ROCK, _CRYSTAL, _AGGREGATE = 11, 12, 13  # streams of random numbers
 
 
@@ -123,7 +121,7 @@ def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS[
     exponents = np.atleast_1d(np.asarray(exponents, float))
     if exponents.shape not in ((1,), (2,)):
         raise ValueError("exponents are one or two numbers")
-    e, f = (_within("exponents", x, 0.1, 4) for x in np.broadcast_to(exponents, 2))
+    e, f = (_within("exponents", x, *limits.EXPONENTS) for x in np.broadcast_to(exponents, 2))
     signs = np.array([s for s in np.ndindex(3, 3, 3) if sum(k != 1 for k in s) in (1, 3)]) - 1  # towards corners or spikes
     direction, faces = radial.sampling(triangles, corners=signs)
     x, y, z = np.abs(direction).T
@@ -145,10 +143,10 @@ def rock(seed=0, axes=(1.0, 0.8, 0.65), corners=45, sharpness=24.0, roughness=0.
     sharpness : 4 to 1000 or inf: of the edges
     roughness : 0 to 0.3: height of the largest of five octaves of noise over the radius, about
     """
-    rng = stream(_whole("seed", seed, 0, 2**53), _ROCK)
+    rng = stream(_whole("seed", seed, *limits.SEED), _ROCK)
     axes = _three("axes", axes)
     axes = axes / axes.max()
-    points = directions(rng, _whole("corners", corners, 8, 300)) * axes
+    points = directions(rng, _whole("corners", corners, *limits.CORNERS)) * axes
     points -= 0.5 * (points.max(axis=0) + points.min(axis=0))
     normal, distance = radial.hull_planes(points)
     for _ in range(20):  # until the origin is well inside
@@ -170,15 +168,15 @@ def crystal(seed=0, habit="cube", axes=(1.0, 1.0, 1.0), chips=2, depth=0.2, shar
     chips : 0 to 30 corners cut off;  depth : 0 to 0.6, largest share of the height that one takes
     sharpness, roughness : as of `rock`
     """
-    rng = stream(_whole("seed", seed, 0, 2**53), _CRYSTAL)
+    rng = stream(_whole("seed", seed, *limits.SEED), _CRYSTAL)
     axes = _three("axes", axes)
     if habit not in HABITS:
         raise ValueError(f"habits are {', '.join(HABITS)}; found {habit!r}")
     axes = axes / axes.max()
     normal, distance = HABITS[habit]()
     long = np.sqrt(((normal / axes) ** 2).sum(axis=1))
-    normal, distance = radial.cut_corners(normal / axes / long[:, None], distance / long, rng, _whole("chips", chips, 0, 30),
-                                          _within("depth", depth, 0, 0.6))
+    normal, distance = radial.cut_corners(normal / axes / long[:, None], distance / long, rng,
+                                          _whole("chips", chips, *limits.CHIPS), _within("depth", depth, *limits.DEPTH))
     return _star(axes, normal, distance, sharpness, roughness, rng, 3.0, triangles)
 
 
@@ -199,12 +197,12 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
     from bakery.grains.implicit import surface
     from bakery.grains.quality import bodies as bodies_of
 
-    if arrangement not in ("cluster", "star"):
+    if arrangement not in limits.ARRANGEMENTS:
         raise ValueError(f"arrangements are cluster and star; found {arrangement!r}")
-    rng = stream(_whole("seed", seed, 0, 2**53), _AGGREGATE)
-    smallest, blend = _within("smallest", smallest, 0.05, 1), _within("blend", blend, 0.01, 0.5)
-    start, axis, radius = _rods(rng, arrangement, _whole("bodies", bodies, 1, BODIES_MAX), smallest,
-                                _within("length", length, 0, 10), _within("overlap", overlap, 0.05, 1.5))
+    rng = stream(_whole("seed", seed, *limits.SEED), _AGGREGATE)
+    smallest, blend = _within("smallest", smallest, *limits.SMALLEST), _within("blend", blend, *limits.BLEND)
+    start, axis, radius = _rods(rng, arrangement, _whole("bodies", bodies, *limits.BODIES), smallest,
+                                _within("length", length, *limits.LENGTH), _within("overlap", overlap, *limits.OVERLAP))
     spare = blend * np.log(len(radius)) + 0.1
     ends = np.concatenate([start, start + axis])
     around = np.concatenate([radius, radius])[:, None] + spare
@@ -294,13 +292,13 @@ SHAPES = {"sphere": sphere, "box": box, "ellipsoid": ellipsoid, "superellipsoid"
 
 def _star(axes, normal, distance, sharpness, roughness, rng, frequency, triangles):
     """A body between planes, with rounded edges and noise."""
-    if not sharpness >= 4:
-        raise ValueError(f"sharpness is 4 or more, found {sharpness}")
+    if not sharpness >= limits.SHARPNESS[0]:
+        raise ValueError(f"sharpness is {limits.SHARPNESS[0]:g} or more, found {sharpness}")
     corner = radial.corners_of(normal, distance)
     reach = radial.between_planes(radial.unit(corner), normal, distance, sharpness)
     direction, faces = radial.sampling(triangles, axes, corner[np.argsort(-reach, kind="stable")])
     points = direction * radial.between_planes(direction, normal, distance, sharpness)[:, None]
-    return _scaled(radial.roughened(points, _within("roughness", roughness, 0, 0.3), rng, frequency), faces)
+    return _scaled(radial.roughened(points, _within("roughness", roughness, *limits.NOISE), rng, frequency), faces)
 
 
 def _rods(rng, arrangement, count, smallest, length, overlap):
@@ -351,8 +349,8 @@ def _three(name, values):
     values = np.asarray(values, float)
     if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(f"{name} are three numbers above 0, found {values.tolist()}")
-    if values.max() > 1e4 * values.min():
-        raise ValueError(f"{name} may differ by a factor of 10,000 at most, found {values.tolist()}")
+    if values.max() > limits.ASPECT * values.min():
+        raise ValueError(f"{name} may differ by a factor of {limits.ASPECT:,.0f} at most, found {values.tolist()}")
     return values
 
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from bakery.grains import limits
+
 DIELECTRIC, DIFFUSE, CONDUCTOR = 0, 1, 2
-INDEX_MIN, INDEX_MAX = 0.2, 5.0
-ROUGHNESS_MIN = 1e-4  # below, a surface is smooth
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Surface:
 
 def dielectric(index, roughness=0.0) -> Surface:
     """Glass, ice, salt: index relative to the host, 0.2 to 5; light that enters is absorbed on its way by the interior."""
-    index, roughness = _number("index", index, INDEX_MIN, INDEX_MAX), _rough(roughness)
+    index, roughness = _number("index", index, *limits.INDEX), _rough(roughness)
     return Surface(DIELECTRIC, index, roughness if index != 1 else 0.0, np.zeros((2, 1)))  # no facet is seen at index 1
 
 
@@ -68,7 +68,7 @@ def _number(name, value, least, most):
 
 
 def _rough(roughness):
-    return 0.0 if roughness == 0 else _number("roughness", roughness, ROUGHNESS_MIN, 1.0)
+    return 0.0 if roughness == 0 else _number("roughness", roughness, limits.ALPHA_MIN, 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

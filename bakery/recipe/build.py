@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from bakery.errors import Problem, RecipeError
-from bakery.recipe import model, schema
+from bakery.recipe import grain_schema, model, schema
 from bakery.recipe.checks import Checker
 from bakery.recipe.fields import describe, nearest, one_of
 from bakery.recipe.files import Folder
@@ -85,7 +86,8 @@ def _translate(error: dict) -> Iterator[Problem]:
             f"found {len(node):,} entries", f"expected at {'least' if kind == 'too_short' else 'most'} {number:,}"
         )
     else:  # a mapping is expected
-        fields = getattr(schema, error.get("ctx", {}).get("class_name", ""), None)
+        name = error.get("ctx", {}).get("class_name", "")
+        fields = getattr(schema, name, None) or getattr(grain_schema, name, None)
         keys = f" with {', '.join(fields.model_fields)}" if fields else ""
         yield owner(node).problem(f"found {describe(node)}", f"expected a mapping{keys}")
 
@@ -129,6 +131,12 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
     leaves = dict(_leaves("", parsed, len(checker.wavelength)))
     if parsed.particles:
         leaves |= dict(_leaves("phase", phase, len(checker.wavelength)))
+    scatterometer, effective = parsed.scatterometer or grain_schema.Scatterometer(), parsed.effective_medium
+    if scatterometer.tolerance is None:
+        scatterometer = scatterometer.model_copy(update={"tolerance": parsed.tolerance / 2})
+    effective = effective or grain_schema.EffectiveMedium()
+    if parsed.grains:
+        leaves |= dict(_leaves("scatterometer", scatterometer, 1)) | dict(_leaves("effective_medium", effective, 1))
     packing = parsed.packing and _packing(parsed.packing, parsed.seed)
     if packing:
         leaves["packing.seed"] = packing.seed
@@ -145,6 +153,9 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         phase=_single_scattering(phase),
         medium=parsed.medium and _medium(parsed.medium, checker),
         packing=packing,
+        grains=parsed.grains and _grains(parsed.grains, checker),
+        scatterometer=model.Scatterometer(**_options(scatterometer)),
+        effective_medium=model.EffectiveMedium(**_options(effective)),
         leaves=leaves,
         files=tuple(checker.files),
         places=places,
@@ -175,10 +186,16 @@ def _leaves(key: str, value, wavelengths: int) -> Iterator[tuple[str, str | int 
         yield key, value
 
 
+def _options(section: BaseModel) -> dict:
+    """The values of a section, None where they are left to the stage."""
+    return {name: None if (value := getattr(section, name)) == "auto" else value for name in type(section).model_fields}
+
+
 def _single_scattering(section: schema.SingleScattering) -> model.SingleScattering:
-    values = {name: getattr(section, name) for name in schema.SingleScattering.model_fields}
-    chosen = {name: None for name in ("switch", "radii", "angles") if values[name] == "auto"}
-    return model.SingleScattering(**values | chosen | {"edge": None if section.edge == "none" else section.edge})
+    # auto as a method is a choice of its own
+    return model.SingleScattering(
+        **_options(section) | {"method": section.method, "edge": None if section.edge == "none" else section.edge}
+    )
 
 
 def _particles(section: schema.Particles, checker: Checker) -> model.Particles:
@@ -221,6 +238,40 @@ def _medium(section: schema.Medium, checker: Checker) -> model.Medium:
         _frozen(albedo),
         model.Phase(phase.type, None if g is None else _frozen(g), getattr(phase, "spread", None), table),
     )
+
+
+def _grains(section: grain_schema.Grains, checker: Checker) -> model.Grains:
+    components = tuple(
+        _grain(part, f"grains.components[{i}]", checker) for i, part in enumerate(section.components)
+    )
+    return model.Grains(section.radius, _index(checker, "grains.host"), components)
+
+
+def _grain(part: grain_schema.Grain, key: str, checker: Checker) -> model.Grain:
+    surface = part.surface
+    opaque = surface.type == "diffuse"
+    found = model.GrainSurface(
+        surface.type,
+        None if opaque else _index(checker, f"{key}.surface.material"),
+        0.0 if opaque else surface.roughness,
+        _frozen(checker.columns[f"{key}.surface.reflectance"]) if opaque else None,
+    )
+    if part.interior is None:
+        absorption = np.zeros(len(checker.wavelength))
+    elif part.interior.material is None:
+        absorption = checker.columns[f"{key}.interior.absorption"]
+    else:  # wavelengths are in um
+        absorption = 4e6 * np.pi * checker.indices[f"{key}.interior.material"].k / np.array(checker.wavelength)
+    return model.Grain(part.name, part.weight, _shape(part.shape, key, checker), found, _frozen(absorption))
+
+
+def _shape(shape, key: str, checker: Checker) -> dict:
+    """What `grains.shapes.build` takes."""
+    if shape.type == "mesh":
+        data, kind = checker.meshes[f"{key}.shape.file"]
+        return {"type": "mesh", "data": data, "kind": kind}
+    values = {name: getattr(shape, name) for name in type(shape).model_fields}
+    return {name: tuple(v) if isinstance(v, list) else math.inf if v == "inf" else v for name, v in values.items()}
 
 
 def _packing(section: schema.Packing, seed: int) -> model.Packing:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bakery.errors import Problem
-from bakery.materials import Table, index
-from bakery.recipe import tables
+from bakery.materials import Table
+from bakery.materials import index as constants
+from bakery.recipe import grain_checks, tables
 from bakery.recipe.fields import nearest
 from bakery.recipe.files import DataFile, Folder, materials
 from bakery.recipe.model import Index
@@ -29,7 +30,7 @@ _SHARES = 1e-6
 
 @dataclass
 class Checker:
-    """Runs the checks; afterwards `problems`, `indices` and `columns` (by key) and `files` hold what was found and read."""
+    """Runs the checks; afterwards `problems`, `indices`, `columns`, `meshes` (by key) and `files` hold what was found."""
 
     tree: Mapping
     values: dict
@@ -38,6 +39,7 @@ class Checker:
     files: list[DataFile] = field(default_factory=list)
     indices: dict[str, Index] = field(default_factory=dict)
     columns: dict[str, np.ndarray] = field(default_factory=dict)
+    meshes: dict[str, tuple[bytes, str]] = field(default_factory=dict)
     wavelength: tuple[float, ...] | None = None
 
     def run(self) -> None:
@@ -48,64 +50,77 @@ class Checker:
         for section in _mappings(self.tree.get("medium")):
             self._medium(section)
         for section in _mappings(self.tree.get("phase")):
-            if self._value(section, "switch") not in ("auto", None) and self._value(section, "method") != "goa":
-                self._report(section["switch"], "found a size parameter for the switch to rays with another method than goa",
+            if self.value(section, "switch") not in ("auto", None) and self.value(section, "method") != "goa":
+                self.report(section["switch"], "found a size parameter for the switch to rays with another method than goa",
                              "expected method: goa beside it, or switch: auto")
         for section in _mappings(self.tree.get("grains")):
-            self._components(section, "weight")
+            grain_checks.check(self, section)
         for section in _mappings(self.tree.get("packing")):
             self._packing(section)
         for name in NOT_YET:
             if name in self.tree:
-                self.problems.append(owner(self.tree[name]).problem(f"{name} is not available yet", "particles and medium are"))
+                self.report_section(self.tree[name], f"{name} is not available yet", "particles, grains and medium are")
 
     # ---- tools
 
-    def _report(self, node: Node, found: str, expected: str, offset: int = 0) -> None:
+    def report(self, node: Node, found: str, expected: str, offset: int = 0) -> None:
         self.problems.append(node.place.problem(found, expected, offset))
 
-    def _report_section(self, node: Node, found: str, expected: str) -> None:
+    def report_section(self, node: Node, found: str, expected: str) -> None:
         self.problems.append(owner(node).problem(found, expected))
 
-    def _value(self, section: Mapping, name: str):
+    def value(self, section: Mapping, name: str):
         node = section.get(name)
         return None if node is None else self.values.get(node.place.key)
 
-    def _list(self, node: Node | None) -> tuple | None:
+    def several(self, node: Node | None) -> tuple | None:
         """The values of a key that takes one value or several; None unless all are well formed."""
         if isinstance(node, Sequence):
             found = tuple(self.values.get(item.place.key) for item in node)
             return found if found and None not in found else None
         return None if node is None else self.values.get(node.place.key)
 
-    def _one_each(self, section: Mapping, name: str) -> np.ndarray | None:
+    def one_each(self, section: Mapping, name: str) -> np.ndarray | None:
         """A key with one value for all wavelengths or one for each, (L,)."""
-        values = self._list(section.get(name))
+        values = self.several(section.get(name))
         if values is None or self.wavelength is None:
             return None
         count = len(self.wavelength)
         if len(values) not in (1, count):
-            self._report(
+            self.report(
                 section[name],
                 f"found {len(values)} values for {count} wavelength{'s' * (count != 1)}",
                 "expected one value, or one a wavelength",
             )
             return None
-        return np.array(values * count if len(values) == 1 else values, dtype=float)
+        found = np.array(values * count if len(values) == 1 else values, dtype=float)
+        self.columns[section[name].place.key] = found
+        return found
 
     # ---- the sections
 
     def _wavelengths(self) -> None:
         node = self.tree.get("wavelengths")
-        self.wavelength = NAMED_WAVELENGTHS["rgb"] if node is None else self._list(node)
+        self.wavelength = NAMED_WAVELENGTHS["rgb"] if node is None else self.several(node)
         if self.wavelength is None:
             return
         if len(self.wavelength) > 4096:
-            self._report(node, f"found {len(self.wavelength):,} wavelengths", "expected at most 4,096")
+            self.report(node, f"found {len(self.wavelength):,} wavelengths", "expected at most 4,096")
             self.wavelength = None
         elif len(set(self.wavelength)) < len(self.wavelength):
             double = next(w for i, w in enumerate(self.wavelength) if w in self.wavelength[:i])
-            self._report(node, f"found {double:g} um more than once", "expected distinct wavelengths")
+            self.report(node, f"found {double:g} um more than once", "expected distinct wavelengths")
+
+    def host(self, section: Mapping, default: str) -> Index | None:
+        """Optical constants of what particles or grains lie in."""
+        host = self.index(section, "host", default)
+        if host is not None and host.k.max() > CLEAR:
+            self.report(
+                section.get("host", section),
+                f"found a host that absorbs (k = {host.k.max():.3g})",
+                f"expected a clear host, k at most {CLEAR:g}",
+            )
+        return host
 
     def _source(self) -> None:
         present = [name for name in SOURCES if name in self.tree]
@@ -116,43 +131,42 @@ class Checker:
                 )
             )
         for name in present[1:]:
-            self._report_section(
+            self.report_section(
                 self.tree[name], f"found {name} beside {present[0]}", "expected exactly one of particles, grains, medium"
             )
         if "phase" in self.tree and present and "particles" not in present:
-            self._report_section(
+            self.report_section(
                 self.tree["phase"],
                 f"found options of single scattering beside {present[0]}",
                 "expected them with particles only" + (" (medium.phase?)" if "medium" in present else ""),
             )
 
+        for name in ("scatterometer", "effective_medium"):
+            if name in self.tree and "grains" not in self.tree:
+                self.report_section(self.tree[name], f"found {name} without grains", "expected it with grains only")
+
     def _particles(self, section: Mapping) -> None:
         amounts = [name for name in ("number_density", "volume_fraction") if name in section]
         if not amounts:
-            self._report_section(section, "found neither number_density nor volume_fraction", "expected one of them")
+            self.report_section(section, "found neither number_density nor volume_fraction", "expected one of them")
         elif len(amounts) == 2:
-            self._report_section(section[amounts[1]], f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
-        host = self._index(section, "host", "air")
-        if host is not None and host.k.max() > CLEAR:
-            self._report(
-                section.get("host", section),
-                f"found a host that absorbs (k = {host.k.max():.3g})",
-                f"expected a clear host, k at most {CLEAR:g}",
-            )
-        for part in self._components(section, "fraction"):
-            self._index(part, "material")
+            self.report_section(section[amounts[1]], f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
+        host = self.host(section, "air")
+        for part in self.components(section, "fraction"):
+            self.index(part, "material")
             for size in _mappings(part.get("size")):
                 self._size(size, host)
 
-    def _components(self, section: Mapping, share: str) -> list[Mapping]:
+    def components(self, section: Mapping, share: str) -> list[Mapping]:
+        """The mappings in a list of components, whose names and shares are checked."""
         node = section.get("components")
         parts = list(_mappings(*node)) if isinstance(node, Sequence) else []
         seen: dict[str, str] = {}
         for part in parts:
-            name = self._value(part, "name")
+            name = self.value(part, "name")
             # two names that differ in case alone are one file on some systems
             if name is not None and name.lower() in seen:
-                self._report(
+                self.report(
                     part["name"], f"found {show(name)} a second time (first in {seen[name.lower()]})", "expected distinct names"
                 )
             elif name is not None:
@@ -162,20 +176,20 @@ class Checker:
         return parts
 
     def _shares(self, node: Sequence, name: str, parts: list[Mapping], default: float | None) -> None:
-        shares = [self._value(part, name) if name in part else default for part in parts]
+        shares = [self.value(part, name) if name in part else default for part in parts]
         if None not in shares and abs(math.fsum(shares) - 1) > _SHARES:
-            self._report_section(node, f"found {name}s that add up to {math.fsum(shares):.7g}", "expected 1")
+            self.report_section(node, f"found {name}s that add up to {math.fsum(shares):.7g}", "expected 1")
 
     def _size(self, size: Mapping, host: Index | None, low: float | None = None, high: float | None = None) -> None:
         """One distribution; `low` and `high` are the cuts of the mixture that it is part of."""
-        smallest, largest, radius = (self._value(size, name) for name in ("min", "max", "radius"))
+        smallest, largest, radius = (self.value(size, name) for name in ("min", "max", "radius"))
         if smallest is not None and largest is not None and smallest >= largest:
-            self._report(size["max"], f"found max {largest:g} um, not above min {smallest:g} um", "expected min below max")
+            self.report(size["max"], f"found max {largest:g} um, not above min {smallest:g} um", "expected min below max")
             return
         for name in ("radius", "min", "max"):
-            if self._value(size, name) is not None:
-                self._size_parameter(size[name], f"{name} of {self._value(size, name):g} um", self._value(size, name), host)
-        distribution = self._value(size, "distribution")
+            if self.value(size, name) is not None:
+                self._size_parameter(size[name], f"{name} of {self.value(size, name):g} um", self.value(size, name), host)
+        distribution = self.value(size, "distribution")
         inner_low = max((v for v in (low, smallest) if v is not None), default=None)
         inner_high = min((v for v in (high, largest) if v is not None), default=None)
         if distribution == "mixture":
@@ -192,7 +206,7 @@ class Checker:
             inner_low is not None and radius < inner_low or inner_high is not None and radius > inner_high
         ):
             bounds = " to ".join("…" if v is None else f"{v:g}" for v in (inner_low, inner_high))
-            self._report(
+            self.report(
                 size["radius"],
                 f"found a radius of {radius:g} um outside of min and max ({bounds} um)",
                 "expected it between them",
@@ -204,12 +218,12 @@ class Checker:
             return
         radius, density = columns
         if not density.max() > 0:
-            self._report(size["file"], "found a density that is zero everywhere", "expected a positive density")
+            self.report(size["file"], "found a density that is zero everywhere", "expected a positive density")
             return
         used = np.flatnonzero(density > 0)
         first, last = radius[max(used[0] - 1, 0)], radius[min(used[-1] + 1, len(radius) - 1)]
         if low is not None and last <= low or high is not None and first >= high:
-            self._report(
+            self.report(
                 size["file"], f"found densities from {first:g} to {last:g} um, all outside of min and max", "expected an overlap"
             )
         for value in (radius[radius > 0][0], last):
@@ -222,7 +236,7 @@ class Checker:
         low, high = radius * scale.min(), radius * scale.max()
         if low < SMALLEST or high > LARGEST:
             x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
-            self._report(
+            self.report(
                 node,
                 f"found a {what}, size parameter {x:.3g}",
                 f"expected size parameters {SMALLEST:g} to {LARGEST:g}, here {least:.3g} to {most:.3g} um",
@@ -235,27 +249,23 @@ class Checker:
         )
         want = "expected albedo and mean_free_path, or sigma_s and sigma_a"
         if first and second:
-            self._report_section(section[second[0]], f"found {' and '.join(second)} beside {' and '.join(first)}", want)
+            self.report_section(section[second[0]], f"found {' and '.join(second)} beside {' and '.join(first)}", want)
         elif len(first or second) < 2:
-            self._report_section(
+            self.report_section(
                 section, f"found only {(first or second)[0]}" if first or second else "found no coefficients", want
             )
-        for name in ("albedo", "mean_free_path"):
-            self.columns[f"medium.{name}"] = self._one_each(section, name)
-        s, a = (self._one_each(section, name) for name in ("sigma_s", "sigma_a"))
-        self.columns |= {"medium.sigma_s": s, "medium.sigma_a": a}
+        _, path, s, a = (self.one_each(section, name) for name in ("albedo", "mean_free_path", "sigma_s", "sigma_a"))
         if s is not None and a is not None and not (s + a > 0).all():
-            self._report_section(section, "found sigma_s and sigma_a that are both 0", "expected a positive sum")
+            self.report_section(section, "found sigma_s and sigma_a that are both 0", "expected a positive sum")
         if s is not None and a is not None and not np.isfinite(s + a).all():
-            self._report_section(
+            self.report_section(
                 section, "found sigma_s and sigma_a whose sum is beyond the range of numbers", "expected smaller coefficients"
             )
-        path = self.columns["medium.mean_free_path"]
         if path is not None and not ((path > 1e-9) & (path < 1e30)).all():
-            self._report(section["mean_free_path"], "found a mean free path that no medium has", "expected 1e-15 m to 1e24 m")
+            self.report(section["mean_free_path"], "found a mean free path that no medium has", "expected 1e-15 m to 1e24 m")
         for phase in _mappings(section.get("phase")):
-            self.columns["medium.phase.g"] = self._one_each(phase, "g")
-            if self._value(phase, "type") == "table":
+            self.one_each(phase, "g")
+            if self.value(phase, "type") == "table":
                 self._phase_table(phase)
 
     def _phase_table(self, phase: Mapping) -> None:
@@ -264,29 +274,29 @@ class Checker:
             return
         theta, value = columns
         if not value.max() > 0:
-            self._report(phase["file"], "found a phase function that is zero everywhere", "expected positive values")
+            self.report(phase["file"], "found a phase function that is zero everywhere", "expected positive values")
         if theta[0] > 1e-9 or abs(theta[-1] - math.pi) > 1e-6:
             ends = " to ".join(f"{math.degrees(v):g}" for v in theta[[0, -1]])
-            self._report(phase["file"], f"found angles from {ends} deg", "expected 0 to 180 deg")
+            self.report(phase["file"], f"found angles from {ends} deg", "expected 0 to 180 deg")
             return
         theta[0], theta[-1] = 0.0, math.pi
         if not theta[-2] < math.pi:
-            self._report(phase["file"], "found two angles of 180 deg", "expected ascending order")
+            self.report(phase["file"], "found two angles of 180 deg", "expected ascending order")
 
     def _packing(self, section: Mapping) -> None:
         beside = next((name for name in ("particles", "medium") if name in self.tree), None)
         if beside:
-            self._report_section(section, f"found packing beside {beside}, which it has no effect on",
+            self.report_section(section, f"found packing beside {beside}, which it has no effect on",
                                  "expected it alone or with grains")
         node = section.get("fraction")
-        fractions = self._list(node) or ()
+        fractions = self.several(node) or ()
         shown = [f"{100 * f:g}" for f in fractions]
         for i, f in enumerate(shown):
             if f in shown[:i]:
-                self._report(node[i] if isinstance(node, Sequence) else node, f"found {f} % more than once",
+                self.report(node[i] if isinstance(node, Sequence) else node, f"found {f} % more than once",
                              "expected distinct fractions")
         radii = self._radii(section)
-        cell = self._list(section.get("cell"))
+        cell = self.several(section.get("cell"))
         if radii is not None and ("cell" not in section or cell is not None and len(cell) == 3):
             for i, f in enumerate(fractions):
                 self._tile(node[i] if isinstance(node, Sequence) else node, f, radii, cell or (1.0, 1.0, 1.0))
@@ -296,10 +306,10 @@ class Checker:
         from bakery.packing import radii
 
         node = section.get("radii")
-        count = self._value(section, "count") if "count" in section else 500
+        count = self.value(section, "count") if "count" in section else 500
         if isinstance(node, Sequence):
             parts = list(_mappings(*node))
-            shares, sizes = ([self._value(part, name) for part in parts] for name in ("share", "radius"))
+            shares, sizes = ([self.value(part, name) for part in parts] for name in ("share", "radius"))
             if len(parts) < len(node) or not parts or None in shares or None in sizes:
                 return None
             self._shares(node, "share", parts, None)
@@ -308,12 +318,12 @@ class Checker:
             try:
                 return radii.species(shares, sizes, count)
             except ValueError as error:
-                self._report_section(node, f"found {error}", "expected shares of at least one sphere, or a larger packing.count")
+                self.report_section(node, f"found {error}", "expected shares of at least one sphere, or a larger packing.count")
                 return None
         if count is None:
             return None
         if isinstance(node, Mapping):
-            sigma = self._value(node, "sigma")
+            sigma = self.value(node, "sigma")
             return None if sigma is None else radii.lognormal(sigma, count)
         return np.ones(count)
 
@@ -327,13 +337,13 @@ class Checker:
             equal = np.ptp(radii) < 1e-9
             what = "equal spheres" if equal else "these radii"
             more = "; several sizes reach more (packing.radii)" if equal else ""
-            self._report(node, f"found {fraction:g}", f"expected at most {most:.4g}, as far as {what} are packed at random{more}")
+            self.report(node, f"found {fraction:g}", f"expected at most {most:.4g}, as far as {what} are packed at random{more}")
             return
         width = room(fraction, radii, cell)
         if width <= 1 + 1e-6:
             spheres = f"the largest of {radii.size:,} spheres" if radii.size > 1 else "the sphere"
             most = 0.999 * fraction * width**3
-            self._report(
+            self.report(
                 node,
                 f"found {fraction:g}, where {spheres} meets its own image: the cell is {width:.3g} of its diameter wide",
                 f"expected less than {most:.3g}, a larger packing.count, or a packing.cell nearer to a cube",
@@ -341,14 +351,14 @@ class Checker:
 
     # ---- files
 
-    def _index(self, section: Mapping, name: str, default: str | None = None) -> Index | None:
+    def index(self, section: Mapping, name: str, default: str | None = None) -> Index | None:
         """Optical constants at the recipe's wavelengths, from a name, {n, k} or a file."""
         node, key = section.get(name), f"{section.place.key}.{name}"
         if isinstance(node, Mapping) and "file" in node:
             table = self._table(node["file"], tables.INDEX)
-            found = self._interpolate(node["file"], self._value(node, "file"), table)
+            found = self._interpolate(node["file"], self.value(node, "file"), table)
         elif isinstance(node, Mapping):
-            n, k = self._one_each(node, "n"), self._one_each(node, "k")
+            n, k = self.one_each(node, "n"), self.one_each(node, "k")
             k = np.zeros(len(self.wavelength)) if "k" not in node and self.wavelength else k
             found = None if n is None or k is None else Index("n, k", n, k)
         else:
@@ -361,7 +371,7 @@ class Checker:
     def _named(self, node: Node | None, section: Mapping, key: str, word: str) -> Index | None:
         known = materials()
         if word not in known:
-            self._report(
+            self.report(
                 node or section,
                 f"found {show(word)}, an unknown material",
                 f"expected {', '.join(known)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, known),
@@ -372,7 +382,7 @@ class Checker:
             data, file = self.folder.material(key, word)
             table = tables.read(data, f"assets/materials/{word}.csv", key, tables.INDEX)
         except Wrong as wrong:
-            self._report(anchor, wrong.found, wrong.expected)
+            self.report(anchor, wrong.found, wrong.expected)
             return None
         except tables.BadTable as bad:
             self.problems += bad.problems
@@ -386,18 +396,18 @@ class Checker:
         wavelength, n = table[:2]
         k = table[2] if len(table) == 3 else np.zeros_like(n)
         if n.max() > 1000 or k.max() > 1000:
-            self._report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", "expected at most 1000")
+            self.report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", "expected at most 1000")
             return None
         outside = [w for w in self.wavelength if not wavelength[0] <= w <= wavelength[-1]]
         if outside:
             shown = ", ".join(f"{w:g}" for w in outside[:8])
-            self._report(
+            self.report(
                 node,
                 f"found the wavelength{'s' * (len(outside) > 1)} {shown} um, for which {show(word)} has no data",
                 f"expected {wavelength[0]:g} to {wavelength[-1]:g} um",
             )
             return None
-        return Index(word, *index(Table(wavelength, n, k), self.wavelength))
+        return Index(word, *constants(Table(wavelength, n, k), self.wavelength))
 
     def _table(self, node: Node | None, columns: tuple[tables.Column, ...]) -> np.ndarray | None:
         name = None if node is None else self.values.get(node.place.key)
@@ -408,7 +418,7 @@ class Checker:
             data, file = self.folder.read(key, name)
             self.columns[key] = tables.read(data, show(name, 300)[1:-1], key, columns)
         except Wrong as wrong:
-            self._report(node, wrong.found, wrong.expected)
+            self.report(node, wrong.found, wrong.expected)
             return None
         except tables.BadTable as bad:
             self.problems += bad.problems

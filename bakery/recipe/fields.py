@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Callable
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationInfo, WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import Discriminator, Field, Tag
+from pydantic_core import PydanticCustomError, core_schema
 
 from bakery.recipe import units
 from bakery.recipe.text import Mapping, Scalar, Sequence, show
 from bakery.recipe.units import FRACTION, LENGTH, NUMBER_ONLY, Quantity, Wrong
 
 FORMAT = 1
+AUTO = {"auto": "auto"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}", re.ASCII)
 _RESERVED = re.compile(r"(?i)con|prn|aux|nul|com\d|lpt\d")
 _NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
@@ -50,18 +52,30 @@ def scalar(node: Any, expected: str) -> Scalar:
     return node
 
 
-def leaf(read, schema: dict):
-    """A field type: `read(node)` gives the value, which is noted under the node's key."""
+class _Leaf:
+    """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function."""
 
-    def validate(node: Any, info: ValidationInfo):
+    def __init__(self, read: Callable, json: dict):
+        self.read, self.json = read, json
+
+    def __get_pydantic_core_schema__(self, source, handler):
+        return core_schema.with_info_plain_validator_function(self.validate)
+
+    def __get_pydantic_json_schema__(self, schema, handler):
+        return dict(self.json)
+
+    def validate(self, node: Any, info) -> Any:
         try:
-            value = read(node)
+            value = self.read(node)
         except Wrong as wrong:
             _raise(wrong.found, wrong.expected, wrong.offset + bool(wrong.offset and node.quoted))
         info.context[node.place.key] = value
         return value
 
-    return Annotated[Any, PlainValidator(validate), WithJsonSchema(schema)]
+
+def leaf(read, schema: dict):
+    """A field type: `read(node)` gives the value, which is noted under the node's key."""
+    return Annotated[Any, _Leaf(read, schema)]
 
 
 class Range:
@@ -88,14 +102,18 @@ class Range:
         return " and ".join(part for part in (low, high) if part)
 
 
-def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False) -> float:
+def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None) -> float:
     value = units.parse(text, quantity)
     if quoted and units.NUMBER.fullmatch(text.strip()):
         raise Wrong(f"found the quoted number {show(text)}, which is text", f"expected {text.strip()} without quotes")
     if not bounds.holds(value):
         unit = "" if quantity.base == "1" else f" {quantity.base}"
-        raise Wrong(f"found {show(text)}", f"expected {quantity.one} {bounds}{unit}")
+        raise Wrong(f"found {show(text)}", f"expected {one_of([*(words or ()), f'{quantity.one} {bounds}{unit}'])}")
     return value
+
+
+def _words(words: dict | None) -> list[dict]:
+    return [{"enum": list(words)}] if words else []
 
 
 def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
@@ -104,15 +122,20 @@ def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
     return ([{"type": "number", **bounds.schema()}] if quantity.bare else []) + ([text] if quantity.powers else [])
 
 
-def number(quantity: Quantity = NUMBER_ONLY, auto: bool = False, **bounds):
-    """One value of a quantity; with `auto` also that word."""
+def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, **bounds):
+    """One value of a quantity, or one of a few words that stand for values."""
     limits = Range(**bounds)
+    what = one_of([*(words or ()), units.example(quantity)])
 
     def read(node):
-        node = scalar(node, ("auto or " if auto else "") + units.example(quantity))
-        return "auto" if auto and node.text == "auto" else one(node.text, quantity, limits, node.quoted)
+        node = scalar(node, what)
+        if words and node.text in words:
+            return words[node.text]
+        if words and not units.NUMBER.match(node.text.strip()):
+            raise Wrong(f"found {show(node.text)}", f"expected {what}" + nearest(node.text, words))
+        return one(node.text, quantity, limits, node.quoted, words)
 
-    return leaf(read, {"anyOf": [{"const": "auto"}] * auto + _patterns(quantity, limits)})
+    return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)})
 
 
 def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, **bounds):
@@ -131,12 +154,14 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
         if not units.is_list(node.text):
             return (one(node.text, quantity, limits, node.quoted),)
         values = units.parse_list(node.text, quantity)
+        if len(values) > most_entries:
+            raise Wrong(f"found {len(values):,} entries", f"expected at most {most_entries:,}")
         if not all(limits.holds(value) for value in values):
             raise Wrong(f"found {show(node.text)}", f"expected {quantity.plural} {limits}")
         return values
 
     text = {
-        "anyOf": ([{"enum": list(words)}] if words else [])
+        "anyOf": _words(words)
         + _patterns(quantity, limits)
         + [{"type": "string", "pattern": r"^\s*\[.*\]\s*\S*\s*$"}]
     }
@@ -184,10 +209,15 @@ def _read_name(node):
     return text
 
 
-def _read_component_name(node):
-    if isinstance(node, Scalar) and node.text == "theta":
-        raise Wrong('found "theta", which the asset uses for its angles', "expected another name")
-    return _read_name(node)
+def component_name(**taken: str):
+    """A name that is none of those that the asset has taken, which are given with what for."""
+
+    def read(node):
+        if isinstance(node, Scalar) and node.text in taken:
+            raise Wrong(f"found {show(node.text)}, which the asset uses for {taken[node.text]}", "expected another name")
+        return _read_name(node)
+
+    return leaf(read, {"type": "string", "pattern": f"^(?!({'|'.join(taken)})$){_NAME.pattern}$"})
 
 
 def _read_flag(node):
@@ -199,25 +229,23 @@ def _read_flag(node):
     return node.text == "true"
 
 
-def whole(least: int, most: int, auto: bool = False):
-    """A whole number; with `auto` also that word."""
+def whole(least: int, most: int, words: dict | None = None):
+    """A whole number, or one of a few words that stand for values."""
+    limit = f"{most:,}" if most < 2**53 else "2^53"
+    what = one_of([*(words or ()), f"a whole number from {least:,} to {limit}"])
 
     def read(node):
-        text = scalar(node, "a whole number").text
-        if auto and text == "auto":
-            return text
+        text = scalar(node, what if words else "a whole number").text
+        if words and text in words:
+            return words[text]
         # 20 digits hold every whole number in question, however many digits the text has
         if node.quoted or not re.fullmatch(r"[-+]?\d{1,20}", text, re.ASCII) or not least <= int(text) <= most:
-            limit = f"{most:,}" if most < 2**53 else "2^53"
-            raise Wrong(
-                f"found {show(text)}",
-                ("expected auto or " if auto else "expected ") + f"a whole number from {least} to {limit}"
-                + (" without quotes" if node.quoted else ""),
-            )
+            near = nearest(text, words) if words else ""
+            raise Wrong(f"found {show(text)}", f"expected {what}" + (" without quotes" if node.quoted else "") + near)
         return int(text)
 
     number = {"type": "integer", "minimum": least, "maximum": most}
-    return leaf(read, {"anyOf": [{"const": "auto"}, number]} if auto else number)
+    return leaf(read, {"anyOf": [*_words(words), number]} if words else number)
 
 
 def _read_format(node):
@@ -230,7 +258,8 @@ def _read_format(node):
 
 Text = leaf(_read_text, {"type": "string"})
 Name = leaf(_read_name, {"type": "string", "pattern": f"^{_NAME.pattern}$"})
-ComponentName = leaf(_read_component_name, {"type": "string", "pattern": f"^(?!theta$){_NAME.pattern}$"})
+ComponentName = component_name(theta="its angles")
+GrainName = component_name(theta="its angles", radius="the radii", radius_share="the shares of the radii")
 Path = leaf(lambda node: scalar(node, "the name of a file").text, {"type": "string"})
 Material = leaf(lambda node: scalar(node, "the name of a material").text, {"enum": "materials"})  # filled in by jsonschema.py
 Flag = leaf(_read_flag, {"type": "boolean"})

@@ -76,10 +76,13 @@ class Folder:
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._known: dict[str, bytes | OSError | Wrong] = {}
+        self._known: dict[tuple[str, int], bytes | OSError | Wrong] = {}
 
-    def read(self, key: str, name: str) -> tuple[bytes, DataFile]:
-        """A file that the recipe names, with a path relative to the recipe's folder, else to `assets/`; raises `Wrong`."""
+    def read(self, key: str, name: str, limit: int = MAX_TABLE_BYTES, what: str = "table") -> tuple[bytes, DataFile]:
+        """A file that the recipe names, with a path relative to the recipe's folder, else to `assets/`; raises `Wrong`.
+
+        It has at most `limit` bytes; `what` it is, is said where it has more.
+        """
         _refuse_path(name)
         roots = [os.path.realpath(root) for root in (self.folder, asset_root())]
         left = False
@@ -89,7 +92,7 @@ class Folder:
             if not any(real == top or real.startswith(top.rstrip("/") + "/") for top in roots):
                 left = True
             elif os.path.lexists(real):
-                return self._read(key, path, real)
+                return self._read(key, path, real, limit, what)
         if left:
             raise Wrong(f"found {show(name)}, which leaves the recipe's folder and assets/", "expected a file inside one of them")
         raise Wrong(f"found {show(name)}, and there is no such file", "expected a file in the recipe's folder or in assets/")
@@ -97,22 +100,22 @@ class Folder:
     def material(self, key: str, name: str) -> tuple[bytes, DataFile]:
         """The table of a material that comes with bakery."""
         path = asset_root() / "materials" / f"{name}.csv"
-        return self._read(key, path, os.path.realpath(path))
+        return self._read(key, path, os.path.realpath(path), MAX_TABLE_BYTES, "table")
 
-    def _read(self, key: str, path: Path, real: str) -> tuple[bytes, DataFile]:
-        if real not in self._known:
+    def _read(self, key: str, path: Path, real: str, limit: int, what: str) -> tuple[bytes, DataFile]:
+        if (real, limit) not in self._known:
             try:
                 # O_NOFOLLOW: the path is resolved already, so a link here was put in its place since
-                self._known[real] = _read(real, MAX_TABLE_BYTES + 1, os.O_NOFOLLOW)
+                self._known[real, limit] = _read(real, limit + 1, os.O_NOFOLLOW)
             except (OSError, Wrong) as error:
-                self._known[real] = error
-        data = self._known[real]
+                self._known[real, limit] = error
+        data = self._known[real, limit]
         if isinstance(data, OSError):
             raise Wrong(f"found {show(path.name)}, which cannot be read ({data.strerror})", "expected a readable file")
         if isinstance(data, Wrong):
             raise Wrong(f"{data.found} under {show(path.name)}", data.expected)
-        if len(data) > MAX_TABLE_BYTES:
-            raise Wrong(f"found {show(path.name)} of more than {MAX_TABLE_BYTES >> 20} MiB", "expected a smaller table")
+        if len(data) > limit:
+            raise Wrong(f"found {show(path.name)} of more than {limit >> 20} MiB", f"expected a smaller {what}")
         return data, DataFile(key, path, hashlib.sha256(data).hexdigest())
 
 

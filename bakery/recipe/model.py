@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -117,6 +118,57 @@ class Packing:
     seed: int
 
 
+@dataclass(frozen=True, eq=False)
+class GrainSurface:
+    """Surface of a grain: `type` is dielectric, conductor (`index`, relative to vacuum; `roughness`, GGX's alpha) or diffuse
+    (`reflectance` (L,))."""
+
+    type: str
+    index: Index | None
+    roughness: float
+    reflectance: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Grain:
+    """One kind of grain; `weight` is its share by number, `shape` what `grains.shapes.build` takes, `absorption` (L,) 1/m that
+    of its interior."""
+
+    name: str
+    weight: float
+    shape: Mapping[str, Any] = field(repr=False)
+    surface: GrainSurface
+    absorption: np.ndarray
+
+
+@dataclass(frozen=True)
+class Grains:
+    """Packed grains; `radius` um of the bounding sphere, its mean by number where the packing has several."""
+
+    radius: float
+    host: Index
+    components: tuple[Grain, ...]
+
+
+@dataclass(frozen=True)
+class Scatterometer:
+    """Options of the grain stage; `paths` is None where the recipe says auto."""
+
+    tolerance: float
+    triangles: int
+    paths: int | None
+    depth: int
+    engine: str
+
+
+@dataclass(frozen=True)
+class EffectiveMedium:
+    """Options of the medium that stands for packed grains; `walks` is None where the recipe says auto."""
+
+    sigma_t: str
+    walks: int | None
+
+
 @dataclass(frozen=True)
 class Recipe:
     """A recipe whose values are all checked; see docs/architecture.md."""
@@ -133,6 +185,9 @@ class Recipe:
     phase: SingleScattering
     medium: Medium | None
     packing: Packing | None
+    grains: Grains | None
+    scatterometer: Scatterometer
+    effective_medium: EffectiveMedium
     leaves: Mapping[str, str | int | float | bool]
     files: tuple[DataFile, ...]
     places: Mapping[str, str] = field(repr=False)

@@ -1,21 +1,21 @@
 """What a recipe may say: every key with its kind of value, its default and its description.
 
-The models validate the tree of `text.py` and give the JSON Schema that editors use; the kinds of values are in `fields.py`, what
-has to hold between keys in `checks.py`.  Sections whose stage does not exist yet are known here and refused there.
+The models validate the tree of `text.py` and give the JSON Schema that editors use; the kinds of values are in `fields.py`,
+grains in `grain_schema.py`, what has to hold between keys in `checks.py`.  Sections whose stage does not exist yet are known here
+and refused there.
 """
 
-from __future__ import annotations
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+from typing import Annotated
 
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag
 
 from bakery.recipe.fields import (
+    AUTO,
     ComponentName,
     Flag,
     Format,
     Length,
-    Material,
     Name,
     Path,
     Share,
@@ -25,77 +25,15 @@ from bakery.recipe.fields import (
     whole,
     word,
 )
-from bakery.recipe.text import Mapping, Scalar, Sequence
+from bakery.recipe.grain_schema import EffectiveMedium, Grains, Scatterometer
+from bakery.recipe.section import HostOf, MaterialOf, Section, pick
+from bakery.recipe.text import Mapping, Sequence
 from bakery.recipe.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, WAVELENGTH
 
 NAMED_WAVELENGTHS = {"rgb": (0.610, 0.550, 0.465), "visible8": (0.405, 0.455, 0.505, 0.555, 0.605, 0.655, 0.705, 0.755)}
 
 
-class Section(BaseModel):
-    """A mapping of known keys."""
-
-    # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _remember(cls, data: Any) -> Any:
-        if isinstance(data, Mapping):
-            data.model = cls  # an unknown key is compared with the keys of this model
-        return data
-
-
-def _pick(key: str, choices: tuple[str, ...]) -> Discriminator:
-    """Chooses the model of a mapping by one of its words."""
-
-    def tag(node):
-        chosen = node.get(key) if isinstance(node, Mapping) else None
-        return chosen.text if isinstance(chosen, Scalar) and chosen.text in choices else None
-
-    return Discriminator(tag, custom_error_type="choice", custom_error_message="|".join((key, *choices)))
-
-
 # ---- particles
-
-
-class NK(Section):
-    """Optical constants n + ik, absolute (relative to vacuum)."""
-
-    n: numbers(above=0, most=1000) = Field(
-        description="Real part of the refractive index, relative to vacuum; one value, or one a wavelength."
-    )
-    k: numbers(least=0, most=1000) = Field(
-        (0.0,), description="Imaginary part (absorption), 0 or larger; one value, or one a wavelength."
-    )
-
-
-class HostIndex(Section):
-    """A clear host."""
-
-    n: numbers(above=0, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
-
-
-class MaterialFile(Section):
-    """A table of one's own."""
-
-    file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k, relative to vacuum.")
-
-
-def _index_tag(node):
-    if isinstance(node, Scalar):
-        return "name"
-    return None if not isinstance(node, Mapping) else "file" if "file" in node else "index"
-
-
-_index = Discriminator(
-    _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
-)
-MaterialOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
-]
-HostOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
-]
 
 
 class _Cut(Section):
@@ -150,7 +88,7 @@ Part = Annotated[
     | Annotated[LognormalPart, Tag("lognormal")]
     | Annotated[GammaPart, Tag("gamma")]
     | Annotated[TablePart, Tag("table")],
-    _pick("distribution", ("single", "lognormal", "gamma", "table")),
+    pick("distribution", ("single", "lognormal", "gamma", "table")),
 ]
 
 
@@ -165,7 +103,7 @@ Size = Annotated[
     | Annotated[GammaSize, Tag("gamma")]
     | Annotated[TableSize, Tag("table")]
     | Annotated[MixtureSize, Tag("mixture")],
-    _pick("distribution", ("single", "lognormal", "gamma", "table", "mixture")),
+    pick("distribution", ("single", "lognormal", "gamma", "table", "mixture")),
 ]
 
 
@@ -194,19 +132,12 @@ class SingleScattering(Section):
     )
     orders: whole(0, 50) = Field(3, description="Rays: highest number of chords.")
     polarized: Flag = Field(False, description="Also bake the Mueller elements s11, s12, s33, s34.")
-    switch: number(least=30, most=1e8, auto=True) = Field("auto", description="Size parameter from which method goa takes rays.")
+    switch: number(least=30, most=1e8, words=AUTO) = Field("auto", description="Size parameter from which method goa takes rays.")
     edge: word("narrow", "wide", "none") = Field("narrow", description="Rays: window of exact waves at the edge of a sphere.")
     rainbow: Flag = Field(True, description="Rays: the uniform formula at rainbows.")
     axis: Flag = Field(True, description="Rays: the uniform formula at 0 and 180 degrees.")
-    radii: whole(3, 10**6, auto=True) = Field("auto", description="Number of sizes, whatever error they leave.")
-    angles: whole(3, 10**6, auto=True) = Field("auto", description="Number of angles, whatever error they leave.")
-
-
-class Discrete(Section):
-    """One random realisation."""
-
-    count: whole(1, 10**9) = Field(description="Number of particles.")
-    box: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(description="Edges of the box.")
+    radii: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of sizes, whatever error they leave.")
+    angles: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of angles, whatever error they leave.")
 
 
 # ---- medium
@@ -241,7 +172,7 @@ MediumPhase = Annotated[
     | Annotated[Rayleigh, Tag("rayleigh")]
     | Annotated[Gaussian, Tag("gaussian")]
     | Annotated[PhaseTable, Tag("table")],
-    _pick("type", ("hg", "isotropic", "rayleigh", "gaussian", "table")),
+    pick("type", ("hg", "isotropic", "rayleigh", "gaussian", "table")),
 ]
 
 
@@ -259,53 +190,7 @@ class Medium(Section):
     phase: MediumPhase = Field(description="Phase function.")
 
 
-# ---- sections whose stages are yet to come
-
-
-class Shape(Section):
-    type: word("sphere", "box", "ellipsoid", "superellipsoid", "rock", "mesh") = Field(description="Kind of shape.")
-    size: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="Proportions of a box."
-    )
-    axes: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="Axes of an ellipsoid."
-    )
-    exponents: Annotated[list[number(above=0)], Field(min_length=1, max_length=3)] | None = Field(
-        None, description="Of a superellipsoid."
-    )
-    seed: whole(0, 2**53) | None = Field(None, description="Seed of a rock.")
-    file: Path | None = Field(None, description="Mesh file.")
-
-
-class Surface(Section):
-    type: word("dielectric", "diffuse") = Field(description="Kind of surface.")
-    material: MaterialOf | None = Field(None, description="Of a dielectric.")
-    roughness: number(FRACTION, least=0, most=1) | None = Field(None, description="0 is smooth.")
-    reflectance: numbers(FRACTION, least=0, most=1) | None = Field(
-        None, description="Of a diffuse surface; one value, or one a wavelength."
-    )
-
-
-class Interior(Section):
-    absorption: numbers(COEFFICIENT, least=0) | None = Field(
-        None, description="Absorption coefficient, such as [0.1, 0.2, 0.4] /mm."
-    )
-    material: MaterialOf | None = Field(None, description="Material whose k absorbs.")
-
-
-class Grain(Section):
-    name: ComponentName = Field(description="Name of the group in the asset.")
-    weight: Share = Field(1.0, description="Mixing weight; weights add up to 1.")
-    shape: Shape = Field(description="Shape of the grain.")
-    surface: Surface = Field(description="Its surface.")
-    interior: Interior | None = Field(None, description="Its inside; clear if absent.")
-
-
-class Grains(Section):
-    """Packed grains."""
-
-    radius: Length = Field(description="Radius of the bounding sphere.")
-    components: list[Grain] = Field(min_length=1, max_length=256, description="The kinds of grains.")
+# ---- packing
 
 
 class RadiusShare(Section):
@@ -335,19 +220,23 @@ class Packing(Section):
         (1.0, 1.0, 1.0), description="Proportions of the cell."
     )
     radii: Radii = Field("equal", description="equal, a list of {share, radius}, or {distribution: lognormal, sigma}.")
-    growth: number(least=1e-5, most=1, auto=True) = Field(
+    growth: number(least=1e-5, most=1, words=AUTO) = Field(
         "auto", description="Growth of the diameters over the thermal speed where it is slowest; auto: by the tolerance."
     )
-    equilibration: whole(0, 10**6, auto=True) = Field(
+    equilibration: whole(0, 10**6, words=AUTO) = Field(
         "auto", description="Collisions a sphere at the final size, at fractions up to 0.5; auto: by the tolerance."
     )
     seed: whole(0, 2**53) | None = Field(None, description="Of the tiles; the recipe's seed if absent.")
 
 
-class Scatterometer(Section):
-    """Options of the grain stage."""
+# ---- sections whose stages are yet to come
 
-    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(description="Error that each figure should reach.")
+
+class Discrete(Section):
+    """One random realisation."""
+
+    count: whole(1, 10**9) = Field(description="Number of particles.")
+    box: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(description="Edges of the box.")
 
 
 class MultipleScattering(Section):
@@ -356,7 +245,7 @@ class MultipleScattering(Section):
     sources: Annotated[list[word("point", "segment")], Field(min_length=1, max_length=2)] = Field(
         ("point", "segment"), description="Kinds of sources."
     )
-    extent: number(above=0, auto=True) = Field("auto", description="In mean free paths.")
+    extent: number(above=0, words=AUTO) = Field("auto", description="In mean free paths.")
 
 
 class Beam(Section):
@@ -381,12 +270,13 @@ class RecipeFile(Section):
         "whole (the integral of the error over the sphere)."
     )
     particles: Particles | None = Field(None, description="Suspended spheres: fog, dust, bubbles.")
-    grains: Grains | None = Field(None, description="Packed grains: sand, snow (not available yet).")
+    grains: Grains | None = Field(None, description="Packed grains: sand, snow, sugar.")
     packing: Packing | None = Field(None, description="Periodic tiles of packed spheres; alone or with grains.")
     medium: Medium | None = Field(None, description="A continuous medium given by its coefficients: milk, wax, skin.")
     phase: SingleScattering | None = Field(None, description="Options of the single-scattering stage.")
     discrete: Discrete | None = Field(None, description="One random realisation (not available yet).")
-    scatterometer: Scatterometer | None = Field(None, description="Options of the grain stage (not available yet).")
+    scatterometer: Scatterometer | None = Field(None, description="Options of the grain stage.")
+    effective_medium: EffectiveMedium | None = Field(None, description="Options of the medium that stands for packed grains.")
     multiple_scattering: MultipleScattering | None = Field(
         None, description="Precomputed multiple scattering (not available yet)."
     )
@@ -394,4 +284,4 @@ class RecipeFile(Section):
 
 
 SOURCES = ("particles", "grains", "medium")
-NOT_YET = ("grains", "discrete", "scatterometer", "multiple_scattering", "beam")
+NOT_YET = ("discrete", "multiple_scattering", "beam")

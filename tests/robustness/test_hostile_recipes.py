@@ -18,7 +18,7 @@ from bakery.recipe import load
 from tests.conftest import ROOT
 
 CORPUS = Path(__file__).parent / "recipes"
-FOG = (ROOT / "recipes" / "fog.yaml").read_text(encoding="utf-8")
+FOG, SAND = ((ROOT / "recipes" / f"{name}.yaml").read_text(encoding="utf-8") for name in ("fog", "sand"))
 pytestmark = pytest.mark.timeout(60)
 
 
@@ -241,6 +241,10 @@ _words = st.sampled_from(
         "mixture",
         "table",
         "goa",
+        "inf",
+        "mesh",
+        "sphere",
+        "conductor",
         "../x",
         "rgb",
         "[0.5, 0.6]",
@@ -260,9 +264,12 @@ _words = st.sampled_from(
 
 
 @_quiet
-@given(edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), _words), min_size=1, max_size=4))
-def test_any_edit_of_a_good_recipe(write, edits):
-    text = "\n".join(line for line in FOG.splitlines() if not line.startswith("#"))
+@given(
+    good=st.sampled_from([FOG, SAND]),
+    edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), _words), min_size=1, max_size=4),
+)
+def test_any_edit_of_a_good_recipe(write, good, edits):
+    text = "\n".join(line for line in good.splitlines() if not line.startswith("#"))
     for where, cut, word in edits:
         at = int(where * len(text))
         text = text[:at] + word + text[at + cut :]

@@ -358,7 +358,8 @@ def test_shipped_recipes(path):
 
 def test_all_are_shipped():
     assert {path.stem for path in SHIPPED} >= {"fog", "cirrus", "blowing_snow", "dust", "soot", "bubbles", "haze", "milk", "wax",
-                                                   "drizzle", "tile", "tiles"}
+                                                   "drizzle", "tile", "tiles", "sand", "wet_sand", "snow_pack", "cane_sugar",
+                                                   "white_sugar", "salt", "flour", "glass_beads", "gravel", "copper_shot"}
 
 
 def test_schema_file_is_current():

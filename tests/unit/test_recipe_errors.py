@@ -22,7 +22,7 @@ particles:
 MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
 TOP = (
     "bakery, name, description, wavelengths, seed, tolerance, measure, particles, grains, packing, medium, phase, discrete, "
-    "scatterometer, multiple_scattering or beam"
+    "scatterometer, effective_medium, multiple_scattering or beam"
 )
 
 
@@ -81,8 +81,8 @@ def test_the_message_of_the_contract(tmp_path):
             "material: water",
             "material: watr",
             [
-                '9: particles.components[0].material: found "watr", an unknown material; expected air, bk7, dust, ice, '
-                "nacl, silica, soot, water, or {n: …, k: …}, or {file: …} (water?)"
+                '9: particles.components[0].material: found "watr", an unknown material; expected air, bk7, copper, dust, ice, '
+                "nacl, quartz, silica, soot, vacuum, water, or {n: …, k: …}, or {file: …} (water?)"
             ],
         ),
         (
@@ -223,18 +223,18 @@ def test_the_message_of_the_contract(tmp_path):
              "expected method: goa beside it, or switch: auto"],
         ),
         ("particles:", "phase: {method: goa, switch: 20}\nparticles:",
-         ['4: phase.switch: found "20"; expected a number at least 30 and at most 1e+08']),
+         ['4: phase.switch: found "20"; expected auto or a number at least 30 and at most 1e+08']),
         ("particles:", "phase: {radii: few}\nparticles:",
          ['4: phase.radii: found "few"; expected auto or a whole number from 3 to 1,000,000']),
         ("particles:", "phase: {edge: off}\nparticles:", ['4: phase.edge: found "off"; expected narrow, wide or none']),
         ("particles:", "phase: {method: mei}\nparticles:", ['4: phase.method: found "mei"; expected auto, mie or goa (mie?)']),
-        ("particles:", "beam: {depth: 32}\nparticles:", ["4: beam: beam is not available yet; particles and medium are"]),
+        ("particles:", "beam: {depth: 32}\nparticles:", ["4: beam: beam is not available yet; particles, grains and medium are"]),
         (
             "particles:",
             "beam: {deep: 32}\nparticles:",
             [
                 "4: beam.depth: missing; expected depth: in mean free paths",
-                "4: beam: beam is not available yet; particles and medium are",
+                "4: beam: beam is not available yet; particles, grains and medium are",
                 '4: beam.deep: found the unknown key "deep"; expected depth (depth?)',
             ],
         ),

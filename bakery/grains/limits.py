@@ -1,0 +1,33 @@
+"""What shapes, surfaces and mesh files may be: numbers that the makers of grains and the reader of recipes share.
+
+Loads nothing, so that a recipe is checked before anything heavy is imported.
+"""
+
+from __future__ import annotations
+
+# ---- shapes: least and most of each number
+ASPECT = 1e4  # largest of three axes over the smallest
+SEED = 0, 2**53
+EXPONENTS = 0.1, 4.0  # of a superellipsoid
+CORNERS = 8, 300  # of a rock
+SHARPNESS = 4.0, 1000.0  # of edges; also inf
+NOISE = 0.0, 0.3  # height of a rough surface over the radius, about
+HABITS = "cube", "octahedron", "prism", "sucrose"
+CHIPS = 0, 30  # corners cut off a crystal
+DEPTH = 0.0, 0.6  # share of the height that one takes
+ARRANGEMENTS = "cluster", "star"
+BODIES = 1, 64  # of an aggregate
+SMALLEST = 0.05, 1.0  # radius of its smallest body over the largest
+LENGTH = 0.0, 10.0  # of a rod over its radius
+OVERLAP = 0.05, 1.5  # of two bodies over the smaller radius
+BLEND = 0.01, 0.5  # width over which grooves are filled, over the largest radius
+
+# ---- meshes
+LEVELS = {"coarse": 1_300, "middle": 20_000, "fine": 200_000}  # triangles
+TRIANGLES = 20, 2_000_000  # that may be asked for
+KINDS = "ply", "obj", "stl", "off"  # of files
+BYTES = 256 << 20  # of a file
+
+# ---- surfaces
+INDEX = 0.2, 5.0  # of a dielectric, relative to the host
+ALPHA_MIN = 1e-4  # roughness below which a surface is smooth

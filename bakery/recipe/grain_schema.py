@@ -1,0 +1,179 @@
+"""Packed grains: what a recipe may say of them.
+
+The keys of a shape are the keywords of the function of `bakery.grains.shapes` that makes it, with its ranges and defaults.
+"""
+
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, Tag
+
+from bakery.grains import limits
+from bakery.recipe.fields import AUTO, GrainName, Length, Path, Share, number, numbers, whole, word
+from bakery.recipe.section import HostOf, MaterialOf, Section, pick
+from bakery.recipe.units import COEFFICIENT, FRACTION
+
+
+def _between(bounds, **more):
+    return number(least=bounds[0], most=bounds[1], **more)
+
+
+Three = Annotated[list[number(above=0)], Field(min_length=3, max_length=3)]
+Two = Annotated[
+    numbers(least=limits.EXPONENTS[0], most=limits.EXPONENTS[1], most_entries=2),
+    AfterValidator(lambda found: (found[0], found[-1])),  # one number stands for both
+]
+Seed = whole(*limits.SEED)
+Sharpness = _between(limits.SHARPNESS, words={"inf": "inf"})
+
+
+class SphereShape(Section):
+    type: word("sphere") = Field(description="The ball itself.")
+
+
+class BoxShape(Section):
+    type: word("box") = Field(description="A cuboid.")
+    size: Three = Field((1.0, 1.0, 1.0), description="Proportions of its edges.")
+
+
+class EllipsoidShape(Section):
+    type: word("ellipsoid") = Field(description="An ellipsoid.")
+    axes: Three = Field((1.0, 0.8, 0.65), description="Proportions of its axes.")
+
+
+class SuperellipsoidShape(Section):
+    type: word("superellipsoid") = Field(description="Between box, ellipsoid and octahedron.")
+    axes: Three = Field((1.0, 1.0, 1.0), description="Proportions of its axes.")
+    exponents: Two = Field(
+        (0.5, 0.5), description="From pole to pole and around, or one for both: towards 0 a box, 1 an ellipsoid, 2 an octahedron."
+    )
+
+
+class RockShape(Section):
+    type: word("rock") = Field(description="A worn fragment: sand, gravel, pebbles.")
+    seed: Seed = Field(0, description="Another seed, another grain of the kind.")
+    axes: Three = Field((1.0, 0.8, 0.65), description="Proportions.")
+    corners: whole(*limits.CORNERS) = Field(45, description="Few give a splinter, many a pebble.")
+    sharpness: Sharpness = Field(24.0, description="Of the edges; inf: not rounded at all.")
+    roughness: _between(limits.NOISE) = Field(0.02, description="Height of the bumps over the radius, about.")
+
+
+class CrystalShape(Section):
+    type: word("crystal") = Field(description="A crystal with chipped corners: salt, sugar.")
+    seed: Seed = Field(0, description="Another seed, another grain of the kind.")
+    habit: word(*limits.HABITS) = Field("cube", description="Perfect form: cube (salt), octahedron, prism (ice) or sucrose.")
+    axes: Three = Field((1.0, 1.0, 1.0), description="Proportions, by which the perfect form is stretched.")
+    chips: whole(*limits.CHIPS) = Field(2, description="Corners cut off.")
+    depth: _between(limits.DEPTH) = Field(0.2, description="Largest share of the height that a chip takes.")
+    sharpness: Sharpness = Field(60.0, description="Of the edges; inf: not rounded at all.")
+    roughness: _between(limits.NOISE) = Field(0.004, description="Height of the bumps over the radius, about.")
+
+
+class AggregateShape(Section):
+    type: word("aggregate") = Field(description="Balls or rods grown together: snow, flour.")
+    seed: Seed = Field(0, description="Another seed, another grain of the kind.")
+    arrangement: word(*limits.ARRANGEMENTS) = Field(
+        "cluster", description="cluster: each grows somewhere on another; star: rods outward from the first."
+    )
+    bodies: whole(*limits.BODIES) = Field(6, description="Number of balls or rods.")
+    smallest: _between(limits.SMALLEST) = Field(0.6, description="Radius of the smallest body over the largest.")
+    length: _between(limits.LENGTH) = Field(0.0, description="Length of a rod over its radius; 0: balls.")
+    overlap: _between(limits.OVERLAP) = Field(
+        0.35, description="How deep two bodies of a cluster stand in each other, over the smaller radius."
+    )
+    blend: _between(limits.BLEND) = Field(0.05, description="Width over which grooves are filled, over the largest radius.")
+
+
+class MeshShape(Section):
+    type: word("mesh") = Field(description="A closed mesh of one's own.")
+    file: Path = Field(description="ply, obj, stl or off file.")
+
+
+Shape = Annotated[
+    Annotated[SphereShape, Tag("sphere")]
+    | Annotated[BoxShape, Tag("box")]
+    | Annotated[EllipsoidShape, Tag("ellipsoid")]
+    | Annotated[SuperellipsoidShape, Tag("superellipsoid")]
+    | Annotated[RockShape, Tag("rock")]
+    | Annotated[CrystalShape, Tag("crystal")]
+    | Annotated[AggregateShape, Tag("aggregate")]
+    | Annotated[MeshShape, Tag("mesh")],
+    pick("type", ("sphere", "box", "ellipsoid", "superellipsoid", "rock", "crystal", "aggregate", "mesh")),
+]
+Roughness = number(FRACTION, least=0, most=1)
+
+
+class Dielectric(Section):
+    type: word("dielectric") = Field(description="Lets light in: ice, glass, salt.")
+    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}; only n counts here.")
+    roughness: Roughness = Field(0.0, description="GGX alpha, 0.0001 to 1; 0 is smooth.")
+
+
+class Diffuse(Section):
+    type: word("diffuse") = Field(description="Opaque and matt (Lambertian).")
+    reflectance: numbers(FRACTION, least=0, most=1) = Field(
+        description="Share of the light that is reflected; one value, or one a wavelength."
+    )
+
+
+class Conductor(Section):
+    type: word("conductor") = Field(description="Opaque and shiny: metals.")
+    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}.")
+    roughness: Roughness = Field(0.0, description="GGX alpha, 0.0001 to 1; 0 is smooth.")
+
+
+Surface = Annotated[
+    Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse, Tag("diffuse")] | Annotated[Conductor, Tag("conductor")],
+    pick("type", ("dielectric", "diffuse", "conductor")),
+]
+
+
+class Interior(Section):
+    """What absorbs inside a dielectric: absorption or material."""
+
+    absorption: numbers(COEFFICIENT, least=0, most=1e12) | None = Field(
+        None, description="Absorption coefficient, such as [0.1, 0.2, 0.4] /mm; one value, or one a wavelength."
+    )
+    material: MaterialOf | None = Field(None, description="Material whose k absorbs (4 pi k / wavelength).")
+
+
+class Grain(Section):
+    name: GrainName = Field(description="Name of the group in the asset.")
+    weight: Share = Field(1.0, description="Share of the grains by number; the weights of all components add up to 1.")
+    shape: Shape = Field(description="Shape of the grain, scaled to the bounding sphere.")
+    surface: Surface = Field(description="Its surface.")
+    interior: Interior | None = Field(None, description="What absorbs inside a dielectric; clear if absent.")
+
+
+class Grains(Section):
+    """Packed grains."""
+
+    radius: Length = Field(description="Radius of the bounding sphere, such as 0.5 mm; the mean if packing.radii gives several.")
+    host: HostOf = Field("vacuum", description="What the grains lie in: a material, {n}, or {file}.")
+    components: list[Grain] = Field(min_length=1, max_length=256, description="The kinds of grains.")
+
+
+class Scatterometer(Section):
+    """Options of the grain stage."""
+
+    tolerance: number(FRACTION, least=1e-6, most=0.5) | None = Field(
+        None, description="Error that each figure of a grain should reach; half of the recipe's tolerance if absent."
+    )
+    triangles: whole(*limits.TRIANGLES, words=limits.LEVELS) = Field(
+        limits.LEVELS["middle"], description="Triangles of a grain: coarse (1,300), middle (20,000), fine (200,000) or a number."
+    )
+    paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever error they leave.")
+    depth: whole(1, 10**9) = Field(100_000, description="Meetings with the surface after which a path is cut.")
+    engine: word("numba", "mitsuba") = Field("numba", description="What traces the paths.")
+
+
+class EffectiveMedium(Section):
+    """Options of the medium that stands for packed grains."""
+
+    sigma_t: word("mean_flight", "second_moment", "random_walk") = Field(
+        "mean_flight", description="Length scale: from the mean flight, from its second moment, or matched to a random walk "
+        "through explicit grains."
+    )
+    walks: whole(1_000, 10**12, words=AUTO) = Field(
+        "auto", description="Hits of the random walk through explicit grains that measures the error of sigma_t."
+    )

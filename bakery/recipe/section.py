@@ -1,0 +1,73 @@
+"""What the parts of the schema are made of: a mapping of known keys, the choice between several, and materials."""
+
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from bakery.recipe.fields import Material, Path, numbers
+from bakery.recipe.text import Mapping, Scalar
+
+
+class Section(BaseModel):
+    """A mapping of known keys."""
+
+    # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _remember(cls, data: Any) -> Any:
+        if isinstance(data, Mapping):
+            data.model = cls  # an unknown key is compared with the keys of this model
+        return data
+
+
+def pick(key: str, choices: tuple[str, ...]) -> Discriminator:
+    """Chooses the model of a mapping by one of its words."""
+
+    def tag(node):
+        chosen = node.get(key) if isinstance(node, Mapping) else None
+        return chosen.text if isinstance(chosen, Scalar) and chosen.text in choices else None
+
+    return Discriminator(tag, custom_error_type="choice", custom_error_message="|".join((key, *choices)))
+
+
+class NK(Section):
+    """Optical constants n + ik, absolute (relative to vacuum)."""
+
+    n: numbers(above=0, most=1000) = Field(
+        description="Real part of the refractive index, relative to vacuum; one value, or one a wavelength."
+    )
+    k: numbers(least=0, most=1000) = Field(
+        (0.0,), description="Imaginary part (absorption), 0 or larger; one value, or one a wavelength."
+    )
+
+
+class HostIndex(Section):
+    """A clear host."""
+
+    n: numbers(above=0, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
+
+
+class MaterialFile(Section):
+    """A table of one's own."""
+
+    file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k, relative to vacuum.")
+
+
+def _index_tag(node):
+    if isinstance(node, Scalar):
+        return "name"
+    return None if not isinstance(node, Mapping) else "file" if "file" in node else "index"
+
+
+_index = Discriminator(
+    _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
+)
+MaterialOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]
+HostOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]
