@@ -46,7 +46,7 @@ $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 	@touch $@
 
 bench: $(VENV)/.ready-bench
-	for job in mie averages render goa packing scatterometer; do $(BIN)/python benchmarks/$$job.py || exit 1; done
+	for job in mie averages render goa packing scatterometer granular; do $(BIN)/python benchmarks/$$job.py || exit 1; done
 
 .PHONY: recipes
 recipes: $(VENV)/.ready

@@ -21,12 +21,14 @@ from bakery.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Paths, Walke
 REPLICATES = 32
 HITS_MIN = 1 << 14
 PATHS_MAX = 1 << 28
+TOLERANCE_MIN = 1e-6
 FORWARD = 1e-6  # rad, within which a direction counts as unchanged
 CONTRADICTED_MAX, LOST_MAX = 1e-5, 1e-6  # shares that a sound mesh stays below
 EDGES = np.linspace(0.0, np.pi, 181)
 FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g")
 _STREAM = 0x67726169  # of this module's random numbers
 _FIRST, _BLOCK = 512, 8192  # paths of a replicate at first; most in a block
+_SHARE = 0.5 * math.sqrt(2 / math.pi)  # of the integral of the phase function's standard error: light that is expected elsewhere
 _FLOOR = 0.01  # albedo below which its error is absolute
 
 
@@ -98,8 +100,8 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     mu : (C,) or a number, 1/R, absorption coefficient of the interior (4 pi k / wavelength, times R), >= 0
     seed, stream : whole numbers >= 0; the same ones give the same bytes, on any number of threads
     tolerance : standard error to be reached: relative for hit_probability and for albedo (of 0.01 where that is less), absolute
-        for g, in units of R and R^2 for lambda_delta, lambda_s, mean_square; for "phase", half the sum of the bins' errors times
-        their solid angles (a share of the light)
+        for g, in units of R and R^2 for lambda_delta, lambda_s, mean_square; for "phase", half the integral of its error over the
+        sphere, the share of the light that goes to another bin, of which sqrt(2/pi) of the standard errors is to be expected
     asked : names of the figures that must meet it
     edges : (B + 1,) rad, ascending from 0 to pi
     paths_max : after about so many paths it ends, `reached` False
@@ -114,7 +116,7 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     Notes
     -----
     Rays enter at scrambled Sobol points in 32 independent replicates; errors come from the spread of the replicates (31 degrees
-    of freedom).  At least 2^14 hits; then paths are doubled until the errors are met.
+    of freedom).  At least 2^14 hits; then paths are added, a quarter to as many again, until the errors are met.
 
     Examples
     --------
@@ -136,12 +138,14 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
             new += made[:, part]
         sums = new if sums is None else sums + new
         first += count
-        count = first
         result = _result(sums, edges, tolerance, asked)
         if report is not None:
             report(min(1.0, (tolerance / max(result.achieved_error, 1e-300)) ** 2), result.achieved_error)
         if (result.hits >= HITS_MIN and result.reached) or first * REPLICATES >= paths_max:
             return result
+        # as many as the errors ask for, if they fall with the square root of the paths, in steps of a quarter
+        wanted = math.ceil(4 * ((result.achieved_error / tolerance) ** 2 - 1)) if result.hits >= HITS_MIN else 4
+        count = first * min(max(wanted, 1), 4) // 4
 
 
 # Where a block's sums stand in its array of (C + 1, 8 + B): row 0 is common to all channels, bins of theta follow in the others.
@@ -240,12 +244,12 @@ def _result(sums, edges, tolerance, asked):
     dark = changed.sum(0) == 0
     values["phase"] = np.where(dark[:, None], 1 / (4 * np.pi), values["phase"] / solid)
     # no bin is known better than to one path: an empty one would claim to have no error
-    one = weight.sum(0) / np.maximum(hits.sum(), 1) / np.where(dark, 1.0, changed.sum(0))
+    one = 1.0 / np.where(dark, 1.0, changed.sum(0))
     errors["phase"] = np.maximum(errors["phase"], np.where(dark, 0.0, one)[:, None]) / solid
     scale = {"hit_probability": max(values["hit_probability"], 1e-300), "albedo": np.maximum(values["albedo"], _FLOOR)}
     reached = 0.0
     for name in asked:
-        error = 0.5 * (errors["phase"] * solid).sum(-1) if name == "phase" else errors[name]
+        error = _SHARE * (errors["phase"] * solid).sum(-1) if name == "phase" else errors[name]
         reached = max(reached, float(np.max(error / scale.get(name, 1.0))))
     total = common.sum(0)
     return Statistics(
@@ -279,7 +283,7 @@ def _checked(surface, mu, tolerance, asked, edges):
         raise ValueError(f"{len(mu)} absorption coefficients for a surface of {colours} channels")
     if edges.ndim != 1 or len(edges) < 2 or edges[0] != 0 or abs(edges[-1] - np.pi) > 1e-12 or np.any(np.diff(edges) <= 0):
         raise ValueError("edges: angles that ascend from 0 to pi are needed")
-    if not 1e-6 <= tolerance <= 1:
+    if not TOLERANCE_MIN <= tolerance <= 1:
         raise ValueError(f"tolerance {tolerance:g}: 1e-6 to 1 are possible")
     unknown = set(asked) - {*FIGURES, "lambda_o", "forward_delta", "inner_path", "phase"}
     if unknown or not asked:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numba import njit
@@ -82,9 +83,14 @@ def ball(surface: Surface, mu=0.0, edges=None, radius=1.0, polarised=False) -> B
     return _opaque(surface, edges, radius)
 
 
+@cache
+def _legendre():
+    return np.polynomial.legendre.leggauss(NODES)
+
+
 def _gauss(*cuts):
     """Nodes and weights on [cuts[0], cuts[-1]], Gauss-Legendre in each piece after squaring away a root at its lower end."""
-    x, w = np.polynomial.legendre.leggauss(NODES)
+    x, w = _legendre()
     t, w = 0.5 * (x + 1), 0.5 * w
     return (np.concatenate([a + (b - a) * t**2 for a, b in zip(cuts, cuts[1:])]),
             np.concatenate([(b - a) * 2 * t * w for a, b in zip(cuts, cuts[1:])]))

@@ -10,6 +10,6 @@ from bakery.stages.declaration import Stage
 @cache
 def all_stages() -> tuple[Stage, ...]:
     """Every declared stage, upstream ones first."""
-    from bakery.stages import medium, optics, packing
+    from bakery.stages import effective, grains, medium, optics, packing
 
-    return (packing.STAGE, optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS)
+    return (packing.STAGE, grains.STAGE, optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS)

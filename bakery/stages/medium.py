@@ -36,7 +36,7 @@ OUTPUTS = (
 _REQUIRED = tuple(output.path for output in OUTPUTS if not output.optional and output.path != "phase_error")
 
 
-def _members(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None) -> dict:
+def members_of(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None) -> dict:
     """The group's datasets; elements (L, E, A)."""
     from bakery.medium import phase, similarity
 
@@ -100,7 +100,7 @@ def _compute_of_particles(inputs: dict, context) -> Result:
     # `optics` holds to a tenth of its tolerance
     worst = float(inputs["error"].max()) + (0.2 * context.tolerance if len(fraction) > 1 else 0.0)
     context.report(1.0, worst)
-    members = _members(sigma_s, sigma_a + host, inputs["theta"], elements, error)
+    members = members_of(sigma_s, sigma_a + host, inputs["theta"], elements, error)
     absorbed = mixing.coefficient(fraction, number, inputs["absorption_error"])
     # sigma_tr goes like the square root of sigma_a
     half = np.divide(0.5 * absorbed, sigma_a + host, out=np.zeros_like(absorbed), where=sigma_a + host > 0)
@@ -125,7 +125,7 @@ def _compute_of_coefficients(inputs: dict, context) -> Result:
         raise StageError(f"phase function {inputs['type']}: {fault}") from None
     sigma_t, albedo = (np.broadcast_to(inputs[name], (inputs["wavelengths"],)).astype(float) for name in ("sigma_t", "albedo"))
     context.report(1.0, worst)
-    return Result(_members(albedo * sigma_t, (1 - albedo) * sigma_t, theta, values[:, None], error, sigma_t, albedo), worst)
+    return Result(members_of(albedo * sigma_t, (1 - albedo) * sigma_t, theta, values[:, None], error, sigma_t, albedo), worst)
 
 
 def _cost_of_particles(recipe) -> Cost:

@@ -1,0 +1,124 @@
+"""Which grain stands at sphere s of copy (i, j, k) of a tile, and how it is turned: a hash, so that nothing need be stored.
+
+Any ray, thread or renderer gets the same answer.  All arithmetic is modulo 2^64; indices count as two's complement:
+
+    mix(h):  h ^= h >> 30;  h *= 0xBF58476D1CE4E5B9;  h ^= h >> 27;  h *= 0x94D049BB133111EB;  h ^= h >> 31
+    h = mix(seed + G);  for w in i, j, k, s:  h = mix((h ^ w) + G);  with G = 0x9E3779B97F4A7C15
+    u_n = ((mix(h + n G) >> 12) + 1/2) / 2^52,  n = 0, 1, 2, 3
+
+`mix` and G are those of SplitMix64 (Steele, Lea & Flood 2014).  u_0 picks the grain, u_1, u_2, u_3 its rotation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mix(h):
+    """A bijection of uint64 in which every bit of h decides on every bit of the result."""
+    h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return h ^ (h >> np.uint64(31))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def uniforms(seed, i, j, k, s):
+    """Four uniform numbers in (0, 1) of sphere s (int64) in copy i, j, k (int64) of a tile, seed uint64."""
+    h = mix(seed + _GOLDEN)
+    h = mix((h ^ np.uint64(i)) + _GOLDEN)
+    h = mix((h ^ np.uint64(j)) + _GOLDEN)
+    h = mix((h ^ np.uint64(k)) + _GOLDEN)
+    h = mix((h ^ np.uint64(s)) + _GOLDEN)
+    bits, unit = np.uint64(12), 2.0**-52
+    a = ((mix(h) >> bits) + 0.5) * unit
+    b = ((mix(h + _GOLDEN) >> bits) + 0.5) * unit
+    c = ((mix(h + np.uint64(2) * _GOLDEN) >> bits) + 0.5) * unit
+    d = ((mix(h + np.uint64(3) * _GOLDEN) >> bits) + 0.5) * unit
+    return a, b, c, d
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def kind(u, cumulated):
+    """Type of grain: the first whose cumulated share (T,) of the number lies above u; the last share is 1."""
+    t = 0
+    while u >= cumulated[t]:
+        t += 1
+    return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rotation(u, v, w):
+    """Unit quaternion (x, y, z, w), uniform over all rotations (Shoemake, Graphics Gems III, 1992)."""
+    a, b = math.sqrt(1.0 - u), math.sqrt(u)
+    p, q = 2.0 * math.pi * v, 2.0 * math.pi * w
+    return a * math.sin(p), a * math.cos(p), b * math.sin(q), b * math.cos(q)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def matrix(x, y, z, w):
+    """Rows of the rotation matrix of a unit quaternion, nine numbers; it turns the grain's frame into the world's."""
+    return (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+            2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+            2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y))
+
+
+def cumulated(weights):
+    """Cumulated shares (T,) of the number, the last one exactly 1, from weights >= 0 (T,)."""
+    weights = np.asarray(weights, float)
+    if weights.ndim != 1 or not weights.size or not np.all((weights >= 0) & np.isfinite(weights)) or not weights.sum() > 0:
+        raise ValueError(f"weights {weights.tolist()}: one number >= 0 a type of grain is needed, not all of them 0")
+    shares = np.cumsum(weights / weights.sum())
+    shares[np.flatnonzero(weights)[-1]:] = 1.0  # rounding must not reach a type of weight 0
+    return shares
+
+
+def instances(seed, tile, sphere, weights=(1.0,)):
+    """Grains at spheres of copies of a tile.
+
+    Parameters
+    ----------
+    seed : whole number, 0 to 2^64 - 1
+    tile : (..., 3) whole numbers, which copy of the tile the sphere's centre lies in: centre + tile * cell; of either sign
+    sphere : (...) its number in the tile
+    weights : (T,) share of each type of grain in the number
+
+    Returns
+    -------
+    kind : (...) type of grain, 0 to T - 1
+    quaternion : (..., 4) x, y, z, w of the rotation that turns the grain's frame into the world's, uniform over all rotations
+
+    Raises
+    ------
+    ValueError : a seed out of range, or weights that are none
+
+    Examples
+    --------
+    >>> kind, quaternion = instances(1, [[0, 0, 0], [-1, 0, 5]], [7, 7], [0.7, 0.3])
+    >>> kind.tolist()
+    [0, 0]
+    """
+    if not 0 <= int(seed) < 1 << 64:
+        raise ValueError(f"seed {seed}: 0 to 2^64 - 1 is possible")
+    shares = cumulated(weights)
+    tile, sphere = np.asarray(tile, np.int64), np.asarray(sphere, np.int64)
+    if tile.shape[-1:] != (3,):
+        raise ValueError(f"tile of shape {tile.shape}: (..., 3) whole numbers are needed")
+    shape = np.broadcast_shapes(tile.shape[:-1], sphere.shape)
+    flat = [np.ascontiguousarray(np.broadcast_to(a, shape).reshape(-1)) for a in (*np.moveaxis(tile, -1, 0), sphere)]
+    kinds, quaternions = np.empty(flat[0].size, np.int64), np.empty((flat[0].size, 4))
+    _fill(np.uint64(seed), *flat, shares, kinds, quaternions)
+    return kinds.reshape(shape), quaternions.reshape(*shape, 4)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(seed, i, j, k, s, shares, kinds, quaternions):
+    for n in range(len(i)):
+        a, b, c, d = uniforms(seed, i[n], j[n], k[n], s[n])
+        kinds[n] = kind(a, shares)
+        quaternions[n] = rotation(b, c, d)

@@ -1,0 +1,524 @@
+"""Stage `grains`: what light does in the bounding sphere of each exemplar grain, by the virtual scatterometer."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages import rules
+from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.measures import integrated_difference
+from bakery.store.tree import Dataset, Group, text
+
+PEAK = 1e-3  # rad, second angle of the table: room for light that leaves unchanged, in tables of media
+_CELLS = 180  # of the phase function
+_APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
+_CLASSES = 8  # radii that stand for a continuous law
+_QUANTILES = 4096
+# seconds on one core of an AMD EPYC (Zen 5): of a path, for each doubling of the triangles, of a triangle that is made, of a ball
+_PATH, _DEPTH, _BUILD, _BALL = 0.2e-6, 0.06e-6, 8e-6, 0.15
+_LOADING, _COMPILING = 1.0, 20.0
+_SPREAD = 8.0  # times 1/sqrt(paths): error of the phase function
+SCALARS = ("hit_probability", "lambda_delta", "chord")
+FIGURES = ("albedo", "lambda_s", "lambda_o", "mean_square", "g", "forward_delta", "inner_path")
+BY_RADIUS = ("albedo", "lambda_s", "mean_square", "g", "forward_delta")
+LOSSLESS = ("lambda_s", "mean_square", "g", "forward_delta")
+_SHARES = ("hit_probability", "albedo", "forward_delta", "contradicted", "lost")
+_ASKED = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "phase")
+_SAID = {
+    "hit_probability": ("1", "share of rays through the bounding sphere that meet the surface"),
+    "lambda_delta": ("1", "mean chord of the bounding sphere of rays that do not, in its radii"),
+    "chord": ("1", "mean chord of the bounding sphere of rays that do, in its radii"),
+    "albedo": ("1", "share of the light that hits which leaves"),
+    "lambda_s": ("1", "mean way from entry to exit of the sphere along the incoming direction, in its radii"),
+    "lambda_o": ("1", "the same along the outgoing direction"),
+    "mean_square": ("1", "mean squared distance of entry and exit, in squared radii"),
+    "g": ("1", "mean cosine of the light that leaves, unchanged light included"),
+    "forward_delta": ("1", "share of the light that leaves in its old direction"),
+    "inner_path": ("1", "mean way inside the grain of the light that leaves, in radii of the sphere"),
+    "phase": ("1/sr", "phase function of light that leaves changed, linear in cos theta; a node holds the mean over its cell"),
+}
+
+
+def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
+    return tuple(Output(f"{prefix}{name}{end}", shape, _SAID[name][0], ("standard error of " + name) if end else _SAID[name][1],
+                        **more) for name in names for end in ("", "_error"))
+
+
+OUTPUTS = (
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    Output("radius", "(S,)", "m", "radii of bounding spheres that stand for the law of sizes"),
+    Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1"),
+    Output("COMPONENT/vertices", "(V, 3)", "1", "corners of the exemplar, in radii of its bounding sphere"),
+    Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only"),
+    Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains"),
+    Output("COMPONENT/shape", "(bytes,)", "utf-8", "shape as in the recipe (JSON)"),
+    Output("COMPONENT/surface", "(bytes,)", "utf-8", "surface, indices relative to the host (JSON)"),
+    Output("COMPONENT/interior", "(L,)", "1/m", "absorption coefficient of the inside"),
+    *_with_errors("COMPONENT/", SCALARS, "(1,)"),
+    *_with_errors("COMPONENT/", FIGURES, "(L,)"),
+    *_with_errors("COMPONENT/", ("phase",), "(L, A)"),
+    Output("COMPONENT/paths", "(1,)", "1", "rays that were followed; 0: closed form"),
+    Output("COMPONENT/hits", "(1,)", "1", "rays that met the surface"),
+    Output("COMPONENT/events", "(1,)", "1", "meetings with the surface of a ray that hits"),
+    Output("COMPONENT/contradicted", "(1,)", "1", "share of rays given up because inside and outside did not agree"),
+    Output("COMPONENT/lost", "(1,)", "1", "share of the light of hits that was still under way when its path was cut"),
+    *_with_errors("COMPONENT/by_radius/", BY_RADIUS, "(S, L)", optional=True),
+    *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),
+    *_with_errors("COMPONENT/lossless/", LOSSLESS, "(L,)"),
+)
+_REQUIRED = ("vertices", "faces", "weight", "interior", *SCALARS, *FIGURES, "phase", "paths", "hits", "contradicted", "lost")
+
+
+# ---- recipe
+
+
+def size_classes(law) -> tuple[np.ndarray, np.ndarray]:
+    """Radii over their mean (S,) and shares by number (S,) that stand for a law of radii.
+
+    A list is taken as it is.  A log-normal law is cut into classes of equal cross section, each with its mean radius by cross
+    section and so many grains that it keeps that cross section: light meets classes as it meets the law, and finds its volume.
+    """
+    from bakery.packing import radii
+
+    if law.distribution == "equal":
+        return np.ones(1), np.ones(1)
+    if law.distribution == "list":
+        share, radius = (np.array(column, float) for column in zip(*law.of, strict=True))
+        return radius / (share @ radius), share / share.sum()
+    r = radii.lognormal(law.sigma, _QUANTILES)
+    area = np.cumsum(r**2)
+    which = np.minimum((_CLASSES * (area - 0.5 * r**2) / area[-1]).astype(int), _CLASSES - 1)
+    parts = [r[which == k] for k in range(_CLASSES)]
+    radius = np.array([np.sum(p**3) / np.sum(p**2) for p in parts])
+    share = np.array([np.sum(p**2) for p in parts]) / radius**2
+    return radius, share / share.sum()
+
+
+def inputs(recipe, upstream) -> dict:
+    grains, host = recipe.grains, np.asarray(recipe.grains.host.n, float)
+    classes, shares = size_classes(recipe.packing.radii)
+    components = []
+    for grain in grains.components:
+        surface = grain.surface
+        index = None
+        if surface.index is not None:
+            index = (np.asarray(surface.index.n, float) + 1j * np.asarray(surface.index.k, float)) / host
+        components.append({
+            "name": grain.name, "weight": float(grain.weight), "shape": dict(grain.shape), "type": surface.type, "index": index,
+            "roughness": float(surface.roughness), "absorption": np.asarray(grain.absorption, float),
+            "reflectance": None if surface.reflectance is None else np.asarray(surface.reflectance, float)})
+    options = recipe.scatterometer
+    return {"components": components, "radius": 1e-6 * grains.radius, "classes": classes, "shares": shares,
+            "wavelengths": len(recipe.wavelength), "triangles": options.triangles, "paths": options.paths,
+            "depth": options.depth, "engine": options.engine}
+
+
+# ---- traces: one for each set of paths
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Paths that several wavelengths and sizes share.
+
+    Attributes
+    ----------
+    surface : of the grain, `bakery.grains.surface`
+    mu : (C,) 1/R
+    rows : wavelengths that it serves
+    channel : (S, rows) channels of the radii and wavelengths
+    white : the channel in which nothing is absorbed
+    """
+
+    surface: object
+    mu: np.ndarray
+    rows: tuple[int, ...]
+    channel: np.ndarray
+    white: int
+
+
+def traces(component: Mapping, radii, wavelengths: int, apart: float) -> list[Trace]:
+    """What has to be traced for a component whose bounding spheres have `radii` (S,) m; indices nearer than `apart` count as one."""
+    from bakery.grains import surface
+
+    every, sizes = tuple(range(wavelengths)), len(radii)
+    if component["type"] == "dielectric":
+        made, real = [], component["index"].real
+        for eta, rows in _alike(real, 0.0 if is_ball(component) else apart):
+            mu, which = np.unique(np.append(0.0, np.outer(radii, component["absorption"][list(rows)])), return_inverse=True)
+            made.append(Trace(surface.dielectric(eta, component["roughness"]), mu, rows,
+                              which.ravel()[1:].reshape(sizes, len(rows)), int(which.ravel()[0])))
+        return made
+    if component["type"] == "diffuse":
+        values, which = np.unique(np.append(1.0, component["reflectance"]), return_inverse=True)
+        made = surface.diffuse(values)
+    else:
+        values, which = np.unique(np.append(complex(math.inf, 0), component["index"]), return_inverse=True)
+        made = surface.conductor(values, component["roughness"])
+    channel = np.broadcast_to(which.ravel()[1:], (sizes, wavelengths))
+    return [Trace(made, np.zeros(len(values)), every, channel, int(which.ravel()[0]))]
+
+
+def is_ball(component: Mapping) -> bool:
+    """Whether a closed form knows the answer."""
+    return component["shape"]["type"] == "sphere" and component["roughness"] == 0
+
+
+def _alike(index, apart: float) -> list[tuple[float, tuple[int, ...]]]:
+    """Indices that stand for those within `apart` above the lowest of them, and the wavelengths of each."""
+    groups, order = [], np.argsort(index, kind="stable")
+    for row in order.tolist():
+        if groups and index[row] - index[groups[-1][0]] <= apart:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return [(0.5 * (float(index[rows[0]]) + float(index[rows[-1]])), tuple(rows)) for rows in groups]
+
+
+def nodes() -> tuple[np.ndarray, np.ndarray]:
+    """Angles of the table (A,) and the edges of their cells (A + 1,), at the mean cosines of neighbours."""
+    theta = np.linspace(0.0, np.pi, _CELLS + 1)
+    v = 2 * np.sin(theta / 2) ** 2
+    edges = np.concatenate([[0.0], 2 * np.arcsin(np.sqrt((v[1:] + v[:-1]) / 4)), [np.pi]])
+    return theta, edges
+
+
+def mesh_of(component: Mapping, triangles: int):
+    """The exemplar; StageError says which grain cannot be made, and why."""
+    from bakery.grains import shapes
+
+    try:
+        return shapes.build(component["shape"], triangles)
+    except ValueError as error:
+        raise StageError(f"grain {component['name']}: {component['shape']['type']}: {error}") from None
+
+
+def tracer_of(grain, trace: Trace, depth: int, engine: str, tree=None):
+    """What follows rays through a grain, or None where a closed form knows the answer."""
+    if grain.analytic == "sphere":
+        if trace.surface.roughness == 0:
+            return None
+        from bakery.grains.balls import BallWalker
+
+        return BallWalker(trace.surface, trace.mu, events_max=depth)
+    if engine == "mitsuba":
+        from bakery.grains.mitsuba_walk import MitsubaWalker
+
+        return MitsubaWalker(grain.vertices, grain.faces, trace.surface, trace.mu, events_max=depth)
+    from bakery.grains.walk import Walker
+
+    return Walker(tree, trace.surface, trace.mu, events_max=depth)
+
+
+# ---- work
+
+
+def compute(inputs: dict, context) -> Result:
+    theta, _ = nodes()
+    table = np.insert(theta, 1, PEAK)
+    classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
+    at, own = np.searchsorted(classes, inputs["classes"] * inputs["radius"]), np.searchsorted(classes, inputs["radius"])
+    own = int(own)
+    members: dict = dict(datasets(OUTPUTS, {"theta": table, "radius": classes[at], "radius_share": inputs["shares"]}))
+    notes, missed, reached = [], [], 0.0
+    whole = [traces(component, classes, inputs["wavelengths"], _APART * context.tolerance) for component in inputs["components"]]
+    number, done = sum(map(len, whole)), 0
+    for k, (component, wanted) in enumerate(zip(inputs["components"], whole)):
+        name = component["name"]
+        grain = mesh_of(component, inputs["triangles"])
+        notes += [f"{name}: {note}" for note in grain.notes]
+        tree = _tree(grain, inputs["engine"])
+        found = []
+        for i, trace in enumerate(wanted):
+            context.report(done / number, None, name)
+            found.append(_measured(grain, tree, trace, inputs, context, 1000 * k + i, done, number, name))
+            done += 1
+        group, error, told = _group(component, grain, wanted, found, own, at if len(at) > 1 else None, table)
+        members[name] = group
+        reached = max(reached, error)
+        notes += told
+        if inputs["paths"] is None and not all(stats is None or stats.reached for stats in _walks(found)):
+            missed.append(f"{name}: errors of {error:.2g} are left after {int(group['paths'].data[0]):,} paths; a larger "
+                          "scatterometer.tolerance would do")
+    context.report(1.0, reached)
+    return Result(members, reached, tuple(notes), tuple(missed))
+
+
+def _tree(grain, engine):
+    if grain.analytic == "sphere" or engine != "numba":
+        return None
+    from bakery.grains.bvh import Mesh
+
+    return Mesh(grain.vertices, grain.faces)
+
+
+def _walks(found):
+    return [stats for stats in found if hasattr(stats, "paths")]
+
+
+def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
+    """Statistics of one trace: `scatterometer.Statistics`, or `sphere.Ball`, whose figures have the same names."""
+    from bakery.grains import scatterometer, sphere
+
+    _, edges = nodes()
+    tracer = tracer_of(grain, trace, inputs["depth"], inputs["engine"], tree)
+    if tracer is None:
+        return sphere.ball(trace.surface, trace.mu, edges)
+
+    def report(share, error):
+        context.report((done + share) / number, error, name)
+
+    paths = inputs["paths"]
+    return scatterometer.measure(
+        tree, trace.surface, trace.mu, seed=context.seed, stream=stream, tracer=tracer, edges=edges, asked=_ASKED,
+        tolerance=context.tolerance if paths is None else scatterometer.TOLERANCE_MIN,
+        paths_max=scatterometer.PATHS_MAX if paths is None else paths, map=context.map, report=report)
+
+
+def _group(component, grain, wanted, found, own, at, table):
+    """A component's group, its error in the stage's measure, remarks."""
+    from bakery.medium import phase
+
+    theta, _ = nodes()
+
+    def put(name, white=False):
+        """Values and errors (S, L, ...) of a figure that channels have."""
+        values, errors = [], []
+        for trace, stats in zip(wanted, found):
+            value = getattr(stats, name)
+            error = np.broadcast_to(stats.errors.get(name, 0.0), value.shape)
+            pick = np.full_like(trace.channel, trace.white) if white else trace.channel
+            values.append(value[pick])
+            errors.append(error[pick])
+        order = np.argsort([row for trace in wanted for row in trace.rows])
+        return np.concatenate(values, axis=1)[:, order], np.concatenate(errors, axis=1)[:, order]
+
+    values = {"vertices": grain.vertices, "faces": grain.faces, "weight": np.array([component["weight"]]),
+              "interior": component["absorption"]}
+    for name in SCALARS:  # geometry alone: the same in every trace
+        each = [getattr(stats, name) for stats in found]
+        errors = [float(stats.errors.get(name, 0.0)) for stats in found]
+        values[name] = np.array([math.fsum(each) / len(each)])
+        values[name + "_error"] = np.array([math.hypot(*errors) / len(each)])
+    tables = {}
+    for name in (*FIGURES, "phase"):
+        value, error = put(name)
+        if name == "phase":
+            value, _ = phase.normalised(table, phase.evaluate(theta, value, table))
+            error = phase.evaluate(theta, error, table)
+        tables[name] = value, error
+        values[name], values[name + "_error"] = value[own], error[own]
+    walks = _walks(found)
+    total = {name: sum(getattr(stats, name) for stats in walks) for name in ("paths", "hits")}
+    hits = max(total["hits"], 1)
+    values |= {"paths": np.array([total["paths"]]), "hits": np.array([total["hits"]]),
+               "events": np.array([math.fsum(s.events * s.hits for s in walks) / hits]),
+               "contradicted": np.array([max((s.contradicted for s in walks), default=0.0)]),
+               "lost": np.array([max((float(s.lost.max()) for s in walks), default=0.0)])}
+    members: dict = dict(datasets(OUTPUTS, values, "COMPONENT/"))
+    shape = {key: "inf" if value == math.inf else value for key, value in component["shape"].items() if key != "data"}
+    members["shape"] = text(json.dumps(shape, sort_keys=True), "shape as in the recipe (JSON)")
+    members["surface"] = text(json.dumps(_surface(component), sort_keys=True), "surface, indices relative to the host (JSON)")
+    if at is not None:
+        members["by_radius"] = Group(datasets(OUTPUTS, {
+            name + end: tables[name][i][at] for name in (*BY_RADIUS, "phase") for i, end in enumerate(("", "_error"))},
+            "COMPONENT/by_radius/"))
+    lossless = {name: put(name, white=True) for name in LOSSLESS}
+    members["lossless"] = Group(datasets(OUTPUTS, {
+        name + end: lossless[name][i][0] for name in LOSSLESS for i, end in enumerate(("", "_error"))}, "COMPONENT/lossless/"))
+    error, notes = _reached(values, walks, component["name"])
+    return Group(members), error, notes
+
+
+def _surface(component) -> dict:
+    index, kind = component["index"], component["type"]
+    if kind == "dielectric":
+        return {"type": kind, "index": index.real.tolist(), "roughness": component["roughness"]}
+    if kind == "conductor":
+        return {"type": kind, "n": index.real.tolist(), "k": index.imag.tolist(), "roughness": component["roughness"]}
+    return {"type": kind, "reflectance": component["reflectance"].tolist()}
+
+
+def _reached(values, walks, name) -> tuple[float, list[str]]:
+    """The error in the stage's measure, and what a user should know of the paths."""
+    from bakery.grains.scatterometer import CONTRADICTED_MAX, LOST_MAX
+
+    lost, contradicted = float(values["lost"][0]), float(values["contradicted"][0])
+    notes = []
+    if lost > LOST_MAX:
+        notes.append(f"{name}: {lost:.2g} of the light was still under way when its path was cut, and counts as absorbed; a "
+                     "larger scatterometer.depth would follow it")
+    if contradicted > CONTRADICTED_MAX:
+        notes.append(f"{name}: {contradicted:.2g} of the paths were given up because the surface did not say clearly what is "
+                     "inside; a finer or sounder mesh would do")
+    return max([stats.achieved_error for stats in walks] + [lost, contradicted]), notes
+
+
+# ---- rules
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `grains` group, in words."""
+    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
+    faults = list(rules.complete(v, ("theta", "radius", "radius_share"))) or list(rules.angles(v["theta"]))
+    yield from faults
+    if faults:
+        return
+    if not (v["radius"] > 0).all() or not (v["radius_share"] > 0).all() or abs(v["radius_share"].sum() - 1) > 1e-9:
+        yield "radius is not above 0, or radius_share does not add up to 1"
+    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
+    if not parts:
+        yield "holds no grain"
+    weights = 0.0
+    for name, part in parts.items():
+        faults = list(_check_component(part, v["theta"]))
+        yield from (f"{name}: {fault}" for fault in faults)
+        if not faults:
+            weights += float(part["weight"].data[0])
+    if parts and not faults and abs(weights - 1) > 1e-6:
+        yield f"weights add up to {weights:.9g}, not 1"
+
+
+def _check_component(part: Group, theta) -> Iterable[str]:
+    v = {path: np.asarray(member.data, float) for path, member in part.walk()
+         if isinstance(member, Dataset) and path not in ("shape", "surface")}
+    faults = list(rules.complete(v, _REQUIRED))
+    yield from faults
+    if faults:
+        return
+    vertices, faces = v["vertices"], part["faces"].data
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" \
+            or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+        yield "faces do not name vertices"
+        return
+    if np.sqrt((vertices**2).sum(axis=1)).max() > 1 + 1e-9:
+        yield "a vertex outside of the bounding sphere"
+    if (v["interior"] < 0).any():
+        yield "interior below 0"
+    for path, value in v.items():
+        name = path.rpartition("/")[2]
+        if name in _SHARES and ((value < 0) | (value > 1 + 1e-9)).any():
+            yield f"{path} outside 0 .. 1"
+        if name == "g" and (np.abs(value) > 1 + 1e-9).any():
+            yield f"{path} outside -1 .. 1"
+        if name.endswith("_error") and (value < 0).any():
+            yield f"{path} below 0"
+        if name == "phase":
+            yield from rules.phase_function(theta, value)
+        if name == "mean_square" and ((value < 0) | (value > 4 + 1e-9)).any():
+            yield f"{path} outside 0 .. 4"
+    beta = v["hit_probability"][0]
+    # chords of a sphere have the mean 4/3, whatever the grain; six standard errors, and rounding
+    mean = (1 - beta) * v["lambda_delta"][0] + beta * v["chord"][0]
+    spread = math.hypot(*(float(v[name + "_error"][0]) for name in SCALARS)) if "chord_error" in v else 0.0
+    if abs(mean - 4 / 3) > 6 * spread + 1e-3 / math.sqrt(max(v["paths"][0], 1e6) / 1e6):
+        yield f"chords of the bounding sphere have the mean {mean:.6g}, not 4/3"
+
+
+# ---- plan
+
+
+def cost(recipe) -> Cost:
+    given = inputs(recipe, {})
+    radii = np.unique(np.append(1.0, given["classes"])) * given["radius"]
+    walks = balls = 0
+    for component in given["components"]:
+        number = len(traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
+        if is_ball(component):
+            balls += number
+        else:
+            walks += number
+    triangles, paths = given["triangles"], given["paths"] or predicted_paths(recipe.scatterometer.tolerance)
+    tables = walks * paths * (_PATH + _DEPTH * math.log2(triangles))
+    made = _BUILD * triangles * len(given["components"])
+    before, why = _startup()
+    figures = len(given["classes"]) * given["wavelengths"] * (_CELLS + 2) * 2
+    return Cost(tables + made + _BALL * balls, 4e7 + 260.0 * triangles + 300.0 * 2**18,
+                len(given["components"]) * (20.0 * triangles + 8 * figures + 6e3),
+                f"{walks} walks of about {paths:,} paths, {balls} balls in closed form, {triangles:,} triangles a grain; "
+                f"{before:g} s for {why}", before)
+
+
+def predicted_paths(tolerance: float) -> int:
+    """Paths that a tolerance is expected to take: that of the phase function takes the most."""
+    return 1 << max(14, math.ceil(math.log2((_SPREAD / tolerance) ** 2)))
+
+
+def _startup() -> tuple[float, str]:
+    """Seconds before the first path, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
+    here = Path(__file__).parents[1] / "grains"
+    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
+    changed = (here / "walk.py").stat().st_mtime
+    if any(path.stat().st_mtime >= changed for path in kept.rglob("walk.*.nbi")):
+        return _LOADING, "kernels loaded"
+    return _COMPILING, "kernels compiled first, once"
+
+
+# ---- how far from converged
+
+
+def measures(found: Group, reference: Group) -> Mapping[str, float]:
+    """Errors of a `grains` group against a converged one: of each measure the largest over components, radii and wavelengths.
+
+    Returns
+    -------
+    dict of floats, in this order
+
+    error : the largest of the others, half of `phase`
+    hit_probability, albedo : relative (of an albedo of at least 0.01)
+    phase : integral of |f - f_ref| over the sphere
+    lambda_delta, lambda_s, mean_square, g, forward_delta : differences, in radii of the bounding sphere
+    """
+    errors = dict.fromkeys((*_ASKED, "forward_delta"), 0.0)
+    theta = np.asarray(reference["theta"].data, float)
+    for name, true in reference.members.items():
+        if not isinstance(true, Group):
+            continue
+        for key in errors:
+            pairs = [(found[f"{name}/{path}"].data, member.data) for path, member in true.walk()
+                     if isinstance(member, Dataset) and path.rpartition("/")[2] == key]
+            for own, converged in pairs:
+                if key == "phase":
+                    error = integrated_difference(theta, own, converged)
+                else:
+                    scale = {"hit_probability": converged, "albedo": np.maximum(converged, 0.01)}.get(key, 1.0)
+                    error = np.abs(own - converged) / scale
+                errors[key] = max(errors[key], float(np.max(error)))
+    return {"error": max(0.5 * value if key == "phase" else value for key, value in errors.items())} | errors
+
+
+STAGE = Stage(
+    name="grains",
+    version=1,
+    title="scattering statistics of each exemplar grain",
+    reads=("wavelengths", "seed", "grains", "packing.radii", "scatterometer"),
+    needs=(),
+    applies=lambda recipe: recipe.grains is not None,
+    outputs=OUTPUTS,
+    error_measure="largest standard error of the hit probability and the albedo (relative, of an albedo of at least 0.01), of "
+                  "lambda_delta, lambda_s, mean_square (in radii of the bounding sphere) and g, and half the integral of the "
+                  "phase function's standard error over the sphere; or the light that was lost on cut paths, if that is more",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    tolerance_key="scatterometer.tolerance",
+    knobs=(
+        Knob("tolerance", "scatterometer.tolerance", 0.005, "standard error of the statistics, where paths is auto",
+             ("10%", "3%", "1%", "0.5%", "0.2%")),
+        Knob("paths", "scatterometer.paths", "auto", "rays through the bounding sphere", ("16384", "65536", "262144", "1048576")),
+        Knob("triangles", "scatterometer.triangles", "middle", "triangles of the exemplar",
+             ("300", "coarse", "5000", "middle", "fine")),
+        Knob("depth", "scatterometer.depth", 100_000, "meetings with the surface after which a path is cut",
+             ("10", "30", "100", "1000", "100000")),
+    ),
+    measures=measures,
+    reference={"scatterometer.paths": "auto", "scatterometer.depth": "100000"},
+)
