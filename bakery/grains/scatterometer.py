@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numba import njit
@@ -107,7 +107,8 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     paths_max : after about so many paths it ends, `reached` False
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
-    tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`
+    tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`; one that is best given many paths at
+        once says how many, `batch`, and has `trace_many`
 
     Raises
     ------
@@ -130,9 +131,11 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     sums = None
     first, count = 0, _FIRST
     while True:
-        tasks = [(tracer, edges, (seed, stream), key, replicate, start, min(_BLOCK, first + count - start))
+        parts = [(replicate, start, min(_BLOCK, first + count - start))
                  for replicate in range(REPLICATES) for start in range(first, first + count, _BLOCK)]
-        made = np.stack(map(block, tasks)).reshape(REPLICATES, -1, len(mu) + 1, _BINS + len(edges) - 1)
+        few = max(1, getattr(tracer, "batch", 1) // parts[0][2])
+        tasks = [(tracer, edges, (seed, stream), key, parts[i : i + few]) for i in range(0, len(parts), few)]
+        made = np.concatenate(map(blocks, tasks)).reshape(REPLICATES, -1, len(mu) + 1, _BINS + len(edges) - 1)
         new = np.zeros_like(made[:, 0])
         for part in range(made.shape[1]):  # in order: not a sum whose order NumPy chooses
             new += made[:, part]
@@ -154,13 +157,30 @@ _WEIGHT, _INCOMING, _OUTGOING, _SQUARE, _COSINE, _FORWARD, _INSIDE, _LOST = rang
 _BINS = 8
 
 
-def block(tracer, edges, names, key, replicate, first, count):
-    """Sums (C + 1, 8 + B) of the paths first ... first + count - 1 of a replicate."""
-    rng = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, *names, replicate])))
-    paths = tracer.trace(points(*scrambled(rng), first, count), first, replicate, key)
-    out = np.zeros((paths.weight.shape[1] + 1, _BINS + len(edges) - 1))
-    tally(paths, edges, out)
+def blocks(tracer, edges, names, key, parts):
+    """Sums (P, C + 1, 8 + B) of the paths first ... first + count - 1 of each part (replicate, first, count)."""
+    entries = []
+    for replicate, first, count in parts:
+        rng = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, *names, replicate])))
+        entries.append((points(*scrambled(rng), first, count), first, replicate))
+    out = None
+    for k, paths in enumerate(_traced(tracer, entries, key)):
+        if out is None:
+            out = np.zeros((len(parts), paths.weight.shape[1] + 1, _BINS + len(edges) - 1))
+        tally(paths, edges, out[k])
     return out
+
+
+def _traced(tracer, entries, key):
+    """The paths of each entry (uniform, first, replicate), all at once where the tracer likes many (`batch`, `trace_many`)."""
+    if not hasattr(tracer, "batch"):
+        yield from (tracer.trace(*entry, key) for entry in entries)
+        return
+    whole, start = tracer.trace_many(entries, key), 0
+    for uniform, _, _ in entries:
+        part = slice(start, start + len(uniform))
+        yield Paths(*(getattr(whole, column.name)[part] for column in fields(Paths)))
+        start = part.stop
 
 
 def tally(paths: Paths, edges, out):

@@ -106,13 +106,14 @@ def inputs(recipe, upstream) -> dict:
     grains, host = recipe.grains, np.asarray(recipe.grains.host.n, float)
     classes, shares = size_classes(recipe.packing.radii)
     components = []
-    for grain in grains.components:
+    for i, grain in enumerate(grains.components):
         surface = grain.surface
         index = None
         if surface.index is not None:
             index = (np.asarray(surface.index.n, float) + 1j * np.asarray(surface.index.k, float)) / host
         components.append({
             "name": grain.name, "weight": float(grain.weight), "shape": dict(grain.shape), "type": surface.type, "index": index,
+            "file": recipe.leaves.get(f"grains.components[{i}].shape.file", ""),
             "roughness": float(surface.roughness), "absorption": np.asarray(grain.absorption, float),
             "reflectance": None if surface.reflectance is None else np.asarray(surface.reflectance, float)})
     options = recipe.scatterometer
@@ -145,7 +146,7 @@ class Trace:
 
 
 def traces(component: Mapping, radii, wavelengths: int, apart: float) -> list[Trace]:
-    """What has to be traced for a component whose bounding spheres have `radii` (S,) m; indices nearer than `apart` count as one."""
+    """What has to be traced for a component whose bounding spheres have `radii` (S,) m; near indices (`apart`) count as one."""
     from bakery.grains import surface
 
     every, sizes = tuple(range(wavelengths)), len(radii)
@@ -197,7 +198,8 @@ def mesh_of(component: Mapping, triangles: int):
     try:
         return shapes.build(component["shape"], triangles)
     except ValueError as error:
-        raise StageError(f"grain {component['name']}: {component['shape']['type']}: {error}") from None
+        what = component["file"] or component["shape"]["type"]
+        raise StageError(f"grain {component['name']}: {what}: {error}") from None
 
 
 def tracer_of(grain, trace: Trace, depth: int, engine: str, tree=None):
@@ -226,6 +228,10 @@ def compute(inputs: dict, context) -> Result:
     classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
     at, own = np.searchsorted(classes, inputs["classes"] * inputs["radius"]), np.searchsorted(classes, inputs["radius"])
     own = int(own)
+    if inputs["engine"] == "mitsuba":
+        from bakery.grains.mitsuba_walk import require
+
+        require()
     members: dict = dict(datasets(OUTPUTS, {"theta": table, "radius": classes[at], "radius_share": inputs["shares"]}))
     notes, missed, reached = [], [], 0.0
     whole = [traces(component, classes, inputs["wavelengths"], _APART * context.tolerance) for component in inputs["components"]]

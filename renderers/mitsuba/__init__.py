@@ -6,13 +6,14 @@ set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unles
 
 from __future__ import annotations
 
+from bakery import llvm as _llvm
 from bakery.errors import BakeryError
 from renderers.mitsuba import variants
 
-variants.find_llvm()
+_llvm.find()
 variants.require_mitsuba()
 
-import mitsuba as _mi  # noqa: E402  after find_llvm: Dr.Jit looks for LLVM once, when it is imported
+import mitsuba as _mi  # noqa: E402  after find: Dr.Jit looks for LLVM once, when it is imported
 
 from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
 from renderers.mitsuba.preview import preview  # noqa: E402

@@ -1,24 +1,15 @@
-"""Which variant of Mitsuba this machine can run.
-
-LLVM decides.  Dr.Jit picks its library once, when it is imported; it refuses versions up to 14, and accepts 15 and 16,
-which abort the process at the first `dr.minimum` of a kernel, that is in every render.  So the choice is made by number.
-"""
+"""Which variant of Mitsuba this machine can run.  LLVM decides: `bakery.llvm`."""
 
 from __future__ import annotations
 
 import functools
 import importlib.util
-import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import NamedTuple
 
 from bakery.errors import BakeryError, UsageError
-
-# The oldest version that was tried and works; 17 and 18 were not tried and count as too old.
-LLVM_MINIMUM = (19,)
-INSTALL = 'pip install "bakery[mitsuba,llvm]"'
+from bakery.llvm import INSTALL, MINIMUM
 
 # colour -> (what follows cuda_ad_ and llvm_ad_, the scalar twin); there is no scalar_mono, grey goes through scalar_rgb.
 _NAMES = {"mono": ("mono", "scalar_rgb"), "rgb": ("rgb", "scalar_rgb"), "spectral": ("spectral", "scalar_spectral"),
@@ -36,21 +27,6 @@ class Choice(NamedTuple):
     reason: str
 
 
-def find_llvm():
-    """Points Dr.Jit to the libLLVM of this Python environment; returns its path, or None where there is none.
-
-    Does nothing where the user has set DRJIT_LIBLLVM_PATH, and comes too late once drjit is imported.
-    """
-    if "DRJIT_LIBLLVM_PATH" in os.environ:
-        return os.environ["DRJIT_LIBLLVM_PATH"]
-    name = {"win32": "LLVM-C.dll", "darwin": "libLLVM.dylib"}.get(sys.platform, "libLLVM.so")
-    path = Path(sys.prefix, "lib", name)
-    if "drjit" in sys.modules or not path.exists():
-        return None
-    os.environ["DRJIT_LIBLLVM_PATH"] = str(path)
-    return str(path)
-
-
 def require_mitsuba() -> None:
     """Raises MissingMitsuba, naming the extra, where Mitsuba cannot be imported."""
     if importlib.util.find_spec("mitsuba") is None:
@@ -64,14 +40,14 @@ def decide(cuda: bool, llvm: tuple[int, ...], colour: str = "mono") -> Choice:
     suffix, scalar = _NAMES[colour]
     names, reason = [scalar], ""
     version = ".".join(map(str, llvm))
-    if llvm >= LLVM_MINIMUM:
+    if llvm[0] >= MINIMUM:
         names.insert(0, f"llvm_ad_{suffix}")
         reason = f"LLVM {version} works"
     elif llvm[0] < 0:
         reason = ("no usable LLVM (15 or newer) was found, so the scalar variant is used, in which `bakedphase` is slow; "
                   f"get one by: {INSTALL}")
     else:
-        reason = (f"LLVM {version} is older than {LLVM_MINIMUM[0]} (15 and 16 abort while rendering, 17 and 18 are untried), "
+        reason = (f"LLVM {version} is older than {MINIMUM} (15 and 16 abort while rendering, 17 and 18 are untried), "
                   f"so the scalar variant is used, in which `bakedphase` is slow; get one that works by: {INSTALL}")
     if cuda:
         names.insert(0, f"cuda_ad_{suffix}")

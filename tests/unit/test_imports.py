@@ -21,10 +21,12 @@ MAY = {
     "store": set(),
     "report": {"__version__", "asset", "medium", "packing", "stages", "store", "recipe.units"},
     "export": {"asset", "medium", "report", "store"},
-} | {folder: PHYSICS for folder in PHYSICS}
+} | {folder: PHYSICS for folder in PHYSICS} | {"grains": PHYSICS | {"llvm"}}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
            "array", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading",
            "operator", "heapq", "time"}
+# the second engine: what it imports it imports when it is asked for, and no other physics does
+ENGINE = {"bakery/grains/mitsuba_walk.py": {"mitsuba", "drjit"}}
 
 
 def modules(folder: str):
@@ -60,14 +62,28 @@ def test_imports_point_down(folder):
 def test_physics_knows_arrays_only(folder):
     for path in modules(f"bakery/{folder}"):
         for name in imports(path):
-            assert name.startswith("bakery.") or name.split(".")[0] in OUTSIDE, f"{path} imports {name}"
+            known = OUTSIDE | ENGINE.get(str(path.relative_to(ROOT)), set())
+            assert name.startswith("bakery.") or name.split(".")[0] in known, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("place", sorted(ENGINE))
+def test_engines_are_imported_in_functions(place):
+    for node in ast.parse((ROOT / place).read_text()).body:
+        assert not any(name.split(".")[0] in ENGINE[place] for name in imported(node)), f"{place}:{node.lineno}"
+
+
+def imported(node):
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module] if isinstance(node, ast.ImportFrom) else []
 
 
 def test_renderers_see_assets_only():
     for path in modules("renderers"):
         for name in imports(path):
             if name.startswith("bakery"):
-                assert name in {"bakery", "bakery.open"} or name.startswith("bakery.errors"), f"{path} imports {name}"
+                allowed = name in {"bakery", "bakery.open"} or name.startswith(("bakery.errors", "bakery.llvm"))
+                assert allowed, f"{path} imports {name}"
 
 
 def test_import_and_help_load_nothing_heavy():

@@ -15,6 +15,7 @@ from tests.conftest import ROOT
 if importlib.util.find_spec("mitsuba") is None:
     pytest.skip("Mitsuba is not installed", allow_module_level=True)
 
+from bakery import llvm
 from bakery.errors import UsageError
 from renderers.mitsuba import variants
 
@@ -96,11 +97,11 @@ def test_library_of_the_environment_is_found(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "mine")
-    assert variants.find_llvm() == "mine"
+    assert llvm.find() == "mine"
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
-    assert variants.find_llvm() is None  # drjit is imported
+    assert llvm.find() is None  # drjit is imported
     monkeypatch.delitem(sys.modules, "drjit")
-    assert variants.find_llvm() == str(library) == os.environ["DRJIT_LIBLLVM_PATH"]
+    assert llvm.find() == str(library) == os.environ["DRJIT_LIBLLVM_PATH"]
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "restored afterwards")
 
 
