@@ -1,0 +1,205 @@
+"""Transport in Fourier space, and back to space: the loops of `fourier`.
+
+Streaming is tridiagonal in the order l for each azimuthal order M about the wave vector, scattering is diagonal.  Arrays over
+the wave number k are contiguous: every loop over k is a vector instruction.  Operators that are symmetric in (l, l') are packed:
+for l' = 0, 1, ... and l <= l' and m <= l, element `packed(l', l, m)`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+_LEVELS = 400  # above the last one, where the infinite chain of streaming is started
+_HUGE = 1e150
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def packed(j, l, m):
+    return j * (j + 1) * (j + 2) // 6 + l * (l + 1) // 2 + m
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def coupling(l, M):
+    """Square of the coupling of l - 1 and l by the cosine: (l^2 - M^2) / (4 l^2 - 1)."""
+    return (l * l - M * M) / (4.0 * l * l - 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pivots(k, c, M):
+    """Of 1 - c + k B for azimuthal order M, rows l = M .. L (the others of the arrays are not used).
+
+    Parameters
+    ----------
+    k : (N,) wave numbers
+    c : (L + 1,) albedo p_l; 0 for streaming alone
+
+    Returns
+    -------
+    up : (L + 1, N) pivots of an elimination that starts at l = M
+    down : (L + 1, N) of one that starts at infinity
+
+    Notes
+    -----
+    All are sums of positive terms.  Above L nothing scatters; the chain down to L + 1 starts `_LEVELS` higher at its local
+    fixed point, where the error is of the order M^2 / l^4.
+    """
+    L, N = len(c) - 1, len(k)
+    up, down = np.empty((L + 1, N)), np.empty((L + 1, N))
+    top = L + 1 + _LEVELS + M
+    tail = np.empty(N)
+    for i in range(N):
+        tail[i] = 0.5 * (1 + math.sqrt(1 + 4 * k[i] ** 2 * coupling(top + 0.5, M)))
+    for l in range(top - 1, L, -1):
+        a = coupling(l + 1, M)
+        for i in range(N):
+            tail[i] = 1 + k[i] ** 2 * a / tail[i]
+    for l in range(L, M - 1, -1):
+        a = coupling(l + 1, M)
+        for i in range(N):
+            down[l, i] = 1 - c[l] + k[i] ** 2 * a / (tail[i] if l == L else down[l + 1, i])
+    for i in range(N):
+        up[M, i] = 1 - c[M]
+    for l in range(M + 1, L + 1):
+        a = coupling(l, M)
+        for i in range(N):
+            up[l, i] = 1 - c[l] + k[i] ** 2 * a / up[l - 1, i]
+    return up, down
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve(k, down, M, x):
+    """Solves (1 - c + k B) y = x in place, rows M .. L, eliminating from above: 1 - c_0 may be 0."""
+    L, N = x.shape[0] - 1, len(k)
+    for l in range(L - 1, M - 1, -1):
+        a = math.sqrt(coupling(l + 1, M))
+        for i in range(N):
+            x[l, i] += k[i] * a * x[l + 1, i] / down[l + 1, i]
+    for i in range(N):
+        x[M, i] /= down[M, i]
+    for l in range(M + 1, L + 1):
+        a = math.sqrt(coupling(l, M))
+        for i in range(N):
+            x[l, i] = (x[l, i] - k[i] * a * x[l - 1, i]) / down[l, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def streaming(k, up, down, M, j, x):
+    """Column j of (1 + k B)^-1, rows M .. L, into x."""
+    L, N = x.shape[0] - 1, len(k)
+    for i in range(N):
+        x[j, i] = 1 / (up[j, i] + down[j, i] - 1)
+    for l in range(j - 1, M - 1, -1):
+        a = math.sqrt(coupling(l + 1, M))
+        for i in range(N):
+            x[l, i] = k[i] * a * x[l + 1, i] / up[l, i]
+    for l in range(j + 1, L + 1):
+        a = math.sqrt(coupling(l, M))
+        for i in range(N):
+            x[l, i] = -k[i] * a * x[l - 1, i] / down[l, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clebsch(l, j, lam, v):
+    """<l M j -M|lam 0> for M = 0 .. l <= j, up to one sign, into v; normalised over M = -l .. l.
+
+    Eigenvector of J^2 with eigenvalue lam (lam + 1), from |M| = l inwards: there it can only grow.
+    """
+    a, b, e = l * (l + 1.0), j * (j + 1.0), lam * (lam + 1.0)
+    v[l] = 1.0
+    above, off = 0.0, 0.0
+    for M in range(l, 0, -1):
+        below = math.sqrt((a - M * (M - 1.0)) * (b - M * (M - 1.0)))
+        v[M - 1] = -((a + b - 2.0 * M * M - e) * v[M] + off * above) / below
+        above, off = v[M], below
+        if abs(v[M - 1]) > _HUGE:
+            for n in range(M - 1, l + 1):
+                v[n] /= _HUGE
+            above /= _HUGE
+    norm = v[0] ** 2
+    for M in range(1, l + 1):
+        norm += 2 * v[M] ** 2
+    norm = math.sqrt(norm)
+    for M in range(l + 1):
+        v[M] /= norm
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def columns(j, k, c, stream_up, stream_down, scatter_down, alone, closed, hankel, k0, r, out):
+    """Elements (l <= j, j) of the sum over events, as functions of r; element (l, m) at l (l + 1)/2 + m of `out`.
+
+    Parameters
+    ----------
+    k : (N,) wave numbers, logarithmic;  c : (L + 1,) albedo p_l
+    stream_up, stream_down, scatter_down : (L + 1, L + 1, N), `pivots` of each M
+    alone : flights taken one by one before the last;  closed : whether the last solve sums over all further events
+    hankel : (2 L + 1, 2 N) transform of k f(k) for each lam, at sums of the indices of k and r
+    k0 : decay of diffuse light;  r : (R,)
+    out : (P, R), r^2 T
+    """
+    L, N = len(c) - 1, len(k)
+    R = out.shape[1]
+    x = np.empty((L + 1, N))
+    spectrum = np.empty((j + 1, j + 1, N))  # M, l
+    for M in range(j + 1):
+        streaming(k, stream_up[M], stream_down[M], M, j, x)
+        for flight in range(alone + 1):
+            for l in range(M, L + 1):
+                for i in range(N):
+                    x[l, i] *= c[l]
+            last = flight == alone
+            solve(k, scatter_down[M] if closed and last else stream_down[M], M, x)
+        for l in range(M, j + 1):
+            for i in range(N):
+                spectrum[M, l, i] = c[l] * c[j] * x[l, i]
+    v, wave, space = np.empty(j + 1), np.empty(N), np.empty(R)
+    for l in range(j + 1):
+        first = l * (l + 1) // 2
+        out[first:first + l + 1] = 0.0
+        for lam in range(j - l, j + l + 1, 2):
+            clebsch(l, j, lam, v)
+            for i in range(N):
+                wave[i] = v[0] * spectrum[0, l, i]
+            for M in range(1, l + 1):
+                factor = 2 * v[M] * (1 - 2 * (M & 1))
+                for i in range(N):
+                    wave[i] += factor * spectrum[M, l, i]
+            if j < 2 and l == 0:
+                _take_diffuse(j, k, k0, r, wave, space)
+            else:
+                space[:] = 0.0
+            kernel = hankel[lam]
+            for i in range(N):
+                value = wave[i] * k[i]
+                for n in range(R):
+                    space[n] += value * kernel[i + n]
+            sign = 1 - 2 * (((lam + l - j) // 2) & 1)
+            for m in range(l + 1):
+                factor = sign * (1 - 2 * (m & 1)) * v[m] / (2 * math.pi * math.pi)
+                for n in range(R):
+                    out[first + m, n] += factor * space[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take_diffuse(lam, k, k0, r, wave, space):
+    """Takes from `wave` what makes it rise towards k = 0, and sets `space` to its transform times r^2.
+
+    A / (k^2 + k0^2) for lam = 0, A k / (k^2 + k0^2) less the same with 2 for k0 (so that it falls off at large k) for lam = 1.
+    Without it the ends of the logarithmic range of k do not meet where light is hardly absorbed.
+    """
+    N, R = len(k), len(r)
+    if lam == 0:
+        amplitude = wave[0] * (k[0] ** 2 + k0 ** 2)
+        for i in range(N):
+            wave[i] -= amplitude / (k[i] ** 2 + k0 ** 2)
+        for n in range(R):
+            space[n] = amplitude * 0.5 * math.pi * r[n] * math.exp(-k0 * r[n])
+    else:
+        amplitude = wave[0] * (k[0] ** 2 + k0 ** 2) / k[0]
+        for i in range(N):
+            wave[i] -= amplitude * k[i] / ((k[i] ** 2 + k0 ** 2) * (1 + k[i] ** 2 / 4))
+        factor = amplitude * 0.5 * math.pi * 4 / (4 - k0 ** 2)
+        for n in range(R):
+            space[n] = factor * ((1 + k0 * r[n]) * math.exp(-k0 * r[n]) - (1 + 2 * r[n]) * math.exp(-2 * r[n]))
