@@ -13,7 +13,8 @@ from bakery.errors import RecipeError, UsageError
 LATER = ("pbrt",)
 FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for stock Mitsuba 3 (XML)",
            "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)",
-           "ply": "tiles as points with radii", "xyz": "tiles as extended XYZ, for particle viewers"}
+           "ply": "grains as meshes, tiles as points with radii", "obj": "grains as meshes",
+           "xyz": "tiles as extended XYZ, for particle viewers"}
 
 
 @click.command(name="export", short_help="hand an asset to other software")
@@ -43,8 +44,8 @@ def command(asset, target, output, each_wavelength, as_json):
         files, lost, lines = _csv(opened)
     elif target == "hg":
         files, lost, lines = _hg(opened)
-    elif target in ("ply", "xyz"):
-        files, lost, lines = _tiles(opened, target)
+    elif target in ("ply", "obj", "xyz"):
+        files, lost, lines = _forms(opened, target)
     else:
         files, lost, lines = _mitsuba(opened, stem, each_wavelength)
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
@@ -62,12 +63,25 @@ def _csv(asset):
     return files, [], ["nothing is lost: every number has all its digits; provenance stays in the asset"]
 
 
-def _tiles(asset, target: str):
+def _forms(asset, target: str):
+    """Meshes of grains and packed spheres: whatever the asset holds of what the format takes."""
+    from bakery.export.grains import obj_meshes, ply_meshes
     from bakery.export.tiles import ply_files, xyz_files
 
-    made = (ply_files if target == "ply" else xyz_files)(asset.tree)
-    files = {f"{Path(asset.path).stem}{end}": text for end, text in made.items()}
-    return files, [], ["positions and radii keep all their digits; g2, chords and their errors stay in the asset (--to csv)"]
+    if target == "obj":
+        meshes, tiles = obj_meshes(asset.tree), {}
+    else:
+        meshes = ply_meshes(asset.tree) if target == "ply" else {}
+        tiles = {} if meshes and "packing" not in asset.stages else (ply_files if target == "ply" else xyz_files)(asset.tree)
+    stem, lines = Path(asset.path).stem, []
+    if meshes:
+        lines.append("grains keep all their digits, in radii of their bounding sphere; surfaces and figures stay in the asset "
+                     "(--to csv)")
+    if tiles:
+        lines.append("positions and radii keep all their digits; g2, chords and their errors stay in the asset (--to csv)")
+    named = {f"{stem}{end}": content for end, content in meshes.items()}
+    named |= {f"{stem}{'_tile' if meshes and not end.startswith('_') else ''}{end}": content for end, content in tiles.items()}
+    return named, [], lines
 
 
 def _print(paths, lines) -> None:
@@ -96,6 +110,9 @@ def _mitsuba(asset, stem: str, each: bool):
         rows = [("  by the regular grid", *_loss(part.resampling))]
         rows += [(f"  by that and one table, at {um:g} um", *_loss(lost)) for um, lost in part.colour.items()]
         lines.append([f"  phase function: {part.values} values over cos theta", *table(head + rows)])
+    if any(part.unchanged for part in made):
+        lines.append(f"light that grains leave unchanged, up to {100 * max(part.unchanged for part in made):.3g} % of what they "
+                     "scatter, is taken out of sigma_t and phase function: the same medium.")
     lines += ["mean error: |difference| over the sphere; half of it is the share of the light that goes to another angle.",
               "forward peak: the angles where the phase function is above half of its forward value."]
     return {f"{stem}{part.name}.xml": part.xml for part in made}, [part.as_dict() for part in made], lines
@@ -107,6 +124,7 @@ def _loss(lost) -> tuple[str, ...]:
 
 
 def _hg(asset):
+    from bakery.export import scattering_of
     from bakery.export.hg import droplet_diameter, errors, hg_files, lobe_rows
     from bakery.report.fits import SAID
     from bakery.report.text import table
@@ -119,6 +137,9 @@ def _hg(asset):
                      f"{math.degrees(first.peak_angle):.3g} deg")
         head = ("  fit", "weight", "g", "alpha", "misdirected", "error of g", "rms log10", "furthest off", "in the peak")
         lines += table([head, *(_fit(SAID[name], fit) for name, fit in row.fits.items())])
+    if (taken := float(scattering_of(asset.tree["medium"]).unchanged.max())) > 0:
+        lines.append(f"light that grains leave unchanged, up to {100 * taken:.3g} % of what they scatter, is taken out of "
+                     "coefficients and phase function: the same medium.")
     lines += ["misdirected: share of the light that goes to another angle.",
               "rms log10: of the ratio fit / asset, over the sphere and over the angle.",
               "in the peak: light within the angle where the asset's phase function has fallen to half of its forward value."]

@@ -1,19 +1,65 @@
 """Hands assets to other software, and says what was lost on the way.
 
 `mitsuba` writes a scene fragment with a phase function on a regular grid, `csv` writes tables, `hg` fits the lobes that renderers
-without tables take.
+without tables take, `tiles` and `grains` write packed spheres and meshes.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
 from bakery.errors import AssetError
-from bakery.store.tree import Group
+from bakery.store.tree import Dataset, Group
 
 
 def medium_of(root: Group, name: str) -> Group:
     """The group that a renderer needs; AssetError, naming the asset, where there is none."""
     medium = root.members.get("medium")
     if not isinstance(medium, Group):
-        raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles` or "
-                         "`medium`")
+        raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles`, "
+                         "`grains` or `medium`")
     return medium
+
+
+@dataclass(frozen=True)
+class Scattering:
+    """A medium as other software takes it: light that leaves a collision in its old direction was not scattered.
+
+    Attributes
+    ----------
+    sigma_t, sigma_s : (L,) 1/m
+    theta, phase : (A,) rad, (L, A) 1/sr, linear in cos theta between the angles, integrating to 1
+    unchanged : (L,) 1, share of the asset's scattered light that was taken out
+    """
+
+    sigma_t: np.ndarray
+    sigma_s: np.ndarray
+    theta: np.ndarray
+    phase: np.ndarray
+    unchanged: np.ndarray
+
+    @property
+    def albedo(self) -> np.ndarray:
+        """(L,) sigma_s / sigma_t, 0 where there is nothing."""
+        return np.divide(self.sigma_s, self.sigma_t, out=np.zeros_like(self.sigma_t), where=self.sigma_t > 0)
+
+
+def scattering_of(medium: Group) -> Scattering:
+    """A medium without its forward Dirac, which stands in the tables of packed grains as a peak at their first angle.
+
+    Exact: a collision that changes nothing is none, so sigma_t loses what sigma_s loses.  No regular grid resolves the peak.
+    """
+    from bakery.medium.phase import areas, normalised
+
+    sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
+    share = medium.members.get("forward_delta")
+    if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
+        return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t))
+    unchanged = np.clip(share.data, 0.0, 1.0)
+    rest = phase.copy()
+    rest[:, 0] = np.maximum(rest[:, 0] - unchanged / (2 * math.pi * areas(theta)[0]), 0.0)
+    rest[unchanged == 1] = 1.0  # nothing is scattered: any phase function would do
+    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta, normalised(theta, rest)[0], unchanged)

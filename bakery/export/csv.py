@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.export.grains import csv_figures
 from bakery.export.tiles import csv_tables
 from bakery.report.axes import COORDINATES, axes, coordinate
 from bakery.report.files import csv_text
@@ -22,9 +23,12 @@ def csv_files(root: Group) -> dict[str, str]:
     packed = isinstance(root.members.get("packing"), Group) and bool(tiles_of(root["packing"]))
     if packed:
         files |= csv_tables(root)
+    single, told = csv_figures(root)
+    files |= single
     tables: dict[str, list] = {}
     for path, member in root.walk():
-        if not isinstance(member, Dataset) or path.split("/")[0] in ("provenance", "recipe", "wavelength", *["packing"] * packed):
+        if not isinstance(member, Dataset) or path in told \
+                or path.split("/")[0] in ("provenance", "recipe", "wavelength", *["packing"] * packed):
             continue
         group = path.rpartition("/")[0].replace("/", "_")
         letters = axes(root, path)

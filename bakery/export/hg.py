@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from bakery.export import medium_of
+from bakery.export import medium_of, scattering_of
 from bakery.medium.lobe_fits import Fit, fits
 from bakery.report.files import csv_text
 from bakery.report.fits import SAID, lobe_fits
@@ -18,6 +18,7 @@ MEANING = {
     "p": "sum of weight * (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^1.5) * (1 + alpha mu^2) / (1 + alpha (1 + 2 g^2) / 3) in 1/sr; "
          "mu = cosine of the angle between the directions of travel, 1 = forward; alpha = 0 is Henyey-Greenstein",
     "sigma_t, sigma_s, sigma_a": "1/m", "wavelength": "um, in vacuum", "angles": "rad", "diameter": "um, of water droplets",
+    "coefficients": "of packed grains: light that leaves a grain in its old direction counts as not scattered, the same medium",
     "misdirected": "share of the scattered light that the fit sends to another angle than the table",
     "g (of an error)": "mean cosine of the fit less that of the table",
     "log_sphere, log_angle": "root mean square of log10(fit / table) over the sphere, over the angle",
@@ -49,12 +50,18 @@ def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row
     ------
     AssetError : there is no medium
     """
+    from bakery.medium.phase import mean_cosine
+
     medium = medium_of(root, name)
-    theta, phase = medium["theta"].data, medium["phase"].data
+    rest = scattering_of(medium)
+    theta, phase = rest.theta, rest.phase
+    given = {key: medium[key].data for key in COEFFICIENTS}
+    if rest.unchanged.any():  # the fits are of what is scattered into other directions; coefficients that go with it
+        given |= {"sigma_t": rest.sigma_t, "sigma_s": rest.sigma_s, "albedo": rest.albedo, "g": mean_cosine(theta, phase)}
     rows = []
     for i, um in enumerate(root["wavelength"].data):
         found = fits(theta, phase[i], diameter)
-        rows.append(Row(float(um), {key: float(medium[key].data[i]) for key in COEFFICIENTS},
+        rows.append(Row(float(um), {key: float(given[key][i]) for key in COEFFICIENTS},
                         {key: found[key] for key in SAID if key in found}))
     return rows
 
@@ -76,8 +83,8 @@ def hg_files(root: Group, name: str, rows: list[Row]) -> dict[str, str | bytes]:
     from bakery.report.figures import drawn
 
     middle = int(np.argmin([abs(row.wavelength - 0.55) for row in rows]))
-    medium = root["medium"]
-    picture = lobe_fits(rows[middle].wavelength, medium["theta"].data, medium["phase"].data[middle], rows[middle].fits)
+    rest = scattering_of(root["medium"])
+    picture = lobe_fits(rows[middle].wavelength, rest.theta, rest.phase[middle], rows[middle].fits)
     return {"lobes.json": _json(root, name, rows), "lobes.csv": _csv(rows), "lobes.png": drawn(picture, ("png",))["png"]}
 
 

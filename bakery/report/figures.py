@@ -56,6 +56,15 @@ def pictures(root: Group) -> Iterator[Picture]:
     if not isinstance(wavelength, Dataset):
         return
     um = wavelength.data
+    packed = root.members.get("grains")
+    if isinstance(packed, Group):
+        from bakery.report import grains
+
+        yield from grains.pictures(packed, um)
+    if isinstance(medium, Group) and {"sigma_t", "sigma_t_mean_flight"} <= medium.members.keys():
+        from bakery.report.extinction import extinction
+
+        yield extinction(medium, um)
     if isinstance(medium, Group) and {"theta", "phase"} <= medium.members.keys():
         yield phase_function(medium, um, methods.remarks(root, "medium/phase"))
         yield lobe(medium, um)
@@ -70,10 +79,11 @@ def pictures(root: Group) -> Iterator[Picture]:
             yield cross_sections(name, component, um)
 
 
-def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
+def phase_function(medium: Group, um, remarks: Sequence[str] = (), prefix: str = "", of: str = "") -> Picture:
     """Phase functions on a logarithmic scale: all angles, and the forward peak on a logarithmic angle.
 
-    `remarks` say where rays took part; they stand below the axes.
+    `remarks` (where rays took part, what the curves leave out) stand below the axes; `prefix` goes before the picture's name,
+    `of` behind its title.
     """
     theta, phase = np.degrees(medium["theta"].data), medium["phase"].data
     stated = medium.members.get("phase_error")
@@ -93,6 +103,8 @@ def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
                     axes.fill_between(at, np.maximum(row - band, 1e-3 * row), row + band, color=colour, alpha=0.22, linewidth=0)
                 axes.plot(at, row, color=colour, label=label)
         wide.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
+        if largest > _SEEN:  # the curves, not the error of an angle where next to nothing was found, say what is shown
+            wide.set_ylim(0.4 * phase[phase > 0].min(), 2.5 * phase.max())
         wide.set_xticks(range(0, 181, 30))
         wide.axhline(1 / (4 * np.pi), color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
         wide.annotate("isotropic", (0.5, 1 / (4 * np.pi)), xycoords=("axes fraction", "data"), xytext=(0, 3),
@@ -106,12 +118,12 @@ def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
             figure.supxlabel("\n".join(remarks), x=0.01, ha="left", fontsize=8.5, color=QUIET)
 
     band = f"  Largest error: {100 * largest:.2g} %" + (", the band." if largest > _SEEN else ", less than a line is wide.")
-    return Picture("phase", "Phase function", "Light scattered by the angle between the directions of travel; 2π times the "
-                   f"integral over cos θ is 1.{band}{_sentences(remarks)}", (10.4, 4.3 + 0.2 * len(remarks)), draw,
+    return Picture(f"{prefix}phase", f"Phase function{of}", "Light scattered by the angle between the directions of travel; "
+                   f"2π times the integral over cos θ is 1.{band}{_sentences(remarks)}", (10.4, 4.3 + 0.2 * len(remarks)), draw,
                    _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
 
 
-def lobe(medium: Group, um) -> Picture:
+def lobe(medium: Group, um, prefix: str = "", of: str = "") -> Picture:
     """The phase function as a polar diagram whose radius is logarithmic."""
     theta, phase = medium["theta"].data, medium["phase"].data
     top = np.ceil(np.log10(phase.max()))
@@ -135,8 +147,8 @@ def lobe(medium: Group, um) -> Picture:
         axes.set_title("Phase function (1/sr), logarithmic radius", pad=16)
         _legend_beside(figure, axes)
 
-    return Picture("lobe", "Lobe", "The same phase function around the particle; light travels to the right, 0° is straight on.",
-                   (6.4, 5.2), draw, _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+    return Picture(f"{prefix}lobe", f"Lobe{of}", "The same phase function around the particle; light travels to the right, "
+                   "0° is straight on.", (6.4, 5.2), draw, _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
 
 
 def polarisation(medium: Group, um) -> Picture:

@@ -11,6 +11,7 @@ from bakery.report.figures import drawn, pictures
 from bakery.report.summary import describe
 from bakery.store.tree import Dataset, Group, read_text
 
+MOST_COLUMNS = 11  # of a table, side by side
 # The policy keeps the page from fetching or running anything, should a text ever slip through unescaped.
 _HEAD = """<!DOCTYPE html>
 <html lang="en">
@@ -47,6 +48,7 @@ def page(root: Group) -> str:
     lead = f"Bakery asset, format {summary['format_version']}, baked by bakery {summary['bakery_version']}"
     parts = [_HEAD.format(title=escape(name)), f'<h1>{escape(name)}</h1>\n<p class="lead">{escape(lead)}</p>\n']
     parts += _section("Medium", _by_wavelength(root))
+    parts += _section("Grains", _grains(root))
     figures = [_figure(picture) for picture in pictures(root)]
     parts += _section("Pictures", figures)
     parts += _section("Stages", [_stages(summary), *(f"<p>{escape(key)} {escape(text)}.</p>\n"
@@ -79,10 +81,33 @@ def _by_wavelength(root: Group) -> list[str]:
         return []
     columns = {name: member for name, member in medium.members.items()
                if isinstance(member, Dataset) and axes(root, f"medium/{name}") == ("L",)}
+    errors = {name: columns[f"{name}_error"].data for name in columns if f"{name}_error" in columns}
+    columns = {name: member for name, member in columns.items()
+               if not (name.endswith("_error") and name.removesuffix("_error") in errors)}
     units = [f" ({member.units})" if member.units != "1" else "" for member in columns.values()]
-    header = ["wavelength (um)", *map("".join, zip(columns, units, strict=True))]
-    rows = [[f"{um:g}", *(f"{member.data[i]:.6g}" for member in columns.values())] for i, um in enumerate(wavelength.data)]
-    return [_table(header, rows, numbers=range(len(header)))]
+    header = ["", *(f"{um:g} um" for um in wavelength.data)]
+    rows = [[name + unit, *(_with_error(x, errors[name][i] if name in errors else 0.0) for i, x in enumerate(member.data))]
+            for (name, member), unit in zip(columns.items(), units, strict=True)]
+    if len(columns) > MOST_COLUMNS:  # what would be too wide stands below each other
+        return [_table(header, rows, numbers=range(1, len(header)))]
+    turned = [[f"{um:g}", *(row[1 + i] for row in rows)] for i, um in enumerate(wavelength.data)]
+    header = ["wavelength (um)", *(row[0] for row in rows)]
+    return [_table(header, turned, numbers=range(len(header)))]
+
+
+def _with_error(value, error) -> str:
+    return f"{value:.6g}" + (f" ± {error:.2g}" if error > 0 else "")
+
+
+def _grains(root: Group) -> list[str]:
+    """The figures of each exemplar grain, one row a wavelength."""
+    from bakery.report import grains
+
+    packed, wavelength = root.members.get("grains"), root.members.get("wavelength")
+    if not isinstance(packed, Group) or not isinstance(wavelength, Dataset):
+        return []
+    header, rows = grains.table(packed, wavelength.data)
+    return [_table(header, rows, numbers=range(1, len(header))), f"<p>{escape(grains.legend())}.</p>\n"] if rows else []
 
 
 def _stages(summary: dict) -> str:

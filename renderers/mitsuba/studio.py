@@ -18,6 +18,9 @@ KEY = (-98.0, 44.0, 88.0, 1.8)
 RIM = (50.0, 36.0, 52.0, 2.1)
 SKY = 0.18
 BRIGHT, DARK, FAR = 0.38, 0.23, 0.07  # reflectance of the checks, and of the ground far away
+# Ends of the names of parameters that differ from wavelength to wavelength.
+OPAQUE = ("interior_medium.albedo.value.value", "interior_medium.sigma_t.value.value", ".eta", ".eta.value", ".k.value", ".alpha",
+          "reflectance.value")
 CHECK, FADE, CHECKED = 0.25, 2.4, 16.0  # width of a check, where checks have faded by half, width of the checked part
 
 
@@ -55,6 +58,14 @@ def reflectance(x, y):
 
 def scene(mi, medium, width, height, rr_depth):
     """The studio with a block of `medium` (a dict for Mitsuba, its coefficients per edge of the block)."""
+    place = mi.ScalarTransform4f
+    block = {"type": "cube", "to_world": place().translate([0, 0, 0.5 + LIFT]) @ place().scale(0.5), "bsdf": {"type": "null"},
+             "interior": medium}
+    return furnished(mi, {"block": block}, width, height, {"type": "volpath", "max_depth": 100_000, "rr_depth": rr_depth})
+
+
+def furnished(mi, shown, width, height, integrator, target=TARGET):
+    """The studio with shapes (dicts for Mitsuba by name) on its ground; the camera stays and looks at `target`."""
     import drjit as dr
 
     place = mi.ScalarTransform4f
@@ -63,9 +74,9 @@ def scene(mi, medium, width, height, rr_depth):
     ground = mi.Bitmap(reflectance(x, x[:, None]).astype(np.float32)[..., None])
     built = mi.load_dict({
         "type": "scene",
-        "integrator": {"type": "volpath", "max_depth": 100_000, "rr_depth": rr_depth},
+        "integrator": integrator,
         "sensor": {"type": "perspective", "fov": float(np.degrees(FIELD_OF_VIEW)),
-                   "to_world": place().look_at(origin=CAMERA.tolist(), target=TARGET.tolist(), up=[0, 0, 1]),
+                   "to_world": place().look_at(origin=CAMERA.tolist(), target=list(target), up=[0, 0, 1]),
                    "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "luminance",
                             "rfilter": {"type": "box"}},
                    "sampler": {"type": "independent"}},
@@ -74,13 +85,13 @@ def scene(mi, medium, width, height, rr_depth):
                    "bsdf": {"type": "diffuse", "reflectance": {
                        "type": "bitmap", "bitmap": ground, "raw": True, "wrap_mode": "clamp",
                        "to_uv": centre @ place().scale(1000 / CHECKED) @ centre.inverse()}}},
-        "block": {"type": "cube", "to_world": place().translate([0, 0, 0.5 + LIFT]) @ place().scale(0.5),
-                  "bsdf": {"type": "null"}, "interior": medium},
+        **shown,
     }, optimize=False)  # optimised, the order of objects changes from run to run, and with it the noise
     # As variables, not constants of the compiled kernel: wavelengths and assets share it, half a second each.
     values = mi.traverse(built)
-    for name in ("albedo", "sigma_t"):
-        dr.make_opaque(values[f"block.interior_medium.{name}.value.value"])
+    for key in values.keys():  # noqa: SIM118  not a dict
+        if key.split(".")[0] in shown and key.endswith(OPAQUE):
+            dr.make_opaque(values[key])
     return built
 
 

@@ -118,12 +118,13 @@ def tables_from(asset) -> Tables:
                    elements=None if elements is None else elements / scale[None, :, None])
 
 
-def open_asset(path):
-    """`bakery.open`; raises AssetError, naming the stage and how to bake it, where the asset has no medium."""
+def open_asset(path, stages=("medium",)):
+    """`bakery.open`; raises AssetError, naming a stage and how to bake it, where the asset has none of `stages`."""
     import bakery
 
     asset = bakery.open(path)
-    _ = asset.medium  # raises where there is none
+    if not any(stage in asset.stages for stage in stages):
+        _ = getattr(asset, stages[-1])  # raises where there is none
     return asset
 
 
