@@ -16,7 +16,7 @@ from bakery.errors import AssetError
               help="Folder of the pictures.  Default: NAME-plots beside the asset.")
 @json_option
 def command(asset, output, as_json):
-    """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation.
+    """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation, grains, tiles.
 
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
