@@ -20,7 +20,8 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import optional  # noqa: E402
 
-from bakery.grains.bvh import Mesh, _planted  # noqa: E402
+from bakery.grains.bvh import Mesh  # noqa: E402
+from bakery.grains.grid import laid  # noqa: E402
 from bakery.grains.points import points, scrambled  # noqa: E402
 from bakery.grains.scatterometer import FIGURES, measure  # noqa: E402
 from bakery.grains.sphere import ball  # noqa: E402
@@ -64,6 +65,26 @@ def rock(n, seed=0):
             radius += 0.08 / 2**octave * np.sin(v @ (q * 1.5 * 2**octave / np.linalg.norm(q)) + rng.uniform(0, 6))
     v = v * radius[:, None] * [1, 0.8, 0.65]
     return v / np.linalg.norm(v, axis=1).max(), f
+
+
+def needle(n, tilt=0.0):
+    """Spheroid 100 : 1, turned by `tilt` about (0, 1, 1)."""
+    v, f = sphere_mesh(n)
+    v = v * [1, 0.01, 0.01]
+    axis, c = np.array([0, 1, 1]) / 2**0.5, np.cos(tilt)
+    v = c * v + np.sin(tilt) * np.cross(axis, v) + (1 - c) * (v @ axis)[:, None] * axis
+    return v / np.linalg.norm(v, axis=1).max(), f
+
+
+def aggregate(n, balls=20, seed=0):
+    """Balls that do not touch, all in one grain: rays leave and enter again."""
+    v, f = sphere_mesh(n)
+    rng, centers = np.random.default_rng(seed), np.zeros((0, 3))
+    while len(centers) < balls:
+        p = rng.uniform(-1, 1, 3)
+        if np.linalg.norm(p) < 0.75 and np.all(np.linalg.norm(centers - p, axis=1) > 0.42):
+            centers = np.vstack([centers, p])
+    return (0.2 * v + centers[:, None]).reshape(-1, 3), (f + len(v) * np.arange(balls)[:, None, None]).reshape(-1, 3)
 
 
 def rays(count):
@@ -126,9 +147,9 @@ def speed():
     embreex = optional("embreex") if trimesh else None
     start, direction = rays(WALKS)
     uniform = points(*scrambled(np.random.default_rng(0)), 0, WALKS)
-    print("| triangles | walk | s | ratio of ours | hits | meetings a hit | g | contradicted |\n|" + "---|" * 8)
-    for n in (32, 100):
-        vertices, faces = rock(n)
+    print("| grain | triangles | walk | s | ratio of ours | hits | meetings a hit | g | contradicted |\n|" + "---|" * 9)
+    for grain, (vertices, faces) in (("rock", rock(32)), ("rock", rock(100)), ("needle", needle(32)),
+                                     ("needle, askew", needle(32, 0.8)), ("20 balls", aggregate(10))):
         mesh = Mesh(vertices, faces)
         walker = Walker(mesh, dielectric(INDEX), np.zeros(1))
         made = {}
@@ -150,21 +171,20 @@ def speed():
         seconds = cpu(jobs)
         for name in jobs:
             hits, met, g, wrong = made[name]
-            print(f"| {len(faces)} | {name} | {seconds[name]:.2f} | {seconds['ours'] / seconds[name]:.2f} | {hits:.4f} | "
-                  f"{met:.3f} | {g:.4f} | {wrong:.1e} |", flush=True)
+            print(f"| {grain} | {len(faces)} | {name} | {seconds[name]:.2f} | {seconds['ours'] / seconds[name]:.2f} | "
+                  f"{hits:.4f} | {met:.3f} | {g:.4f} | {wrong:.1e} |", flush=True)
 
 
-def trees():
-    print("\n| triangles | tree, s | MB |\n|---|---|---|")
+def grids():
+    print("\n| triangles | grid, s | MB |\n|---|---|---|")
     for n in (4, 32, 100, 316):
         vertices, faces = rock(n)
         seconds = []
         for _ in range(3):
             begin = time.perf_counter()
-            tree = _planted(vertices, faces)
+            grid = laid(vertices, faces)
             seconds.append(time.perf_counter() - begin)
-        size = tree[0].nbytes + tree[2].nbytes + tree[3].nbytes
-        print(f"| {len(faces)} | {median(seconds):.3f} | {size / 1e6:.0f} |", flush=True)
+        print(f"| {len(faces)} | {median(seconds):.3f} | {grid.nbytes / 1e6:.0f} |", flush=True)
 
 
 def shown(found, name, digits=4):
@@ -175,7 +195,7 @@ def shown(found, name, digits=4):
 def defaults():
     print("\n| grain, tolerance | s, one core | paths | " + " | ".join(FIGURES) + " |\n|" + "---|" * (3 + len(FIGURES)))
     mesh = Mesh(*rock(100))
-    measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # plants the tree
+    measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # lays the grid
     jobs = (("glass", dielectric(1.5), 0.005), ("glass", dielectric(1.5), 0.001), ("white", diffuse(1.0), 0.005))
     for name, surface, tolerance in jobs:
         begin = time.perf_counter()
@@ -210,5 +230,5 @@ if __name__ == "__main__":
         accuracy()
     else:
         speed()
-        trees()
+        grids()
         defaults()

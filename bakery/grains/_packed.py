@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numba import njit
 
+from bakery.grains._walk import _frame, _uniform
 from bakery.grains.bvh import nearest, normal, scratch
 from bakery.grains.surface import DIELECTRIC, DIFFUSE, at_dielectric, disk, facet, shadowing
-from bakery.grains.walk import _frame, _uniform
 from bakery.packing.instances import kind, matrix, rotation, uniforms
 
 MISSED, LEFT, LOST, CONTRADICTED, CUT = range(5)

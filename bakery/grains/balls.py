@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from bakery.grains._walk import _FAINT, _enter, _frame, _uniform
 from bakery.grains.scatterometer import EDGES, Statistics, measure
 from bakery.grains.sphere import Ball, ball
 from bakery.grains.surface import DIELECTRIC, DIFFUSE, Surface, at_dielectric, disk, facet, fresnel_conductor, shadowing
-from bakery.grains.walk import _FAINT, ABSORBED, CUT, EVENTS_MAX, LEFT, MISSED, Paths, _enter, _frame, _uniform
+from bakery.grains.walk import ABSORBED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 
 _GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches is reflected
 

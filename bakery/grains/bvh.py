@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from bakery.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
+from bakery.grains.grid import Grid, laid
 
 # Box planes err by less than 1e-6 in position: |coordinate| <= 1.02, differences <= 2.1, and five float32 roundings.
 MARGIN = 1.5e-6
@@ -295,12 +296,12 @@ class Mesh:
     Notes
     -----
     That the mesh is closed and does not cut itself is the caller's to know; walks count the rays that find it otherwise.
-    Pickled, it is its vertices and faces; a process keeps the trees of its last meshes.
+    Pickled, it is its vertices and faces; a process keeps the trees and grids of its last meshes.
     """
 
     def __init__(self, vertices, faces):
         self.vertices, self.faces = _checked(vertices, faces)
-        self._tree, self._lock = None, threading.Lock()
+        self._made, self._lock = {}, threading.Lock()
 
     @property
     def volume(self) -> float:
@@ -317,10 +318,18 @@ class Mesh:
     @property
     def tree(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (64 K,) float32, the same memory as int32, blocks (36 M,) and names (4 M,): what `nearest` takes."""
+        return self._kept(_planted)
+
+    @property
+    def grid(self) -> Grid:
+        """What walks of many rays at once take."""
+        return self._kept(laid)
+
+    def _kept(self, make):
         with self._lock:
-            if self._tree is None:
-                self._tree = _kept(self.vertices, self.faces)
-        return self._tree
+            if make not in self._made:
+                self._made[make] = _kept(make, self.vertices, self.faces)
+            return self._made[make]
 
     def first_hit(self, origin, direction):
         """Faces (n,) and distances (n,) that rays from origin (n, 3), |origin| < 1.02, along unit direction (n, 3) meet first.
@@ -336,24 +345,24 @@ class Mesh:
         return self.vertices, self.faces
 
     def __setstate__(self, state):
-        (self.vertices, self.faces), self._tree, self._lock = state, None, threading.Lock()
+        (self.vertices, self.faces), self._made, self._lock = state, {}, threading.Lock()
 
 
-_TREES: OrderedDict[bytes, tuple] = OrderedDict()
-_TREES_LOCK = threading.Lock()
-_TREES_MAX = 4
+_MADE: OrderedDict[tuple, tuple] = OrderedDict()
+_MADE_LOCK = threading.Lock()
+_MADE_MAX = 4
 
 
-def _kept(vertices, faces):
-    """The tree of this process for these arrays: in worker processes each task unpickles the mesh anew."""
-    digest = hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
-    with _TREES_LOCK:
-        if digest not in _TREES:
-            _TREES[digest] = _planted(vertices, faces)
-            while len(_TREES) > _TREES_MAX:
-                _TREES.popitem(last=False)
-        _TREES.move_to_end(digest)
-        return _TREES[digest]
+def _kept(make, vertices, faces):
+    """make(vertices, faces), once a process: in worker processes each task unpickles the mesh anew."""
+    key = make, hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
+    with _MADE_LOCK:
+        if key not in _MADE:
+            _MADE[key] = make(vertices, faces)
+            while len(_MADE) > _MADE_MAX:
+                _MADE.popitem(last=False)
+        _MADE.move_to_end(key)
+        return _MADE[key]
 
 
 def _planted(vertices, faces):

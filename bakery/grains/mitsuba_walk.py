@@ -16,19 +16,9 @@ from numba import njit
 
 from bakery import llvm
 from bakery.errors import UsageError
+from bakery.grains._walk import _AHEAD, _FAINT, _enter
 from bakery.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, Surface
-from bakery.grains.walk import (
-    _AHEAD,
-    _FAINT,
-    ABSORBED,
-    CONTRADICTED,
-    CUT,
-    EVENTS_MAX,
-    LEFT,
-    MISSED,
-    Paths,
-    _enter,
-)
+from bakery.grains.walk import ABSORBED, CONTRADICTED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 
 VARIANT = "llvm_ad_mono"
 BATCH = 1 << 18  # paths a call from which on starting the kernel (2 ms) is no longer seen
