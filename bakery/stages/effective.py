@@ -14,7 +14,7 @@ from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, dataset
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group
 
-_HITS, _HIT = 60.0, 2e-6  # hits times the squared tolerance; seconds of one core of a hit
+_HITS, _HIT = 60.0, 1.5e-6  # hits times the squared tolerance; seconds of one core of a hit
 CHOICES = ("mean_flight", "second_moment", "random_walk")
 _SHARES = ("hit_probability", "forward_delta", "fraction")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")

@@ -22,10 +22,11 @@ _CELLS = 180  # of the phase function
 _APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
 _CLASSES = 8  # radii that stand for a continuous law
 _QUANTILES = 4096
-# seconds on one core of an AMD EPYC (Zen 5): of a path, for each doubling of the triangles, of a triangle that is made, of a ball
-_PATH, _DEPTH, _BUILD, _BALL = 0.2e-6, 0.06e-6, 8e-6, 0.15
+# seconds on one core of an AMD EPYC (Zen 5): of a path, of its look-ups among 200,000 triangles (they grow like the square root
+# of the number), of a triangle that is made, of a ball
+_PATH, _LOOKUPS, _BUILD, _BALL = 0.3e-6, 1e-6, 8e-6, 0.15
 _LOADING, _COMPILING = 1.0, 20.0
-_SPREAD = 8.0  # times 1/sqrt(paths): error of the phase function
+_SPREAD = 6.0  # times 1/sqrt(paths): error of the phase function
 SCALARS = ("hit_probability", "lambda_delta", "chord")
 FIGURES = ("albedo", "lambda_s", "lambda_o", "mean_square", "g", "forward_delta", "inner_path")
 BY_RADIUS = ("albedo", "lambda_s", "mean_square", "g", "forward_delta")
@@ -442,7 +443,7 @@ def cost(recipe) -> Cost:
         else:
             walks += number
     triangles, paths = given["triangles"], given["paths"] or predicted_paths(recipe.scatterometer.tolerance)
-    tables = walks * paths * (_PATH + _DEPTH * math.log2(triangles))
+    tables = walks * paths * (_PATH + _LOOKUPS * math.sqrt(triangles / 200_000))
     made = _BUILD * triangles * len(given["components"])
     before, why = _startup()
     figures = len(given["classes"]) * given["wavelengths"] * (_CELLS + 2) * 2
@@ -454,15 +455,15 @@ def cost(recipe) -> Cost:
 
 def predicted_paths(tolerance: float) -> int:
     """Paths that a tolerance is expected to take: that of the phase function takes the most."""
-    return 1 << max(14, math.ceil(math.log2((_SPREAD / tolerance) ** 2)))
+    return max(1 << 14, math.ceil((_SPREAD / tolerance) ** 2))
 
 
 def _startup() -> tuple[float, str]:
     """Seconds before the first path, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
     here = Path(__file__).parents[1] / "grains"
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
-    changed = (here / "walk.py").stat().st_mtime
-    if any(path.stat().st_mtime >= changed for path in kept.rglob("walk.*.nbi")):
+    changed = (here / "_walk.py").stat().st_mtime
+    if any(path.stat().st_mtime >= changed for path in kept.rglob("_walk.*.nbi")):
         return _LOADING, "kernels loaded"
     return _COMPILING, "kernels compiled first, once"
 
