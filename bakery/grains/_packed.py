@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numba import njit
 
-from bakery.grains._walk import _frame, _uniform
+from bakery.grains._walk import _drawn, _frame, _uniform
 from bakery.grains.bvh import nearest, normal, scratch
-from bakery.grains.surface import DIELECTRIC, DIFFUSE, at_dielectric, disk, facet, shadowing
+from bakery.grains.surface import turned
 from bakery.packing.instances import kind, matrix, rotation, uniforms
 
 MISSED, LEFT, LOST, CONTRADICTED, CUT = range(5)
@@ -148,25 +148,8 @@ def _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool):
     """Direction after a meeting with the surface, its part along the outward normal, and the share of the light that leaves."""
     sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
     x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
-    share = 1.0
-    if matter == DIELECTRIC:
-        u, v, w = _uniform(stream, pool), 0.0, 0.0
-        if roughness > 0.0:
-            v, w = _uniform(stream, pool), _uniform(stream, pool)
-        x, y, z, share = at_dielectric(x, y, z, index, roughness, u, v, w)
-    elif matter == DIFFUSE:
-        x, y = disk(_uniform(stream, pool), _uniform(stream, pool))
-        z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
-    else:
-        mx, my, mz = 0.0, 0.0, 1.0
-        if roughness > 0.0:
-            mx, my, mz = facet(x, y, z, roughness, _uniform(stream, pool), _uniform(stream, pool))
-        cosine = x * mx + y * my + z * mz
-        x, y, z = 2.0 * cosine * mx - x, 2.0 * cosine * my - y, 2.0 * cosine * mz - z
-        if z <= 0.0:
-            share = 0.0
-        elif roughness > 0.0:
-            share = shadowing(x, y, z, mx, my, mz, roughness)
+    u, v, w = _drawn(matter, roughness, stream, pool)
+    x, y, z, share, _ = turned(matter, index, roughness, x, y, z, u, v, w)
     dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
     over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
     return dx * over, dy * over, dz * over, z, share

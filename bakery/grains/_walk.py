@@ -15,7 +15,7 @@ from numba import njit
 from bakery.grains import _rays
 from bakery.grains._lanes import fetch, lowest
 from bakery.grains._rays import confirm, leap, passed, those
-from bakery.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, at_dielectric, disk, facet, fresnel_conductor, shadowing
+from bakery.grains.surface import CONDUCTOR, DIELECTRIC, disk, left, turned
 
 MISSED, LEFT, ABSORBED, CONTRADICTED, CUT = range(5)
 _FAINT = 0.05  # weight below which a path goes on only by chance
@@ -50,6 +50,19 @@ def _uniform(stream, pool):
         pool[2], pool[3] = (c + 0.5) * 2.0**-32, (d + 0.5) * 2.0**-32
     stream[4] += np.uint64(1)
     return pool[at]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _drawn(kind, roughness, stream, pool):
+    """The numbers that a meeting with a surface takes (`surface.turned`)."""
+    u = v = w = 0.0
+    if kind != CONDUCTOR or roughness > 0.0:
+        u = _uniform(stream, pool)
+        if kind != DIELECTRIC or roughness > 0.0:
+            v = _uniform(stream, pool)
+        if kind == DIELECTRIC and roughness > 0.0:
+            w = _uniform(stream, pool)
+    return u, v, w
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -308,27 +321,13 @@ def followed(low, scale, nx, ny, nz, leaps, first, blocks, names, corners, longe
                 if kind == DIELECTRIC:
                     w = _number(key0, key1, path, replicate, count)
                     count += 1
+            x, y, z, through, cosine = turned(kind, index, roughness, x, y, z, u, v, w)
+            factor *= through
             if kind == DIELECTRIC:
-                x, y, z, through = at_dielectric(x, y, z, index, roughness, u, v, w)
-                factor *= through
                 whole[i, _WITHIN] = z < 0.0
-            elif kind == DIFFUSE:
-                x, y = disk(u, v)
-                z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
-                for c in range(number):
-                    carried[i, c] *= channels[0, c]
             else:
-                mx, my, mz = 0.0, 0.0, 1.0
-                if roughness > 0.0:
-                    mx, my, mz = facet(x, y, z, roughness, u, v)
-                cosine = x * mx + y * my + z * mz
-                x, y, z = 2.0 * cosine * mx - x, 2.0 * cosine * my - y, 2.0 * cosine * mz - z
-                if z <= 0.0:
-                    factor = 0.0
-                elif roughness > 0.0:
-                    factor *= shadowing(x, y, z, mx, my, mz, roughness)
                 for c in range(number):
-                    carried[i, c] *= fresnel_conductor(min(cosine, 1.0), channels[0, c], channels[1, c])
+                    carried[i, c] *= left(kind, channels, c, cosine)
             dx, dy, dz = x * sx + y * tx + z * nx_, x * sy + y * ty + z * ny_, x * sz + y * tz + z * nz_
             over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
             real[i, _DX], real[i, _DY], real[i, _DZ] = dx * over, dy * over, dz * over

@@ -12,44 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from bakery.grains._walk import _FAINT, _enter, _frame, _uniform
+from bakery.grains._walk import _FAINT, _drawn, _enter, _frame, _uniform
 from bakery.grains.scatterometer import EDGES, Statistics, measure
 from bakery.grains.sphere import Ball, ball
-from bakery.grains.surface import DIELECTRIC, DIFFUSE, Surface, at_dielectric, disk, facet, fresnel_conductor, shadowing
+from bakery.grains.surface import DIELECTRIC, Surface, left, turned
 from bakery.grains.walk import ABSORBED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 
 _GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches is reflected
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _meet(kind, index, roughness, channels, x, y, z, stream, pool, carried):
-    """One meeting with a surface: new direction for wi = (x, y, z) in its frame and the share left in all channels.
-
-    What is left in each, besides, is multiplied into carried (C,).
-    """
-    factor = 1.0
-    if kind == DIELECTRIC:
-        u, v, w = _uniform(stream, pool), 0.0, 0.0
-        if roughness > 0.0:
-            v, w = _uniform(stream, pool), _uniform(stream, pool)
-        return at_dielectric(x, y, z, index, roughness, u, v, w)
-    if kind == DIFFUSE:
-        x, y = disk(_uniform(stream, pool), _uniform(stream, pool))
-        for c in range(len(carried)):
-            carried[c] *= channels[0, c]
-        return x, y, math.sqrt(max(1.0 - x * x - y * y, 0.0)), factor
-    mx, my, mz = 0.0, 0.0, 1.0
-    if roughness > 0.0:
-        mx, my, mz = facet(x, y, z, roughness, _uniform(stream, pool), _uniform(stream, pool))
-    cosine = x * mx + y * my + z * mz
-    x, y, z = 2.0 * cosine * mx - x, 2.0 * cosine * my - y, 2.0 * cosine * mz - z
-    if z <= 0.0:
-        factor = 0.0
-    elif roughness > 0.0:
-        factor = shadowing(x, y, z, mx, my, mz, roughness)
-    for c in range(len(carried)):
-        carried[c] *= fresnel_conductor(min(cosine, 1.0), channels[0, c], channels[1, c])
-    return x, y, z, factor
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -85,8 +54,11 @@ def _walk(radius, kind, index, roughness, channels, mu, events_max, uniform, fir
             count += 1
             sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
             x, y = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz)
-            x, y, z, through = _meet(kind, index, roughness, channels, x, y, z, stream, pool, carried)
+            u, v, w = _drawn(kind, roughness, stream, pool)
+            x, y, z, through, cosine = turned(kind, index, roughness, x, y, z, u, v, w)
             factor *= through
+            for c in range(len(carried)):
+                carried[c] *= left(kind, channels, c, cosine)
             over = 1.0 / math.sqrt(x * x + y * y + z * z)
             x, y, z = x * over, y * over, z * over
             dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz

@@ -171,3 +171,36 @@ def at_dielectric(x, y, z, index, alpha, u, v, w):
     if alpha > 0.0:
         weight = shadowing(ox, oy, oz, sign * mx, sign * my, sign * mz, alpha) if stays * oz * z > 0.0 else 0.0
     return ox, oy, oz, weight
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turned(kind, index, alpha, x, y, z, u, v, w):
+    """One meeting with a surface: new direction for wi = (x, y, z), share left of all light, cosine to the facet.
+
+    u, v, w : uniform numbers: a smooth dielectric takes u, a rough one all, a diffuse surface and a rough conductor u and v
+    """
+    if kind == DIELECTRIC:
+        x, y, z, share = at_dielectric(x, y, z, index, alpha, u, v, w)
+        return x, y, z, share, 1.0
+    if kind == DIFFUSE:
+        x, y = disk(u, v)
+        return x, y, math.sqrt(max(1.0 - x * x - y * y, 0.0)), 1.0, 1.0
+    mx, my, mz = 0.0, 0.0, 1.0
+    if alpha > 0.0:
+        mx, my, mz = facet(x, y, z, alpha, u, v)
+    cosine = x * mx + y * my + z * mz
+    x, y, z = 2.0 * cosine * mx - x, 2.0 * cosine * my - y, 2.0 * cosine * mz - z
+    share = 1.0
+    if z <= 0.0:
+        share = 0.0
+    elif alpha > 0.0:
+        share = shadowing(x, y, z, mx, my, mz, alpha)
+    return x, y, z, share, min(cosine, 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def left(kind, channels, c, cosine):
+    """Share that is left in channel c besides: reflectance of a diffuse surface, Fresnel's of a conductor."""
+    if kind == DIELECTRIC:
+        return 1.0
+    return channels[0, c] if kind == DIFFUSE else fresnel_conductor(cosine, channels[0, c], channels[1, c])
