@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import ROOT
 
-PHYSICS = {"averages", "goa", "grains", "mie", "sizes", "materials", "medium", "multiple", "packing"}
+PHYSICS = {"averages", "beam", "goa", "grains", "mie", "sizes", "materials", "medium", "multiple", "packing"}
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
     "recipe": {"grains.limits", "materials", "packing"},
