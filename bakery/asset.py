@@ -22,6 +22,7 @@ from bakery.store.tree import Dataset, Group, is_text, read_text
 # Groups that a renderer may ask for, each with the recipe section that makes a bake write it.
 SECTIONS = {"optics": "particles", "medium": "particles or medium", "packing": "packing", "grains": "grains",
             "multiple": "multiple_scattering", "beam": "beam", "discrete": "discrete"}
+SOURCES = ("point", "segment")  # groups of `multiple` that can be called
 ERROR = "_error"  # X_error is the standard error of X
 
 
@@ -96,7 +97,35 @@ class Members(Mapping):
         if name == "phase" and isinstance(found, np.ndarray) and self._theta is not None \
                 and found.shape[-1] == len(self._theta):
             return Phase(self._theta, found, self.units[name])
+        if name in SOURCES and self._path == "multiple":
+            return self.__dict__.setdefault("_sources", {}).setdefault(name, Source(self._group, name))
         return found
+
+    def kernel(self, depth, r, measure: str = "fluence") -> np.ndarray:
+        """How a narrow beam of unit power spreads, (L, ...) mfp^-2, scattered light only; of the group `beam`.
+
+        Parameters
+        ----------
+        depth, r : mean free paths, 0 or more; broadcast
+        measure : fluence (all directions), forward, flux; small_angle, the same by that model; erf, by the error function
+
+        Raises
+        ------
+        AttributeError : this group is not `beam`
+        ValueError : another measure, deeper than the tables, negative
+        """
+        if self._path != "beam":
+            raise AttributeError(f"{self._path} holds no 'kernel'; it holds {', '.join(self._items)}")
+        from bakery.stages.beam import MEASURES, erf, tables_of
+
+        if measure == "erf":
+            return erf(self._group, depth, r)
+        if measure not in (*MEASURES, "small_angle"):
+            raise ValueError(f"measure {measure!r}: {', '.join(MEASURES)}, small_angle and erf are there")
+        made = self.__dict__.setdefault("_kernels", {})
+        if measure not in made:
+            made[measure] = tables_of(self._group, measure)
+        return np.stack([table.kernel(depth, r) for table in made[measure]])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)
@@ -165,6 +194,63 @@ class Phase:
 
     def __repr__(self) -> str:
         return f"phase(theta) {_shape(self.table.shape)} {self.units}, {len(self.theta)} angles from 0 to pi"
+
+
+class Source:
+    """Light that a point or a segment source sends into a direction by its third and later scattering events."""
+
+    def __init__(self, group: Group, kind: str):
+        self._group, self.kind, self._tables = group, kind, None
+
+    def __call__(self, rho, z, theta, phi, length: float | None = None) -> np.ndarray:
+        """Per unit volume and unit power, (L, ...) mfp^-3 sr^-1; arguments broadcast.
+
+        Parameters
+        ----------
+        rho, z : cylindrical coordinates about the source, mean free paths of the medium; light enters along +z
+        theta, phi : rad, direction of travel: from +z, from the azimuth of the position
+        length : of a segment, mean free paths, 0 or more; that of the table by default
+
+        Raises
+        ------
+        ValueError : a length for a point source, or below 0
+        MissingStage : only the other kind of source was baked
+        """
+        from bakery.multiple import lookup
+
+        if self.kind == "point" and length is not None:
+            raise ValueError("a point source has no length")
+        if length is not None and not length >= 0:
+            raise ValueError(f"length {length}: 0 or more mean free paths")
+        tables = self._ready()
+        values = []
+        for point, segment, stretch in tables:
+            at = np.multiply(rho, stretch), np.multiply(z, stretch), theta, phi
+            if self.kind == "point":
+                found = lookup.point(point, *at)
+            else:
+                own = None if length is None else length * stretch
+                found = lookup.segment(point, segment, *at, own)
+            values.append(found * stretch**3)
+        return np.stack(values)
+
+    def _ready(self):
+        if self._tables is None:
+            from bakery.multiple import lookup
+            from bakery.stages.multiple import tables_of
+
+            made = {}
+            for kind in ("point", self.kind):
+                if kind not in self._group.members:
+                    raise MissingStage(f"the tables of a {self.kind} source need those of a {kind} source too; bake them with "
+                                       "multiple_scattering: {sources: [point, segment]}")
+                made[kind] = [lookup.ready(table) for table in tables_of(self._group, kind)]
+            stretch = self._group["extinction"].data
+            self._tables = list(zip(made["point"], made[self.kind], stretch, strict=True))
+        return self._tables
+
+    def __repr__(self) -> str:
+        return f"{self.kind}(rho, z, theta, phi{', length=None' * (self.kind == 'segment')}) mfp^-3 sr^-1"
 
 
 class Asset:

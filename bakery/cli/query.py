@@ -23,17 +23,22 @@ def command(asset, path, arguments, as_json):
     bake query fog.h5 medium/sigma_t wavelength=0.55um
     bake query fog.h5 medium/phase wavelength=0.55um theta=10deg
     bake query fog.h5 medium/phase "theta=[0, 90, 180] deg"
+    bake query milk.h5 multiple/point rho=1 z=2 theta=30deg
     """
     import bakery
+    from bakery.report import sources
     from bakery.report.lookup import lookup
     from bakery.store.tree import Group, is_text, read_text
 
-    root = bakery.open(asset).tree
-    path = path.strip("/")
+    opened = bakery.open(asset)
+    root, path = opened.tree, path.strip("/")
     values = dict(_argument(word) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")
     member = _find(asset, root, path)
+    if path in sources.PATHS and values:
+        _show(root, sources.looked_up(opened, path, values), as_json)
+        return
     if isinstance(member, Group):
         held = ", ".join([*member.members, *member.attributes])
         raise UsageError(f"{asset}: {path} is a group; it holds {held}: ask for one of them, such as {path}/{held.split(',')[0]}")
@@ -43,8 +48,11 @@ def command(asset, path, arguments, as_json):
             raise UsageError(f"{path}: {next(iter(values))} has no effect on it; it takes no arguments")
         _print_plain(path, member if attribute else read_text(member), as_json)
         return
-    answer = lookup(root, path, values)
-    error, measure = _stage_error(root, path, answer)
+    _show(root, lookup(root, path, values), as_json)
+
+
+def _show(root, answer, as_json: bool) -> None:
+    error, measure = _stage_error(root, answer.path, answer)
     if as_json:
         _print_json(answer, error, measure)
     else:
@@ -53,14 +61,16 @@ def command(asset, path, arguments, as_json):
 
 def _argument(word: str):
     """`theta=10deg` as ("theta", 0.17): lengths in um, angles in rad."""
-    from bakery.recipe.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
+    from bakery.recipe.units import ANGLE, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong, is_list, parse, parse_list
 
-    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
+    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH, "phi": ANGLE, "rho": NUMBER_ONLY, "z": NUMBER_ONLY,
+             "length": NUMBER_ONLY}
     key, equals, text = word.partition("=")
     if not equals or key not in kinds:
         near = difflib.get_close_matches(key, kinds, 1)
         raise UsageError(f'found "{word}"; ' + (f"did you mean {near[0]}=…?" if near and key not in kinds else
-                         "arguments are wavelength=0.55um, theta=10deg, radius=5um"))
+                         "arguments are wavelength=0.55um, theta=10deg, radius=5um; of multiple/point and segment rho=1, z=2, "
+                         "theta=10deg, phi=0deg, length=2"))
     try:
         value = parse_list(text, kinds[key]) if is_list(text) else parse(text, kinds[key])
     except Wrong as wrong:

@@ -137,6 +137,11 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
     effective = effective or grain_schema.EffectiveMedium()
     if parsed.grains:
         leaves |= dict(_leaves("scatterometer", scatterometer, 1)) | dict(_leaves("effective_medium", effective, 1))
+    multiple = parsed.multiple_scattering
+    if multiple:
+        if multiple.tolerance is None:
+            multiple = multiple.model_copy(update={"tolerance": max(0.3 * parsed.tolerance, 1e-4)})
+        leaves |= dict(_leaves("multiple_scattering", multiple, 1))
     packing = parsed.packing and _packing(parsed.packing, parsed.seed)
     if packing:
         leaves["packing.seed"] = packing.seed
@@ -156,6 +161,8 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         grains=parsed.grains and _grains(parsed.grains, checker),
         scatterometer=model.Scatterometer(**_options(scatterometer)),
         effective_medium=model.EffectiveMedium(**_options(effective)),
+        multiple_scattering=multiple and model.MultipleScattering(**_options(multiple) | {"sources": tuple(multiple.sources)}),
+        beam=parsed.beam and model.Beam(**_options(parsed.beam)),
         leaves=leaves,
         files=tuple(checker.files),
         places=places,

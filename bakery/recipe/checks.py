@@ -144,6 +144,14 @@ class Checker:
         for name in ("scatterometer", "effective_medium"):
             if name in self.tree and "grains" not in self.tree:
                 self.report_section(self.tree[name], f"found {name} without grains", "expected it with grains only")
+        for name in ("multiple_scattering", "beam"):
+            if name in self.tree and not present:
+                self.report_section(self.tree[name], f"found {name} without anything that scatters",
+                                    "expected particles, grains or medium beside it")
+        multiple = self.tree.get("multiple_scattering")
+        sources = self.several(multiple.get("sources")) if isinstance(multiple, Mapping) else None
+        if sources and len(set(sources)) < len(sources):
+            self.report(multiple["sources"], "found a source twice", "expected point and segment once each")
 
     def _particles(self, section: Mapping) -> None:
         amounts = [name for name in ("number_density", "volume_fraction") if name in section]

@@ -170,6 +170,25 @@ class EffectiveMedium:
 
 
 @dataclass(frozen=True)
+class MultipleScattering:
+    """Tables of multiple scattering; `extent` (mean free paths) and `orders` are None where the recipe says auto."""
+
+    sources: tuple[str, ...]
+    extent: float | None
+    length: float
+    tolerance: float
+    orders: int | None
+
+
+@dataclass(frozen=True)
+class Beam:
+    """Kernels of narrow beams; `depth` in mean free paths, `photons` is None where the recipe says auto."""
+
+    depth: float
+    photons: int | None
+
+
+@dataclass(frozen=True)
 class Recipe:
     """A recipe whose values are all checked; see docs/architecture.md."""
 
@@ -188,6 +207,8 @@ class Recipe:
     grains: Grains | None
     scatterometer: Scatterometer
     effective_medium: EffectiveMedium
+    multiple_scattering: MultipleScattering | None
+    beam: Beam | None
     leaves: Mapping[str, str | int | float | bool]
     files: tuple[DataFile, ...]
     places: Mapping[str, str] = field(repr=False)

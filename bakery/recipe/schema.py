@@ -245,13 +245,21 @@ class MultipleScattering(Section):
     sources: Annotated[list[word("point", "segment")], Field(min_length=1, max_length=2)] = Field(
         ("point", "segment"), description="Kinds of sources."
     )
-    extent: number(above=0, words=AUTO) = Field("auto", description="In mean free paths.")
+    extent: number(least=0.5, most=200, words=AUTO) = Field(
+        "auto", description="Distance that the tables cover, in mean free paths; auto: all but 1e-4 of the light."
+    )
+    length: number(least=0.1, most=10) = Field(2.0, description="Length of the tabulated segment, in mean free paths.")
+    tolerance: number(FRACTION, least=1e-4, most=0.5) | None = Field(
+        None, description="Relative error of a lobe; 0.3 of the recipe's tolerance if absent."
+    )
+    orders: whole(2, 128, words=AUTO) = Field("auto", description="Legendre orders that are solved; narrower peaks are left out.")
 
 
 class Beam(Section):
     """Narrow-beam kernels."""
 
-    depth: number(above=0) = Field(description="In mean free paths.")
+    depth: number(least=0.01, most=1000) = Field(32.0, description="Deepest depth, in mean free paths.")
+    photons: whole(1000, 10**9, words=AUTO) = Field("auto", description="Photons that measure the error of each wavelength.")
 
 
 class RecipeFile(Section):
@@ -278,10 +286,10 @@ class RecipeFile(Section):
     scatterometer: Scatterometer | None = Field(None, description="Options of the grain stage.")
     effective_medium: EffectiveMedium | None = Field(None, description="Options of the medium that stands for packed grains.")
     multiple_scattering: MultipleScattering | None = Field(
-        None, description="Precomputed multiple scattering (not available yet)."
+        None, description="Tables of the light that is scattered three times and more."
     )
-    beam: Beam | None = Field(None, description="Narrow-beam kernels (not available yet).")
+    beam: Beam | None = Field(None, description="Kernels of narrow beams: how light spreads.")
 
 
 SOURCES = ("particles", "grains", "medium")
-NOT_YET = ("discrete", "multiple_scattering", "beam")
+NOT_YET = ("discrete",)

@@ -72,6 +72,10 @@ def pictures(root: Group) -> Iterator[Picture]:
             yield polarisation(medium, um)
     if isinstance(medium, Group) and {"sigma_t", "albedo", "g"} <= medium.members.keys() and um.size > 1:
         yield coefficients(medium, um)
+    if isinstance(root.members.get("multiple"), Group):
+        from bakery.report import multiple
+
+        yield from multiple.pictures(root)
     optics = root.members.get("optics")
     for name, component in (optics.members if isinstance(optics, Group) else {}).items():
         if isinstance(component, Group) and {"radius", "weight", "extinction"} <= component.members.keys() \

@@ -10,6 +10,7 @@ from bakery.stages.declaration import Stage
 @cache
 def all_stages() -> tuple[Stage, ...]:
     """Every declared stage, upstream ones first."""
-    from bakery.stages import effective, grains, medium, optics, packing
+    from bakery.stages import beam, effective, grains, medium, multiple, optics, packing
 
-    return (packing.STAGE, grains.STAGE, optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS)
+    return (packing.STAGE, grains.STAGE, optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS,
+            multiple.STAGE, beam.STAGE)

@@ -228,15 +228,15 @@ def test_the_message_of_the_contract(tmp_path):
          ['4: phase.radii: found "few"; expected auto or a whole number from 3 to 1,000,000']),
         ("particles:", "phase: {edge: off}\nparticles:", ['4: phase.edge: found "off"; expected narrow, wide or none']),
         ("particles:", "phase: {method: mei}\nparticles:", ['4: phase.method: found "mei"; expected auto, mie or goa (mie?)']),
-        ("particles:", "beam: {depth: 32}\nparticles:", ["4: beam: beam is not available yet; particles, grains and medium are"]),
         (
             "particles:",
             "beam: {deep: 32}\nparticles:",
-            [
-                "4: beam.depth: missing; expected depth: in mean free paths",
-                "4: beam: beam is not available yet; particles, grains and medium are",
-                '4: beam.deep: found the unknown key "deep"; expected depth (depth?)',
-            ],
+            ['4: beam.deep: found the unknown key "deep"; expected depth or photons (depth?)'],
+        ),
+        (
+            "particles:",
+            "discrete: {count: 5, box: [1 m, 1 m, 1 m]}\nparticles:",
+            ["4: discrete: discrete is not available yet; particles, grains and medium are"],
         ),
     ],
 )

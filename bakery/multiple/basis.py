@@ -1,0 +1,143 @@
+"""Few functions whose weighted sums give the logarithms of many lobes: a principal component analysis with weights of its own
+for every lobe.
+
+A lobe f_n over directions d is exp(a_n0 + B_0d + sum over k of a_nk B_kd) times its integral.  Errors count relative to the norm
+of the lobe: weights w_d (f^2/int f^2 + FAINT/4 pi), so that the least squares of logarithms are those of the lobes themselves,
+with a little weight where they are dark.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+FAINT = 0.003
+ROUNDS = 2
+
+
+def weights(lobes, solid_angle):
+    """Weights of the least squares (N, D) for lobes (N, D) > 0 and solid angles (D,)."""
+    square = lobes**2
+    return solid_angle * (square / (square * solid_angle).sum(axis=1, keepdims=True) + FAINT / (4 * np.pi))
+
+
+def start(logs, weight, count):
+    """Functions to begin with: the mean, then `count` times the lobe that is represented worst so far, less what is.
+
+    Parameters
+    ----------
+    logs : (N, D) with any constant added to each
+    weight : (N, D)
+
+    Returns
+    -------
+    (K + 1, D): B_0, then B_k with mean 0 and mean square 1, orthogonal to each other under the mean weight
+    """
+    overall = weight.sum(axis=0) / weight.sum()
+    found = np.zeros((count + 1, logs.shape[1]))
+    level = (logs * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+    found[0] = (logs - level).mean(axis=0)
+    # under one weight for all lobes: what is found so far is orthogonal, and taken out exactly
+    rest = logs - found[0]
+    rest -= (overall * rest).sum(axis=1, keepdims=True)
+    for k in range(1, count + 1):
+        found[k] = rest[np.argmax((overall * rest**2).sum(axis=1))]
+        _orthogonal(found, overall, k)
+        rest -= (overall * rest * found[k]).sum(axis=1, keepdims=True) * found[k]
+    return found
+
+
+def improved(found, logs, weight, rounds=ROUNDS):
+    """A basis (K + 1, D) as `start` returns it after rounds of alternating weighted least squares."""
+    overall = weight.sum(axis=0) / weight.sum()
+    across = np.ascontiguousarray(weight.T)
+    for _ in range(rounds if len(found) > 1 else 0):
+        a = coefficients(logs, weight, found)
+        b = solve(np.ascontiguousarray((logs - a[:, :1]).T), across, _with_one(np.ascontiguousarray(a.T)))
+        found = np.ascontiguousarray(b.T)
+        for k in range(1, len(found)):
+            _orthogonal(found, overall, k)
+    return found
+
+
+def solve(values, weight, regressors):
+    """Weighted least squares of every row of values (N, D) on regressors (K, D): coefficients (N, K)."""
+    return _solve(np.ascontiguousarray(values), np.ascontiguousarray(weight), np.ascontiguousarray(regressors.T))
+
+
+def coefficients(logs, weight, basis):
+    """a_0 .. a_K of lobes, (N, K + 1), in a basis (K + 1, D)."""
+    return solve(logs - basis[0], weight, _with_one(basis))
+
+
+def combine(a, functions):
+    """Sum over k of a (N, K) times functions (K, D), in order."""
+    total = np.zeros((len(a), functions.shape[1]))
+    for k in range(len(functions)):
+        total += a[:, k:k + 1] * functions[k]
+    return total
+
+
+def distance(logs, a, weight, basis):
+    """Norm (N,) of logs (N, D) less their representation by a (N, K + 1): the relative error of lobes, for small ones."""
+    return np.sqrt((weight * (logs - combine(a, _with_one(basis))) ** 2).sum(axis=1))
+
+
+def _with_one(found):
+    regressors = found.copy()
+    regressors[0] = 1.0
+    return regressors
+
+
+def _orthogonal(found, overall, k):
+    """Takes the mean and the functions before it out of function k, and scales it to mean square 1."""
+    for _ in range(2):  # twice is enough
+        found[k] -= (overall * found[k]).sum()
+        for j in range(1, k):
+            found[k] -= (overall * found[k] * found[j]).sum() * found[j]
+    norm = np.sqrt((overall * found[k]**2).sum())
+    found[k] = found[k] / norm if norm > 1e-12 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(values, weight, x):
+    """Normal equations and Cholesky; a regressor that adds nothing gets coefficient 0."""
+    N, D = values.shape
+    K = x.shape[1]
+    out = np.zeros((N, K))
+    gram, right = np.empty((K, K)), np.empty(K)
+    for n in range(N):
+        gram[:] = 0.0
+        right[:] = 0.0
+        for d in range(D):
+            row, w = x[d], weight[n, d]
+            value = w * values[n, d]
+            for i in range(K):
+                wx = w * row[i]
+                line = gram[i]
+                for j in range(K):
+                    line[j] += wx * row[j]
+            for i in range(K):
+                right[i] += value * row[i]
+        for i in range(K):
+            least = 1e-11 * gram[i, i]
+            for j in range(i):
+                total = gram[i, j]
+                for k in range(j):
+                    total -= gram[i, k] * gram[j, k]
+                gram[i, j] = total / gram[j, j] if gram[j, j] > 0 else 0.0
+            total = gram[i, i]
+            for k in range(i):
+                total -= gram[i, k] ** 2
+            gram[i, i] = np.sqrt(total) if total > least else 0.0
+        for i in range(K):
+            total = right[i]
+            for k in range(i):
+                total -= gram[i, k] * out[n, k]
+            out[n, i] = total / gram[i, i] if gram[i, i] > 0 else 0.0
+        for i in range(K - 1, -1, -1):
+            total = out[n, i]
+            for k in range(i + 1, K):
+                total -= gram[k, i] * out[n, k]
+            out[n, i] = total / gram[i, i] if gram[i, i] > 0 else 0.0
+    return out

@@ -1,0 +1,180 @@
+"""Stage `beam`: how a narrow beam spreads in the medium, as tables over depth and distance from its axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages import rules
+from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.store.tree import Group
+
+MODELS = ("transport", "small-angle")
+MEASURES = ("fluence", "forward", "flux")
+_SAID = {"fluence": "scattered light of all directions", "forward": "of the directions that go on forward",
+         "flux": "power forward through a unit of area", "small_angle": "by the small-angle model, for comparison"}
+OUTPUTS = (
+    Output("depth", "(D,)", "1", "depths in mean free paths, equal steps of the logarithm"),
+    Output("ratio", "(U,)", "1", "distance from the axis over the depth, equal steps of the logarithm"),
+    *(Output(name, "(L, D, U)", "1", f"r depth kernel, {said}; the kernel is per squared mean free path and unit power")
+      for name, said in _SAID.items()),
+    Output("model", "(L,)", "1", "what fluence, forward and flux are computed with", choices=MODELS),
+    *(Output(f"m{n}", "(L, D)", "1", f"moment of r^{n} of the small-angle kernel, mean free paths^{n}") for n in (0, 2, 4)),
+    Output("alpha", "(L, D)", "1", "of the error-function kernel with m0 and m2: alpha/r G(r/beta), per mean free path"),
+    Output("beta", "(L, D)", "1", "of the same, mean free paths"),
+    Output("gaussian_b", "(L,)", "rad^2", "of the Gaussian lobe with the table's width: a quarter of its mean square angle"),
+    *(Output(f"{name}_rms", "(L,)", "1", f"relative root mean square difference of {name} from photons, less their noise")
+      for name in MEASURES),
+    *(Output(f"{name}_noise", "(L,)", "1", f"the photons' own noise, in the measure of {name}_rms") for name in MEASURES),
+    Output("photons", "(1,)", "1", "that were counted for each"),
+)
+_REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
+_NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
+_WANTED, _LEAST, _MOST = 50, 20_000, 1_000_000  # photons: times the squared tolerance, at least, at most
+
+
+def inputs(recipe, upstream) -> dict:
+    medium = upstream["medium"]
+    return {"albedo": np.asarray(medium["albedo"].data, float), "theta": np.asarray(medium["theta"].data, float),
+            "phase": np.asarray(medium["phase"].data, float), "depth": recipe.beam.depth, "photons": recipe.beam.photons}
+
+
+def tabulated(albedo, theta, phase, nodes, count, seed):
+    """Tables of one wavelength, their model, the lobe's B, and errors against photons; a task that any worker may run."""
+    from bakery.beam import build
+
+    medium = build.prepare(theta, phase)
+    small = build.small_angle_table(medium, albedo, nodes[0][-1], nodes=nodes)
+    model = build.model_of(medium)
+    made = dict.fromkeys(MEASURES, small)
+    if model == "transport":
+        made = build.transport_tables(medium, albedo, nodes[0][-1], nodes=nodes)
+    far = min(_FARTHEST, float(nodes[0][-1]))
+    planes = far * np.arange(1, 11) / 10
+    found = build.errors(made, albedo, theta, phase, planes, np.linspace(0, far, 51), count, seed) if albedo > 0 \
+        else dict.fromkeys(MEASURES, (0.0, 0.0))
+    return {name: table.value for name, table in made.items()} | {"small_angle": small.value}, model, medium.planar.B, found
+
+
+def compute(inputs: dict, context) -> Result:
+    from bakery.beam import build, kernels, moments, table
+
+    count = len(inputs["albedo"])
+    try:
+        widths = [build.prepare(inputs["theta"], phase).planar.width for phase in inputs["phase"]]
+    except ValueError as fault:
+        raise StageError(f"narrow beams: {fault}") from None
+    nodes = table.grid(inputs["depth"], min(widths))
+    photons = inputs["photons"] or int(np.clip(_WANTED / context.tolerance**2, _LEAST, _MOST))
+    found = []
+    for k in range(count):
+        found += context.map(tabulated, [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, photons,
+                                          context.seed + k)])
+        context.report((k + 1) / count)
+    z = nodes[0]
+    values = {"depth": z, "ratio": nodes[1], "photons": np.array([photons]),
+              "model": np.array([MODELS.index(model) for _, model, _, _ in found], np.int8),
+              "gaussian_b": np.array([B for _, _, B, _ in found])}
+    values |= {name: np.stack([tables[name] for tables, _, _, _ in found]).astype(np.float32) for name in _SAID}
+    albedo, B = inputs["albedo"][:, None], values["gaussian_b"][:, None]
+    levers = moments.levers(z, albedo)
+    for name, value in zip(("m0", "m2", "m4"), moments.moments(*levers, (1 - albedo) * z, B)):
+        values[name] = value
+    values["alpha"], values["beta"] = kernels.erf_parameters(values["m0"], moments.mean_square(levers[0], levers[1], B))
+    for name in MEASURES:
+        values[name + "_rms"], values[name + "_noise"] = (np.array([errors[name][i] for *_, errors in found]) for i in (0, 1))
+    notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
+             for k, (_, model, _, _) in enumerate(found) if model != "transport"]
+    # the photons' noise could hide as much as it makes
+    return Result(dict(datasets(OUTPUTS, values)), float((values["fluence_rms"] + values["fluence_noise"]).max()), tuple(notes))
+
+
+def tables_of(group: Group, name: str) -> list:
+    """Tables of a `beam` group by the name of their dataset, one a wavelength, as `bakery.beam.table.Table`."""
+    from bakery.beam.table import Table
+
+    depth, ratio = (np.asarray(group[path].data, float) for path in ("depth", "ratio"))
+    return [Table(depth, ratio, np.asarray(value, float)) for value in group[name].data]
+
+
+def erf(group: Group, depth, r):
+    """The error-function kernel of a `beam` group, (L, ...) mfp^-2."""
+    from bakery.beam import kernels
+
+    z = np.asarray(group["depth"].data, float)
+    depth, r = np.broadcast_arrays(np.asarray(depth, float), np.asarray(r, float))
+    if not ((depth > 0) & (depth <= z[-1]) & (r > 0)).all():
+        raise ValueError(f"depths lie between 0 and {z[-1]:g} mean free paths, distances are above 0")
+    # alpha goes with 1 and beta with depth^1 at the source, so both are smooth in logarithms
+    at = np.log(np.maximum(depth, z[0]))
+    alpha, beta = (np.stack([np.exp(np.interp(at, np.log(z), np.log(np.maximum(row, 1e-300)))) for row in group[name].data])
+                   for name in ("alpha", "beta"))
+    return kernels.erf_kernel(alpha, beta * np.minimum(depth / z[0], 1.0), r)
+
+
+# ---- rules and plan
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `beam` group, in words."""
+    v = {name: np.asarray(member.data, float) for name, member in group.members.items()}
+    faults = list(rules.complete(v, _REQUIRED))
+    yield from faults
+    if faults:
+        return
+    if not all((np.diff(v[name]) > 0).all() and v[name][0] > 0 for name in ("depth", "ratio")):
+        yield "depth or ratio do not ascend from above 0"
+        return
+    for name in v:
+        if name not in ("depth", "ratio") and (v[name] < 0).any():
+            yield f"{name} below 0"
+    for name in _SAID:
+        if v[name].shape[1:] != (len(v["depth"]), len(v["ratio"])):
+            yield f"{name} is not (L, D, U)"
+    if not np.allclose(v["alpha"] * np.sqrt(2 * np.pi) * v["beta"], v["m0"], rtol=1e-9, atol=1e-300):
+        yield "alpha and beta do not give m0"
+    if (v["m0"] > 1 + 1e-9).any():
+        yield "m0 above 1"
+
+
+def cost(recipe) -> Cost:
+    number = len(recipe.wavelength)
+    photons = recipe.beam.photons or min(max(_WANTED / recipe.tolerance**2, _LEAST), _MOST)
+    return Cost(number * (0.6 + 6e-6 * photons), 1e8, number * 1.5e5, f"{number} wavelengths, {photons:.2g} photons each", 3.0)
+
+
+def measures(found: Group, reference: Group) -> Mapping[str, float]:
+    """Errors of a `beam` group against a converged one: relative root mean square over depths and rings, the largest of all."""
+    worst = {}
+    for name in MEASURES:
+        pairs = zip(tables_of(found, name), tables_of(reference, name))
+        far = min(_FARTHEST, float(found["depth"].data[-1]))
+        planes, edges = far * np.arange(1, 11) / 10, np.linspace(0, far, 51)
+        errors = []
+        for own, true in pairs:
+            a, b = own.rings(planes, edges), true.rings(planes, edges)
+            weight = 0.5 * (edges[1:] + edges[:-1])
+            errors.append(np.sqrt(np.sum(((a - b) * weight) ** 2) / max(np.sum((b * weight) ** 2), 1e-300)))
+        worst[name] = float(max(errors))
+    return {"error": worst["fluence"]} | worst
+
+
+STAGE = Stage(
+    name="beam",
+    version=1,
+    title="spread of a narrow beam",
+    reads=("wavelengths", "tolerance", "seed", "beam"),
+    needs=("medium",),
+    applies=lambda recipe: recipe.beam is not None,
+    outputs=OUTPUTS,
+    error_measure="relative root mean square difference of the fluence from counted photons, over planes and rings up to 5 mean "
+                  "free paths, less the photons' noise, plus that noise",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    knobs=(Knob("photons", "beam.photons", "auto", "photons that measure the error", ("20000", "200000")),),
+    measures=measures,
+)

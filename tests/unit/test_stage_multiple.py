@@ -1,0 +1,131 @@
+"""Stage `multiple`: tables against independent solutions, what the asset gives, and the extremes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.errors import RecipeError, StageError
+from bakery.recipe import load
+from bakery.stages import multiple
+
+RECIPE = """\
+bakery: 1
+name: cloud
+wavelengths: {wavelengths}
+tolerance: {tolerance}
+medium:
+  albedo: {albedo}
+  mean_free_path: 1 mm
+  phase: {phase}
+multiple_scattering: {options}
+"""
+
+
+@pytest.fixture
+def bake(tmp_path):
+    def run(albedo=0.9, phase="{type: hg, g: 0.7}", options="{extent: 12}", tolerance="1%", wavelengths="[0.55]"):
+        path = tmp_path / "cloud.yaml"
+        path.write_text(RECIPE.format(albedo=albedo, phase=phase, options=options, tolerance=tolerance, wavelengths=wavelengths))
+        return bakery.open(bakery.bake(path, output=tmp_path / "cloud.h5"))
+
+    return run
+
+
+def test_published_lobes(bake):
+    """An independent deterministic solution, good to 1e-4 (small values 1e-3), at 0, 45, 90 and 180 degrees."""
+    asset = bake()
+    assert 0 < asset.multiple.attributes["achieved_error"] <= 0.003 == asset.multiple.attributes["tolerance"]
+    theta = np.radians([0, 45, 90, 180])
+    for source, rho, z, expected in (
+        (asset.multiple.point, 1, 1, (4.549e-3, 2.7584e-2, 1.0639e-2, 1.632e-3)),
+        (asset.multiple.point, 1, 3, (7.294e-3, 7.863e-3, 2.132e-3, 5.956e-4)),
+        (asset.multiple.point, 5, 5, (1.5151e-4, 3.6372e-4, 2.4994e-4, 5.8326e-5)),
+        (asset.multiple.point, 3, -1, (1.1447e-4, 2.2428e-4, 7.1219e-4, 3.5739e-4)),
+        (asset.multiple.segment, 1, 1, (1.7156e-3, 9.7195e-3, 9.935e-3, 1.5540e-3)),
+        (asset.multiple.segment, 5, 5, (1.3364e-4, 3.4182e-4, 2.7442e-4, 6.1132e-5)),
+    ):
+        found = source(rho, z, theta, 0.0)
+        assert found.shape == (1, 4)
+        assert np.abs(found[0] - expected).max() < 0.01 * max(expected), (source, rho, z, found)
+        assert np.abs(found[0] / expected - 1).max() < 0.03
+    # two segments after each other are one of twice the length
+    both = asset.multiple.segment(2.0, 3.0, theta, 0.4) + math.exp(-2) * asset.multiple.segment(2.0, 1.0, theta, 0.4)
+    assert asset.multiple.segment(2.0, 3.0, theta, 0.4, length=4.0) == pytest.approx(both, rel=0.02)
+    with pytest.raises(ValueError, match="no length"):
+        asset.multiple.point(1, 1, 0, 0, length=2)
+
+
+def test_isotropic_media_keep_their_energy(bake):
+    """Light of third and later events: albedo^3/(1 - albedo) of it, whatever the colour; a table a wavelength."""
+    albedo = np.array([0.95, 0.5, 0.01])
+    asset = bake(albedo="[0.95, 0.5, 0.01]", phase="{type: isotropic}", options="{}", wavelengths="rgb")
+    r = np.geomspace(1e-3, 60, 1500)
+    shells = 4 * np.pi * asset.multiple.point(r, 0.0, 0.3, 0.1) * 4 * np.pi * r**2
+    assert np.trapezoid(shells, r, axis=1) == pytest.approx(albedo**3 / (1 - albedo), rel=5e-3)
+    assert asset.multiple.point(1.0, 0.0, 0.0, 0.0)[1] * 4 * np.pi == pytest.approx(7.35506e-3, rel=5e-3)
+
+
+def test_nothing_that_scatters_is_an_empty_table(bake):
+    asset = bake(albedo="[0.5, 0]", wavelengths="[0.45, 0.65]", phase="{type: isotropic}")
+    values = asset.multiple.point([0.5, 1.0], 1.0, 0.2, 0.3)
+    assert (values[0] > 0).all() and (values[1] == 0).all() and (asset.multiple.segment(1.0, 1.0, 0.2, 0.3)[1] == 0).all()
+    assert "0.65 um: nothing is scattered" in asset.provenance.multiple.notes
+
+
+def test_at_the_source_and_far_away_answers_are_finite(bake):
+    asset = bake(tolerance="10%")
+    for source in (asset.multiple.point, asset.multiple.segment):
+        for rho, z in ((0, 0), (0, 1), (1e-12, 2), (0, 1e4), (1e4, -1e4)):
+            value = source(rho, z, [0.0, 1.0, math.pi], 0.0)
+            assert np.isfinite(value).all() and (value >= 0).all(), (source, rho, z)
+
+
+def test_peaks_count_as_not_scattered(bake, tmp_path):
+    """A narrow peak is taken out with the sigma_t that it stands for: the medium without it has the same light."""
+    theta = np.concatenate([[0, 1e-3], np.linspace(0.02, math.pi, 400)])
+    g, share = 0.3, 0.4
+    smooth = (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * np.cos(theta)) ** 1.5)
+    peak = share / (1 - share) * np.where(theta == 0, 2 / (math.pi * 1e-6), 0.0)
+    rows = "\n".join(f"{t!r},{v!r}" for t, v in zip(theta.tolist(), (smooth + peak).tolist()))
+    (tmp_path / "peak.csv").write_text(f"theta_rad,value\n{rows}\n")
+    with_peak = bake(albedo=0.9, phase="{type: table, file: peak.csv}", options="{extent: 12, orders: 24}")
+    stretch = 1 - 0.9 * share
+    assert with_peak.multiple.extinction == pytest.approx([stretch], rel=0.01)
+    plain = bake(albedo=0.9 * (1 - share) / stretch, phase=f"{{type: hg, g: {g}}}")
+    at = np.array([0.5, 1.0, 3.0])
+    expected = plain.multiple.point(at * stretch, at * stretch, 0.8, 0.5) * stretch**3
+    assert with_peak.multiple.point(at, at, 0.8, 0.5) == pytest.approx(expected, rel=0.02)
+    assert "delta-M" in with_peak.provenance.multiple.notes
+
+
+def test_what_no_solver_reaches_is_refused(bake):
+    with pytest.raises(StageError, match="wavelength number 0, point source"):
+        bake(phase="{type: hg, g: -0.999}")
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    ("{sources: [point, point]}", "found a source twice"), ("{extent: 1000}", "at most 200"), ("{length: 0}", "at least 0.1"),
+    ("{sources: [line]}", "point or segment"), ("{method: photons}", "unknown key")])
+def test_bad_options(tmp_path, options, said):
+    path = tmp_path / "cloud.yaml"
+    path.write_text(RECIPE.format(albedo=0.9, phase="{type: isotropic}", options=options, tolerance="1%", wavelengths="[0.55]"))
+    with pytest.raises(RecipeError, match=said):
+        load(path)
+
+
+def test_rules_find_what_is_wrong(bake):
+    asset = bake(tolerance="10%", phase="{type: isotropic}")
+    group = asset.tree["multiple"]
+    assert not list(multiple.check(group))
+    from bakery.store.tree import Dataset, Group
+
+    place = group["point/w0"]
+    corner = place["corner"]
+    cut = Group({**place.members, "corner": Dataset(corner.data[:-1], corner.units, corner.description)})
+    broken = Group({**group.members, "point": Group({**group["point"].members, "w0": cut})})
+    assert any(fault.startswith("point: ") for fault in multiple.check(broken))
+    assert multiple.measures(group, group)["error"] == 0
