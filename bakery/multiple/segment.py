@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import spline_filter1d
@@ -111,6 +112,12 @@ def integral(medium: Propagator, rho, z, length, fine=1.0):
     return np.add.reduceat(weight * points.integral(medium, r, angle), start[:-1])
 
 
+@cache
+def _gauss(count):
+    """Nodes and weights, kept: a table asks for the same few hundreds of times."""
+    return np.polynomial.legendre.leggauss(count)
+
+
 def _rule(rho, z, length, order, fine):
     """Points along the segment: Gauss's rule in t + b gd(t), t = asinh((s - z) / rho), b growing with the order.
 
@@ -138,7 +145,7 @@ def _rule(rho, z, length, order, fine):
     for count in np.unique(counts):
         these = np.flatnonzero(counts == count)
         places = start[these, None] + np.arange(count)
-        x, gauss = np.polynomial.legendre.leggauss(count)
+        x, gauss = _gauss(count)
         half = (last - first)[these, None] / 2
         at = (first + last)[these, None] / 2 + half * x
         t = np.interp(at, stretched(grid), grid)

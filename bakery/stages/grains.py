@@ -227,8 +227,8 @@ def compute(inputs: dict, context) -> Result:
     theta, _ = nodes()
     table = np.insert(theta, 1, PEAK)
     classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
-    at, own = np.searchsorted(classes, inputs["classes"] * inputs["radius"]), np.searchsorted(classes, inputs["radius"])
-    own = int(own)
+    # places of the recipe's own radius and of the law's among all that are traced
+    own, at = int(np.searchsorted(classes, inputs["radius"])), np.searchsorted(classes, inputs["classes"] * inputs["radius"])
     if inputs["engine"] == "mitsuba":
         from bakery.grains.mitsuba_walk import require
 
@@ -251,7 +251,7 @@ def compute(inputs: dict, context) -> Result:
         members[name] = group
         reached = max(reached, error)
         notes += told
-        if inputs["paths"] is None and not all(stats is None or stats.reached for stats in _walks(found)):
+        if inputs["paths"] is None and not all(stats.reached for stats in _walks(found)):
             missed.append(f"{name}: errors of {error:.2g} are left after {int(group['paths'].data[0]):,} paths; a larger "
                           "scatterometer.tolerance would do")
     context.report(1.0, reached)

@@ -101,7 +101,7 @@ def compute(inputs: dict, context) -> Result:
     length, count = inputs["length"], len(inputs["wavelength"])
     tasks = [(k, kind, float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["straight"][k]),
               inputs["orders"], inputs["extent"], length, context.tolerance, context.seed)
-             for k in range(count) for kind in inputs["sources"]]
+             for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
     found = []
     for start in range(0, len(tasks), _TOGETHER):  # a few at a time, so that progress can be told
         found += context.map(tabulated, tasks[start:start + _TOGETHER])

@@ -103,7 +103,7 @@ def test_peaks_count_as_not_scattered(bake, tmp_path):
 
 
 def test_what_no_solver_reaches_is_refused(bake):
-    with pytest.raises(StageError, match="wavelength number 0, point source"):
+    with pytest.raises(StageError, match="wavelength number 0, segment source"):
         bake(phase="{type: hg, g: -0.999}")
 
 
