@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from bakery.medium import phase as tables
+from bakery.multiple.photons import scattered, turned
 
 BLOCKS = 32  # random streams, and samples of each mean
 _STREAM = 0x6265616D  # of this module's random numbers
@@ -144,16 +145,6 @@ def count_small_angle(scatterings, sample, left, density, depth, edges, photons,
     return rings.mean(0), rings.std(0, ddof=1) / root, moments.mean(0), moments.std(0, ddof=1) / root
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _scattered(v_nodes, steps, f, cdf, xi):
-    """1 - cos of a scattering angle; the cumulative distribution is a quadratic in it between the nodes."""
-    i = min(max(np.searchsorted(cdf, xi, side="right") - 1, 0), len(steps) - 1)
-    slope = (f[i + 1] - f[i]) / steps[i]
-    c = (xi - cdf[i]) / (2 * math.pi)
-    root = f[i] + math.sqrt(max(f[i] ** 2 + 2 * slope * c, 0.0))
-    return v_nodes[i] + (min(max(2 * c / root, 0.0), steps[i]) if root > 0 else 0.0)
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, depth, edges, first, last, back, sums):
     planes, outer, deepest = len(depth), edges[-1], depth[-1]
@@ -167,18 +158,8 @@ def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, depth, edges, first
                 if stream.random() * _KEPT >= weight:
                     break
                 weight = _KEPT
-            v = _scattered(v_nodes, steps, f, cdf, stream.random())
-            sine, turn = math.sqrt(max(v * (2 - v), 0.0)), 2 * math.pi * stream.random()
-            a, b = sine * math.cos(turn), sine * math.sin(turn)
-            # a frame about u without a special case (Duff et al. 2017)
-            sign = math.copysign(1.0, uz)
-            s = -1 / (sign + uz)
-            t = ux * uy * s
-            nx = a * (1 + sign * ux * ux * s) + b * t + (1 - v) * ux
-            ny = a * sign * t + b * (sign + uy * uy * s) + (1 - v) * uy
-            nz = -a * sign * ux - b * uy + (1 - v) * uz
-            norm = 1 / math.sqrt(nx * nx + ny * ny + nz * nz)
-            ux, uy, uz = nx * norm, ny * norm, nz * norm
+            v = scattered(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
             event += 1
             if event >= first and (uz > 0 or (back and uz < 0)):
                 over = 1 / abs(uz) if abs(uz) > _GRAZING else 2 / _GRAZING

@@ -113,13 +113,29 @@ def cell_averages(source: Callable, rho, z, directions, points=5):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _scattered(v_nodes, steps, f, cdf, xi):
+def scattered(v_nodes, steps, f, cdf, xi):
     """1 - cos of a scattering angle; the cumulative distribution is a quadratic in it between the nodes."""
     i = min(max(np.searchsorted(cdf, xi, side="right") - 1, 0), len(steps) - 1)
     slope = (f[i + 1] - f[i]) / steps[i]
     c = (xi - cdf[i]) / (2 * math.pi)
     root = f[i] + math.sqrt(max(f[i] ** 2 + 2 * slope * c, 0.0))
     return v_nodes[i] + (min(max(2 * c / root, 0.0), steps[i]) if root > 0 else 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def turned(ux, uy, uz, v, turn):
+    """Direction u after a turn by an angle of 1 - cos = v, at azimuth `turn`."""
+    sine = math.sqrt(max(v * (2 - v), 0.0))
+    a, b = sine * math.cos(turn), sine * math.sin(turn)
+    # a frame about u without a special case (Duff et al. 2017)
+    sign = math.copysign(1.0, uz)
+    s = -1 / (sign + uz)
+    t = ux * uy * s
+    nx = a * (1 + sign * ux * ux * s) + b * t + (1 - v) * ux
+    ny = a * sign * t + b * (sign + uy * uy * s) + (1 - v) * uy
+    nz = -a * sign * ux - b * uy + (1 - v) * uz
+    norm = 1 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx * norm, ny * norm, nz * norm
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -142,18 +158,8 @@ def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, rho, z, lobes, leng
                     break
                 weight = _KEPT * entering
             # new direction: 1 - cos and azimuth about the old one
-            v = _scattered(v_nodes, steps, f, cdf, stream.random())
-            sine, turn = math.sqrt(max(v * (2 - v), 0.0)), 2 * math.pi * stream.random()
-            a, b = sine * math.cos(turn), sine * math.sin(turn)
-            # a frame about u without a special case (Duff et al. 2017)
-            sign = math.copysign(1.0, uz)
-            s = -1 / (sign + uz)
-            t = ux * uy * s
-            nx = a * (1 + sign * ux * ux * s) + b * t + (1 - v) * ux
-            ny = a * sign * t + b * (sign + uy * uy * s) + (1 - v) * uy
-            nz = -a * sign * ux - b * uy + (1 - v) * uz
-            norm = 1 / math.sqrt(nx * nx + ny * ny + nz * nz)
-            ux, uy, uz = nx * norm, ny * norm, nz * norm
+            v = scattered(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
             flight = -math.log1p(-stream.random())
             px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
             event += 1

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
+from bakery.report.view import looking_from, srgb
+
 CREASE = math.cos(math.radians(32.0))  # faces that meet at less are shaded as one surface
 _FINE = 2  # samples a pixel and axis
 _SHADOW = 420  # pixels of a light's depth buffer
@@ -35,13 +37,13 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
         place, normal = _ball(low, pixel, size)
     else:
         faces = np.ascontiguousarray(faces, np.int64)
-        seen = np.ascontiguousarray(vertices, float) @ _frame(np.array([1.0, 0.72, 0.62])).T
+        seen = np.ascontiguousarray(vertices, float) @ looking_from(np.array([1.0, 0.72, 0.62])).T
         index, depth = depths(seen, faces, low, pixel, size, size)
         place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
     light = np.zeros((size, size, 3))
     nothing = np.full((1, 1), -np.inf)
     for towards, rgb, shine in _lights(48 if ball or len(faces) <= 200_000 else 20):
-        frame = _frame(towards)
+        frame = looking_from(towards)
         shadow, corner, step = nothing, np.zeros(2), 1.0
         if not ball:
             from_light = seen @ frame.T
@@ -53,7 +55,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
     image = np.concatenate([light + rim[..., None], covered[..., None]], axis=-1)
     image = image.reshape(pixels, _FINE, pixels, _FINE, 4).mean(axis=(1, 3))[::-1]
     mean = image[..., :3] / np.maximum(image[..., 3:], 1e-9)
-    image[..., :3] = _srgb(1 - np.exp(-1.3 * mean))
+    image[..., :3] = srgb(1 - np.exp(-1.3 * mean))
     return image
 
 
@@ -179,7 +181,7 @@ def add_light(light, place, normal, towards, rgb, shine, colour, frame, shadow, 
 def _lights(count):
     """(unit vector towards it, its colour (3,), share of highlights), a sun of some width and a sky that is brighter above."""
     sun = np.array(_SUN) / np.linalg.norm(_SUN)
-    frame = _frame(sun)
+    frame = looking_from(sun)
     suns = count // 4
     for i in range(suns):
         radius, turn = _SPREAD * math.sqrt((i + 0.5) / suns), 2.399963 * i  # the golden angle
@@ -199,16 +201,3 @@ def _ball(low, pixel, size):
     inside = 1 - x * x - y * y
     normal = np.stack([x, y, np.sqrt(np.maximum(inside, 0))], axis=-1)
     return np.where(inside[..., None] > 0, normal, -np.inf), np.where(inside[..., None] > 0, normal, 0.0)
-
-
-def _frame(direction) -> np.ndarray:
-    """Rotation whose rows are right, up and towards the viewer, for a viewer in a direction; z (or y) is up."""
-    back = direction / np.linalg.norm(direction)
-    up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
-    right = np.cross(up, back)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back])
-
-
-def _srgb(linear):
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-12) ** (1 / 2.4) - 0.055)

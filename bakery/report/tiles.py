@@ -8,6 +8,7 @@ import numpy as np
 
 from bakery.packing import theory
 from bakery.report.style import FAINT, INK, NEUTRAL, QUIET
+from bakery.report.view import looking_from, srgb
 from bakery.store.tree import Group
 
 EQUAL = 1e-9  # relative spread below which radii count as equal
@@ -57,7 +58,7 @@ def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tupl
     position = (np.mod(centers, cell) + shifts[:, None]).reshape(-1, 3)
     radius = np.tile(radii, 4)
     colour = np.concatenate([_colours(radii), np.tile(0.9 * _PALE + 0.1 * _colours(radii), (3, 1))])
-    view = _looking_from(np.array([1.0, 0.72, 0.62]))
+    view = looking_from(np.array([1.0, 0.72, 0.62]))
     seen = position @ view.T
     low, high = (seen[:, :2] - radius[:, None]).min(0), (seen[:, :2] + radius[:, None]).max(0)
     margin = 0.02 * (high - low).max()
@@ -69,7 +70,7 @@ def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tupl
 
     sun = np.array([-0.42, 0.62, 0.66])
     sun /= np.linalg.norm(sun)
-    to_sun = _looking_from(sun)
+    to_sun = looking_from(sun)
     from_sun = seen @ to_sun.T
     shadow_low = (from_sun[:, :2] - radius[:, None]).min(0)
     shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
@@ -85,7 +86,7 @@ def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tupl
     image = _spheres.shaded(index, depth, seen, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel)
     image = image.reshape(height // fine, fine, pixels, fine, 4).mean(axis=(1, 3))[::-1]
     light = image[..., :3] / np.maximum(image[..., 3:], 1e-9)
-    image[..., :3] = _srgb(1 - np.exp(-1.25 * light))
+    image[..., :3] = srgb(1 - np.exp(-1.25 * light))
     top = low[1] + height * pixel
     box = np.array(np.meshgrid(*[(0, 1)] * 3, indexing="ij")).reshape(3, -1).T * cell
     return image, (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
@@ -294,16 +295,3 @@ def _colours(radii) -> np.ndarray:
     log = np.log(radii)
     at = ((log - log.min()) / np.ptp(log))[:, None]
     return ((1 - at) * _SMALL + at * _LARGE) * (0.88 + 0.2 * golden)
-
-
-def _looking_from(direction) -> np.ndarray:
-    """Rotation whose rows are right, up and towards the viewer, for a viewer in a direction; z (or y) is up."""
-    back = direction / np.linalg.norm(direction)
-    up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
-    right = np.cross(up, back)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back])
-
-
-def _srgb(linear):
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-12) ** (1 / 2.4) - 0.055)

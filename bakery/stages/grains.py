@@ -6,22 +6,17 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from bakery.errors import StageError
-from bakery.stages import rules
+from bakery.stages import exemplars, rules
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group, text
 
 PEAK = 1e-3  # rad, second angle of the table: room for light that leaves unchanged, in tables of media
-_CELLS = 180  # of the phase function
 _APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
-_CLASSES = 8  # radii that stand for a continuous law
-_QUANTILES = 4096
 # seconds on one core of an AMD EPYC (Zen 5): of a path, of its look-ups among 200,000 triangles (they grow like the square root
 # of the number), of a triangle that is made, of a ball
 _PATH, _LOOKUPS, _BUILD, _BALL = 0.3e-6, 1e-6, 8e-6, 0.15
@@ -81,31 +76,9 @@ _REQUIRED = ("vertices", "faces", "weight", "interior", *SCALARS, *FIGURES, "pha
 # ---- recipe
 
 
-def size_classes(law) -> tuple[np.ndarray, np.ndarray]:
-    """Radii over their mean (S,) and shares by number (S,) that stand for a law of radii.
-
-    A list is taken as it is.  A log-normal law is cut into classes of equal cross section, each with its mean radius by cross
-    section and so many grains that it keeps that cross section: light meets classes as it meets the law, and finds its volume.
-    """
-    from bakery.packing import radii
-
-    if law.distribution == "equal":
-        return np.ones(1), np.ones(1)
-    if law.distribution == "list":
-        share, radius = (np.array(column, float) for column in zip(*law.of, strict=True))
-        return radius / (share @ radius), share / share.sum()
-    r = radii.lognormal(law.sigma, _QUANTILES)
-    area = np.cumsum(r**2)
-    which = np.minimum((_CLASSES * (area - 0.5 * r**2) / area[-1]).astype(int), _CLASSES - 1)
-    parts = [r[which == k] for k in range(_CLASSES)]
-    radius = np.array([np.sum(p**3) / np.sum(p**2) for p in parts])
-    share = np.array([np.sum(p**2) for p in parts]) / radius**2
-    return radius, share / share.sum()
-
-
 def inputs(recipe, upstream) -> dict:
     grains, host = recipe.grains, np.asarray(recipe.grains.host.n, float)
-    classes, shares = size_classes(recipe.packing.radii)
+    classes, shares = exemplars.size_classes(recipe.packing.radii)
     components = []
     for i, grain in enumerate(grains.components):
         surface = grain.surface
@@ -123,108 +96,11 @@ def inputs(recipe, upstream) -> dict:
             "depth": options.depth, "engine": options.engine}
 
 
-# ---- traces: one for each set of paths
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Paths that several wavelengths and sizes share.
-
-    Attributes
-    ----------
-    surface : of the grain, `bakery.grains.surface`
-    mu : (C,) 1/R
-    rows : wavelengths that it serves
-    channel : (S, rows) channels of the radii and wavelengths
-    white : the channel in which nothing is absorbed
-    """
-
-    surface: object
-    mu: np.ndarray
-    rows: tuple[int, ...]
-    channel: np.ndarray
-    white: int
-
-
-def traces(component: Mapping, radii, wavelengths: int, apart: float) -> list[Trace]:
-    """What has to be traced for a component whose bounding spheres have `radii` (S,) m; near indices (`apart`) count as one."""
-    from bakery.grains import surface
-
-    every, sizes = tuple(range(wavelengths)), len(radii)
-    if component["type"] == "dielectric":
-        made, real = [], component["index"].real
-        for eta, rows in _alike(real, 0.0 if is_ball(component) else apart):
-            mu, which = np.unique(np.append(0.0, np.outer(radii, component["absorption"][list(rows)])), return_inverse=True)
-            made.append(Trace(surface.dielectric(eta, component["roughness"]), mu, rows,
-                              which.ravel()[1:].reshape(sizes, len(rows)), int(which.ravel()[0])))
-        return made
-    if component["type"] == "diffuse":
-        values, which = np.unique(np.append(1.0, component["reflectance"]), return_inverse=True)
-        made = surface.diffuse(values)
-    else:
-        values, which = np.unique(np.append(complex(math.inf, 0), component["index"]), return_inverse=True)
-        made = surface.conductor(values, component["roughness"])
-    channel = np.broadcast_to(which.ravel()[1:], (sizes, wavelengths))
-    return [Trace(made, np.zeros(len(values)), every, channel, int(which.ravel()[0]))]
-
-
-def is_ball(component: Mapping) -> bool:
-    """Whether a closed form knows the answer."""
-    return component["shape"]["type"] == "sphere" and component["roughness"] == 0
-
-
-def _alike(index, apart: float) -> list[tuple[float, tuple[int, ...]]]:
-    """Indices that stand for those within `apart` above the lowest of them, and the wavelengths of each."""
-    groups, order = [], np.argsort(index, kind="stable")
-    for row in order.tolist():
-        if groups and index[row] - index[groups[-1][0]] <= apart:
-            groups[-1].append(row)
-        else:
-            groups.append([row])
-    return [(0.5 * (float(index[rows[0]]) + float(index[rows[-1]])), tuple(rows)) for rows in groups]
-
-
-def nodes() -> tuple[np.ndarray, np.ndarray]:
-    """Angles of the table (A,) and the edges of their cells (A + 1,), at the mean cosines of neighbours."""
-    theta = np.linspace(0.0, np.pi, _CELLS + 1)
-    v = 2 * np.sin(theta / 2) ** 2
-    edges = np.concatenate([[0.0], 2 * np.arcsin(np.sqrt((v[1:] + v[:-1]) / 4)), [np.pi]])
-    return theta, edges
-
-
-def mesh_of(component: Mapping, triangles: int):
-    """The exemplar; StageError says which grain cannot be made, and why."""
-    from bakery.grains import shapes
-
-    try:
-        return shapes.build(component["shape"], triangles)
-    except ValueError as error:
-        what = component["file"] or component["shape"]["type"]
-        raise StageError(f"grain {component['name']}: {what}: {error}") from None
-
-
-def tracer_of(grain, trace: Trace, depth: int, engine: str, tree=None):
-    """What follows rays through a grain, or None where a closed form knows the answer."""
-    if grain.analytic == "sphere":
-        if trace.surface.roughness == 0:
-            return None
-        from bakery.grains.balls import BallWalker
-
-        return BallWalker(trace.surface, trace.mu, events_max=depth)
-    if engine == "mitsuba":
-        from bakery.grains.mitsuba_walk import MitsubaWalker
-
-        return MitsubaWalker(grain.vertices, grain.faces, trace.surface, trace.mu, events_max=depth)
-    from bakery.grains.walk import Walker
-
-    return Walker(tree, trace.surface, trace.mu, events_max=depth)
-
-
 # ---- work
 
 
 def compute(inputs: dict, context) -> Result:
-    theta, _ = nodes()
+    theta, _ = exemplars.nodes()
     table = np.insert(theta, 1, PEAK)
     classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
     # places of the recipe's own radius and of the law's among all that are traced
@@ -235,11 +111,12 @@ def compute(inputs: dict, context) -> Result:
         require()
     members: dict = dict(datasets(OUTPUTS, {"theta": table, "radius": classes[at], "radius_share": inputs["shares"]}))
     notes, missed, reached = [], [], 0.0
-    whole = [traces(component, classes, inputs["wavelengths"], _APART * context.tolerance) for component in inputs["components"]]
+    whole = [exemplars.traces(component, classes, inputs["wavelengths"], _APART * context.tolerance)
+             for component in inputs["components"]]
     number, done = sum(map(len, whole)), 0
     for k, (component, wanted) in enumerate(zip(inputs["components"], whole)):
         name = component["name"]
-        grain = mesh_of(component, inputs["triangles"])
+        grain = exemplars.mesh_of(component, inputs["triangles"])
         notes += [f"{name}: {note}" for note in grain.notes]
         tree = _tree(grain, inputs["engine"])
         found = []
@@ -274,8 +151,8 @@ def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
     """Statistics of one trace: `scatterometer.Statistics`, or `sphere.Ball`, whose figures have the same names."""
     from bakery.grains import scatterometer, sphere
 
-    _, edges = nodes()
-    tracer = tracer_of(grain, trace, inputs["depth"], inputs["engine"], tree)
+    _, edges = exemplars.nodes()
+    tracer = exemplars.tracer_of(grain, trace, inputs["depth"], inputs["engine"], tree)
     if tracer is None:
         return sphere.ball(trace.surface, trace.mu, edges)
 
@@ -293,7 +170,7 @@ def _group(component, grain, wanted, found, own, at, table):
     """A component's group, its error in the stage's measure, remarks."""
     from bakery.medium import phase
 
-    theta, _ = nodes()
+    theta, _ = exemplars.nodes()
 
     def put(name, white=False):
         """Values and errors (S, L, ...) of a figure that channels have."""
@@ -437,8 +314,8 @@ def cost(recipe) -> Cost:
     radii = np.unique(np.append(1.0, given["classes"])) * given["radius"]
     walks = balls = 0
     for component in given["components"]:
-        number = len(traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
-        if is_ball(component):
+        number = len(exemplars.traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
+        if exemplars.is_ball(component):
             balls += number
         else:
             walks += number
@@ -446,7 +323,7 @@ def cost(recipe) -> Cost:
     tables = walks * paths * (_PATH + _LOOKUPS * math.sqrt(triangles / 200_000))
     made = _BUILD * triangles * len(given["components"])
     before, why = _startup()
-    figures = len(given["classes"]) * given["wavelengths"] * (_CELLS + 2) * 2
+    figures = len(given["classes"]) * given["wavelengths"] * (exemplars.CELLS + 2) * 2
     return Cost(tables + made + _BALL * balls, 4e7 + 260.0 * triangles + 300.0 * 2**18,
                 len(given["components"]) * (20.0 * triangles + 8 * figures + 6e3),
                 f"{walks} walks of about {paths:,} paths, {balls} balls in closed form, {triangles:,} triangles a grain; "
