@@ -101,32 +101,6 @@ class Members(Mapping):
             return self.__dict__.setdefault("_sources", {}).setdefault(name, Source(self._group, name))
         return found
 
-    def kernel(self, depth, r, measure: str = "fluence") -> np.ndarray:
-        """How a narrow beam of unit power spreads, (L, ...) mfp^-2, scattered light only; of the group `beam`.
-
-        Parameters
-        ----------
-        depth, r : mean free paths, 0 or more; broadcast
-        measure : fluence (all directions), forward, flux; small_angle, the same by that model; erf, by the error function
-
-        Raises
-        ------
-        AttributeError : this group is not `beam`
-        ValueError : another measure, deeper than the tables, negative
-        """
-        if self._path != "beam":
-            raise AttributeError(f"{self._path} holds no 'kernel'; it holds {', '.join(self._items)}")
-        from bakery.stages.beam import MEASURES, erf, tables_of
-
-        if measure == "erf":
-            return erf(self._group, depth, r)
-        if measure not in (*MEASURES, "small_angle"):
-            raise ValueError(f"measure {measure!r}: {', '.join(MEASURES)}, small_angle and erf are there")
-        made = self.__dict__.setdefault("_kernels", {})
-        if measure not in made:
-            made[measure] = tables_of(self._group, measure)
-        return np.stack([table.kernel(depth, r) for table in made[measure]])
-
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)
 
@@ -147,6 +121,58 @@ class Members(Mapping):
                 lines.append(f"  {name} {_shape(member.data.shape)} {member.units}  {_range(member)}"
                              f"{_largest_error(member.data, self.error.get(name))}")
         return "\n".join(lines)
+
+
+class Beam(Members):
+    """The group `beam`: kernels of a narrow beam, by name."""
+
+    def __init__(self, group: Group, medium: Group | None):
+        super().__init__(group, "beam")
+        self._medium = medium
+
+    def kernel(self, depth, r, measure: str = "fluence") -> np.ndarray:
+        """How a narrow beam of unit power spreads, (L, ...) mfp^-2, scattered light only.
+
+        Parameters
+        ----------
+        depth, r : mean free paths, 0 or more; broadcast
+        measure : fluence (all directions), forward, flux (power through a surface across the beam): the best ones.  For
+            comparison single, small_angle, small_angle_absorbing, erf, path_integral, and elek, which is approximate
+
+        Raises
+        ------
+        ValueError : another measure, deeper than the tables, negative
+
+        Notes
+        -----
+        0 at depth 0; infinite on the axis (but for path_integral and elek).
+        """
+        return np.stack([one.kernel(depth, r, measure) for one in self._ready()])
+
+    def layered(self, thickness, density, r, measure: str = "forward") -> np.ndarray:
+        """The kernel behind layers of unequal density, (L, *r.shape), per square of the unit of length.
+
+        Parameters
+        ----------
+        thickness, density : (N,) of the layers, from where the beam enters to the plane; the unit of length is the mean free path
+            at density 1
+        r : > 0
+        measure : forward, flux; for comparison single, small_angle and erf
+
+        Raises
+        ------
+        ValueError : another measure, an optical depth beyond the tables, no layers
+        """
+        return np.stack([one.layered(thickness, density, r, measure) for one in self._ready()])
+
+    def _ready(self) -> list:
+        if "_kernels" not in self.__dict__:
+            if self._medium is None:
+                raise MissingStage("kernels of a beam need the group medium, which is missing; bake the recipe again")
+            from bakery.stages.beam import kernels_of
+
+            self._kernels = kernels_of(self._group, self._medium)
+        return self._kernels
 
 
 class One(np.ndarray):
@@ -278,9 +304,12 @@ class Asset:
             raise AssetError(f"{path}: holds no recipe and wavelength: an entry of bakery's cache, not an asset") from None
         except UnicodeDecodeError:
             raise AssetError(f"{path}: damaged: recipe: not UTF-8 text") from None
-        theta = root.members["medium"].members.get("theta") if isinstance(root.members.get("medium"), Group) else None
+        medium = root.members.get("medium")
+        theta = medium.members.get("theta") if isinstance(medium, Group) else None
         shared = theta.data if isinstance(theta, Dataset) else None
         self._groups = {name: Members(member, name, shared) for name, member in root.members.items() if isinstance(member, Group)}
+        if "beam" in self._groups:
+            self._groups["beam"] = Beam(root.members["beam"], medium if isinstance(medium, Group) else None)
         self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()
                                         if STAGE in group.attributes})
         self.tree = root

@@ -1,7 +1,8 @@
-"""Kernels of a narrow beam against photons: python benchmarks/beam.py [--photons N]
+"""Kernels of a narrow beam against photons: python benchmarks/beam.py [--photons N] [--layers | --pictures]
 
 Root mean square error of 2 pi r Psi over ten planes (0.5 to 5 mfp) and fifty rings (to 5 mfp), relative, less the photons' noise:
-forward light as flux | as fluence.  Then what a look-up and a table cost, and the small-angle kernel against its own photons.
+forward light as flux | as fluence.  Then layers of unequal density against photons, in space and in the small-angle model, and
+what a look-up and a table cost.  `--layers` does only these; `--pictures` draws errors over albedo and spread.
 """
 
 from __future__ import annotations
@@ -15,14 +16,22 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from bakery.beam import build, kernels, moments, photons, planar, small_angle, table
+from bakery.beam import build, kernels, moments, named, photons, planar, small_angle, table
 from bakery.medium import analytic
 
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)
 ALBEDOS = (0.1, 0.5, 0.9, 1.0)
 SPREADS = (3, 10, 20, 30, 45, 60, 90)  # degrees, sqrt(4 B)
 HG = (0.8, 0.9, 0.95)
-POINTS = 8  # of a ring, by Gauss's rule in the square root of r, for closed forms
+STACKS = ((1, 1, 1, 1), (2, 0, 0, 2), (0, 0, 3, 0), (3, 0.5, 0.2, 0.1), (0.1, 0.2, 0.5, 3))  # densities of four layers of 1 mfp
+# least error of any kernel before transport, by spread in degrees and albedo: flux, fluence, percent
+BEST_KNOWN = {(30, 0.1): (5, 6), (30, 0.5): (6, 8), (30, 0.9): (14, 13), (10, 0.9): (2, 3), (20, 0.9): (6, 8),
+              (45, 0.9): (25, 18), (60, 0.9): (31, 21)}
+DRAWN = {"transport": ("#1f77a4", "-"), "small-angle, absorption": ("#2f8f5b", "-"), "small-angle": ("#2f8f5b", (0, (1, 1.2))),
+         "erf": ("#b3541e", "-"), "single": ("#5d6875", (0, (1, 1.2))), "path integral": ("#8a4fbf", (0, (5, 2))),
+         "Elek": ("#c2378a", (0, (2, 1.5)))}
+WORDS = {"erf": "error function, corrected", "single": "scattered once", "Elek": "Elek et al., approximate",
+         "small-angle": "small-angle model", "small-angle, absorption": "small-angle model, absorption"}
 
 
 def gaussian(degrees):
@@ -39,12 +48,7 @@ def henyey_greenstein(g):
 
 def rings(kernel):
     """Averages of kernel(depth, r) over the rings, (D, R)."""
-    x, w = np.polynomial.legendre.leggauss(POINTS)
-    # r = q^2: the first ring holds 1/r, and all of a narrow beam
-    q = np.sqrt(EDGES)
-    at = (q[:-1, None] + q[1:, None] + np.diff(q)[:, None] * x) / 2
-    weight = w * np.diff(q)[:, None] / 2 * 2 * at * 2 * math.pi * at**2 / (math.pi * np.diff(EDGES**2))[:, None]
-    return np.sum(kernel(DEPTH[:, None, None], at**2) * weight, axis=-1)
+    return named.ring_averages(kernel, DEPTH, EDGES)
 
 
 def closed_forms(albedo, B):
@@ -78,10 +82,10 @@ def closed_forms(albedo, B):
             "Gaussian": of(lambda z, r, M0, q: kernels.gaussian_kernel(M0, q, r))}
 
 
-def compare(theta, phase, albedo, count, B=None, of=None):
+def compare(theta, phase, albedo, count, B=None, of=None, everything=True):
     """Errors (flux, fluence) of every kernel, and the noise of the photons."""
     counted = photons.count(albedo, theta, phase, DEPTH, EDGES, count, back=False)
-    everything = photons.count(albedo, theta, phase, DEPTH, EDGES, count)
+    everything = photons.count(albedo, theta, phase, DEPTH, EDGES, count) if everything else None
     medium = build.prepare(theta, phase)
     of = of or medium.planar
     B = of.B if B is None else B
@@ -95,8 +99,9 @@ def compare(theta, phase, albedo, count, B=None, of=None):
     if medium.moments is not None:
         tables = build.transport_tables(medium, albedo, DEPTH[-1])
         averages["transport"] = tables["flux"].rings(DEPTH, EDGES), tables["forward"].rings(DEPTH, EDGES)
-        result["transport, all directions"] = (math.nan, photons.rms(tables["fluence"].rings(DEPTH, EDGES), everything,
-                                                                     "fluence")[0])
+        if everything is not None:
+            whole = photons.rms(tables["fluence"].rings(DEPTH, EDGES), everything, "fluence")[0]
+            result["transport, all directions"] = math.nan, whole
     for name, (flux, fluence) in averages.items():
         result[name] = photons.rms(flux, counted, "flux")[0], photons.rms(fluence, counted, "fluence")[0]
     return result, photons.rms(counted.flux, counted, "flux")[1], photons.rms(counted.fluence, counted, "fluence")[1]
@@ -132,31 +137,115 @@ def _row(label, result, noise):
 
 
 def layers(count):
-    """Layers of unequal density: the exact small-angle kernel and the homogeneous one with its moments, by photons."""
+    """Layers in the small-angle model, by its own photons: the exact kernel and the homogeneous one with the same moments."""
     B, albedo, edges = math.radians(30) ** 2 / 4, 0.9, np.linspace(0, 4, 5)
     z, ratio = table.grid(8, math.sqrt(B))
     kernel = small_angle.homogeneous(planar.gaussian(B), albedo, z, ratio)
     homogeneous = table.Table(z, ratio, kernel * z[:, None] ** 2 * ratio)
-    x, w = np.polynomial.legendre.leggauss(POINTS)
-    q = np.sqrt(EDGES)
-    at = (q[:-1, None] + q[1:, None] + np.diff(q)[:, None] * x) / 2
-    weight = w * np.diff(q)[:, None] / 2 * 2 * at * 2 * math.pi * at**2 / (math.pi * np.diff(EDGES**2))[:, None]
     print("\nSmall-angle photons (nothing absorbed), spread 30 degrees, four layers of 1 mfp: percent\n")
     print("| density | exact | homogeneous, stretched | noise |\n|---|---|---|---|")
-    for density in ((1, 1, 1, 1), (2, 0, 0, 2), (0, 0, 3, 0), (3, 0.5, 0.2, 0.1), (0.1, 0.2, 0.5, 3)):
+    for density in STACKS:
         density = np.array(density, float)
         S = moments.layered_levers(edges, albedo * density)
         value, error, _, _ = photons.count_small_angle(
             S[0][-1], lambda random, n: np.sqrt(-4 * B * np.log1p(-random.random(n))), edges, density, 4.0, EDGES, count)
         tau = density.sum()
-        exact = small_angle.layered(planar.gaussian(B), albedo, edges, density, (at**2).ravel()).reshape(at.shape)
-        stretched = homogeneous.stretched(tau, math.sqrt(3 * S[1][-1] / S[0][-1]), at**2)
+        exact = behind(lambda r, d=density: small_angle.layered(planar.gaussian(B), albedo, edges, d, r.ravel()).reshape(r.shape))
+        stretched = behind(lambda r, S=S, tau=tau: homogeneous.stretched(tau, math.sqrt(3 * S[1][-1] / S[0][-1]), r))
         r = (EDGES[1:] + EDGES[:-1]) / 2
         whole = np.sum((r * value) ** 2)
         noise = math.sqrt(np.sum((r * error) ** 2) / whole)
-        found = [math.sqrt(max(np.sum((r * (np.sum(one * weight, axis=1) * math.exp((1 - albedo) * tau) - value)) ** 2) / whole
-                               - noise**2, 0.0)) for one in (exact, stretched)]
+        found = [math.sqrt(max(np.sum((r * (one * math.exp((1 - albedo) * tau) - value)) ** 2) / whole - noise**2, 0.0))
+                 for one in (exact, stretched)]
         print("| " + ", ".join(f"{x:g}" for x in density) + " | " + " | ".join(f"{100 * x:.1f}" for x in (*found, noise)) + " |")
+
+
+def behind(kernel):
+    """Averages of kernel(r) over the rings, (R,)."""
+    return named.ring_averages(lambda z, r: kernel(r), [0.0], EDGES)[0]
+
+
+def stacks(count):
+    """Layers in space: photons through four layers of 1 mfp, planes at the ends of those that scattered light reaches."""
+    print("\nPhotons in space, four layers of 1 mfp, the last going on, planes at the ends of layers: percent, forward light\n")
+    print("| medium, albedo, density | layered | transport, stretched | small-angle, exact | small-angle, stretched | noise |")
+    print("|---|---|---|---|---|---|")
+    media = [(f"{spread} degrees", *gaussian(spread)[:2]) for spread in (10, 30, 60)] + [("g = 0.8", *henyey_greenstein(0.8))]
+    for label, theta, phase in media:
+        medium = build.prepare(theta, phase)
+        for albedo in (0.5, 0.9, 1.0):
+            tables = build.transport_tables(medium, albedo, 8.0) | {"small_angle": build.small_angle_table(medium, albedo, 8.0)}
+            kernel = named.Kernels(albedo, theta, phase, medium.planar.B, True, tables.__getitem__)
+            for density in STACKS:
+                planes = np.arange(1.0, 5.0)[np.cumsum(density) > 0]
+                counted = photons.count(albedo, theta, phase, planes, EDGES, count, back=False, layers=(np.arange(4.0), density))
+                found = {}
+                for measure, name in (("flux", "flux"), ("fluence", "forward")):
+                    rows = [[], [], [], []]
+                    for z in planes.astype(int):
+                        stack = np.ones(z), density[:z]
+                        edges = np.arange(z + 1.0)
+                        S = moments.layered_levers(edges, np.array(density[:z], float))
+                        alike = S[0][-1], math.sqrt(3 * S[1][-1] / S[0][-1])
+                        for row, of in zip(rows, (
+                                lambda r, stack=stack, name=name: kernel.layered(*stack, r, name),
+                                lambda r, alike=alike, name=name: tables[name].stretched(*alike, r),
+                                lambda r, stack=stack: kernel.layered(*stack, r, "small_angle"),
+                                lambda r, alike=alike: tables["small_angle"].stretched(*alike, r)), strict=True):
+                            row.append(behind(of))
+                    found[measure] = [photons.rms(row, counted, measure)[0] for row in rows] + [
+                        photons.rms(counted.flux, counted, measure)[1]]
+                _row(f"{label}, {albedo:g}, " + " ".join(f"{x:g}" for x in density),
+                     dict(enumerate(zip(found["flux"][:-1], found["fluence"][:-1], strict=True))),
+                     (found["flux"][-1], found["fluence"][-1]))
+
+
+def pictures(count):
+    """Errors over albedo at a spread of 30 degrees, and over spread at albedo 0.9, into docs/pictures."""
+    from matplotlib.figure import Figure
+
+    from bakery.report.style import INK, look, saved
+
+    albedos, spreads = (0.05, *np.arange(1, 10) / 10, 0.95, 1.0), (0.5, 1, 2, 3, 5, 10, 15, 20, 30, 45, 60, 75, 90)
+    for name, values, label, known in (
+            ("beam_albedo", albedos, "albedo", {albedo: found for (spread, albedo), found in BEST_KNOWN.items() if spread == 30}),
+            ("beam_spread", spreads, "spread of the phase function (degrees)",
+             {spread: found for (spread, albedo), found in BEST_KNOWN.items() if albedo == 0.9})):
+        rows = []
+        for value in values:
+            spread, albedo = (30, value) if name == "beam_albedo" else (value, 0.9)
+            theta, phase, B = gaussian(spread)
+            rows.append(compare(theta, phase, float(albedo), count, B, planar.gaussian(B), everything=False))
+        behind = [(label, value) for value, (result, *_) in zip(values, rows, strict=True) for k in (0, 1)
+                  for other in ("erf", "path integral") if "transport" in result and result["transport"][k] >= result[other][k]]
+        print(f"{name}: transport is " + (f"not ahead at {behind}" if behind else "ahead of error function and path integral"))
+        with look(name):
+            figure = Figure(figsize=(10.4, 4.6))
+            panels = figure.subplots(1, 2, sharex=True, sharey=True)
+            for k, (axes, title) in enumerate(zip(panels, ("Power through a surface (flux)", "Forward fluence"), strict=True)):
+                for kernel, (ink, line) in DRAWN.items():
+                    at = [(value, 100 * result[kernel][k]) for value, (result, *_) in zip(values, rows, strict=True)
+                          if kernel in result]
+                    axes.plot(*np.maximum(at, (0, 0.1)).T, color=ink, linestyle=line, marker="o", markersize=3,
+                              linewidth=2.4 if kernel == "transport" else 1.4, label=WORDS.get(kernel, kernel))
+                axes.plot(list(known), [found[k] for found in known.values()], "*", color=INK, markersize=9, linestyle="none",
+                          label="best kernel before transport")
+                axes.fill_between(values, 0.1, [100 * noise[k] for _, *noise in rows], color="#dfe3e8", zorder=0,
+                                  label="noise of the photons")
+                axes.set(yscale="log", ylim=(0.1, 300), xlabel=label)
+                if name == "beam_spread":
+                    axes.set(xscale="log")
+                    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+                axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+                axes.set_title(title)
+            panels[0].set_ylabel("error against photons (%)")
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+            said = "spread 30°" if name == "beam_albedo" else "albedo 0.9"
+            figure.suptitle(f"Kernels of narrow beams to 5 mean free paths, {said}", x=0.01, ha="left", fontsize=10.5,
+                            fontweight="bold")
+            path = Path(__file__).resolve().parents[1] / "docs" / "pictures" / f"{name}.png"
+            path.write_bytes(saved(figure, "png"))
+        print(path)
 
 
 def speed(repeats=5):
@@ -185,6 +274,12 @@ def _seconds(job):
 
 if __name__ == "__main__":
     count = int(sys.argv[sys.argv.index("--photons") + 1]) if "--photons" in sys.argv else 200_000
-    accuracy(count)
+    if "--pictures" in sys.argv:
+        pictures(count)
+        sys.exit()
+    if "--layers" not in sys.argv:
+        accuracy(count)
+    stacks(count)
     layers(count)
-    speed()
+    if "--layers" not in sys.argv:
+        speed()

@@ -52,7 +52,7 @@ def homogeneous(planar: Planar, albedo, depth, ratio, absorb=False):
     return out
 
 
-def layered(planar: Planar, albedo, edges, density, r):
+def layered(planar: Planar, albedo, edges, density, r, once=True):
     """The kernel behind layers of constant density, at the last edge.
 
     Parameters
@@ -62,6 +62,7 @@ def layered(planar: Planar, albedo, edges, density, r):
     edges : (N + 1,) ascending, of the layers, from where the beam enters to the plane; mfp at density 1
     density : (N,) >= 0
     r : (R,) > 0
+    once : whether light that was scattered once is counted too
 
     Returns
     -------
@@ -81,7 +82,7 @@ def layered(planar: Planar, albedo, edges, density, r):
     for a, b, s in zip(near, far, sigma, strict=True):
         if s > 0:
             E += s * (b * planar.mean(kappa * b) - (a * planar.mean(kappa * a) if a > 0 else 0.0))
-            out += s * (planar.beyond(r / b) - (planar.beyond(r / a) if a > 0 else 0.0))
+            out += s * once * (planar.beyond(r / b) - (planar.beyond(r / a) if a > 0 else 0.0))
     out *= math.exp(-S) / r
     kept = math.exp(-(1 - albedo) * float(np.sum(density * np.diff(edges))))
     return kept * (out + _transformed(q, t, _rest(S, E / S), r / scale) / scale**2)

@@ -76,6 +76,10 @@ def pictures(root: Group) -> Iterator[Picture]:
         from bakery.report import multiple
 
         yield from multiple.pictures(root)
+    if isinstance(root.members.get("beam"), Group):
+        from bakery.report import beam
+
+        yield from beam.pictures(root)
     optics = root.members.get("optics")
     for name, component in (optics.members if isinstance(optics, Group) else {}).items():
         if isinstance(component, Group) and {"radius", "weight", "extinction"} <= component.members.keys() \

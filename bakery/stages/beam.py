@@ -99,19 +99,17 @@ def tables_of(group: Group, name: str) -> list:
     return [Table(depth, ratio, np.asarray(value, float)) for value in group[name].data]
 
 
-def erf(group: Group, depth, r):
-    """The error-function kernel of a `beam` group, (L, ...) mfp^-2."""
-    from bakery.beam import kernels
+def kernels_of(group: Group, medium: Group) -> list:
+    """All kernels of a `beam` group by name, one set a wavelength, as `bakery.beam.named.Kernels`."""
+    from functools import cache
 
-    z = np.asarray(group["depth"].data, float)
-    depth, r = np.broadcast_arrays(np.asarray(depth, float), np.asarray(r, float))
-    if not ((depth > 0) & (depth <= z[-1]) & (r > 0)).all():
-        raise ValueError(f"depths lie between 0 and {z[-1]:g} mean free paths, distances are above 0")
-    # alpha goes with 1 and beta with depth^1 at the source, so both are smooth in logarithms
-    at = np.log(np.maximum(depth, z[0]))
-    alpha, beta = (np.stack([np.exp(np.interp(at, np.log(z), np.log(np.maximum(row, 1e-300)))) for row in group[name].data])
-                   for name in ("alpha", "beta"))
-    return kernels.erf_kernel(alpha, beta * np.minimum(depth / z[0], 1.0), r)
+    from bakery.beam.named import Kernels
+
+    held = cache(lambda name: tables_of(group, name))
+    theta, phase = (np.asarray(medium[name].data, float) for name in ("theta", "phase"))
+    transport = group["model"].data == MODELS.index("transport")
+    return [Kernels(float(albedo), theta, phase[k], float(group["gaussian_b"].data[k]), bool(transport[k]),
+                    lambda name, k=k: held(name)[k]) for k, albedo in enumerate(medium["albedo"].data)]
 
 
 # ---- rules and plan

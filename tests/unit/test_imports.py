@@ -19,7 +19,7 @@ MAY = {
     "trade": {"plan", "recipe", "report", "run", "stages", "store"},
     "run": {"plan", "recipe", "stages", "store", "__version__"},
     "store": set(),
-    "report": {"__version__", "asset", "medium", "multiple", "packing", "stages", "store", "recipe.units"},
+    "report": {"__version__", "asset", "beam", "medium", "multiple", "packing", "stages", "store", "recipe.units"},
     "export": {"asset", "medium", "report", "store"},
 } | {folder: PHYSICS for folder in PHYSICS} | {"grains": PHYSICS | {"llvm"}}
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
