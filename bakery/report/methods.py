@@ -62,7 +62,7 @@ def boundaries(name: str, component: Group, wavelength) -> list[Boundary]:
             continue
         others = [choice for j, choice in enumerate(method.choices) if choice != RAYS and (method.data[i] == j).any()]
         found.append(Boundary(name, float(um), float(radius[rays].min()), " and ".join(_NAMES.get(one, one) for one in others),
-                              _at(component, "switch", i), _at(component, "model_error", i)))
+                              _at(component, "switch", i), _at(component, "ray_difference", i)))
     return found
 
 

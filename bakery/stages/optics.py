@@ -30,7 +30,7 @@ OUTPUTS = (
     Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
     Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections, rays apart"),
     Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere", optional=True),
-    Output("COMPONENT/model_error", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres",
+    Output("COMPONENT/ray_difference", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres",
            optional=True),
     Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
     Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
@@ -152,7 +152,7 @@ def _group(component, average, wavelength, host) -> Group:
         "extinction": average.scattering + average.absorption, "scattering": average.scattering, "absorption": average.absorption,
         "method": np.where(x >= switch[:, None], METHODS.index("goa"), METHODS.index("mie")).astype(np.uint8),
         "switch": np.where(np.isfinite(switch), switch, 0.0),
-        "model_error": np.array([choice.error for choice in average.choices]),
+        "ray_difference": np.array([choice.error for choice in average.choices]),
         "mean_extinction": mean_extinction, "mean_scattering": mean_scattering,
         "mean_absorption": mean_absorption, "mean_absorption_error": average.absorption_error * mean_absorption,
         "error": average.error, "phase": average.elements[:, 0], "phase_error": average.phase_error,
@@ -199,7 +199,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
         yield "switch to rays below size parameter 30"
     if "mean_volume" in values and not (values["mean_volume"] > 0).all():
         yield "mean_volume not above 0"
-    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error", "model_error")
+    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error", "ray_difference")
            if name in values):
         yield "an error estimate below 0"
     if theta is not None:
@@ -210,7 +210,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=6,
+    version=7,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "phase"),

@@ -109,7 +109,7 @@ def with_rays(root, switch=(340.0, 340.0), error=(0.006, 0.004)):
     x = 2 * np.pi * root["optics/droplets/radius"].data / root["wavelength"].data[:, None]
     method = np.where(x >= np.array(switch)[:, None], 2, 1).astype(np.uint8)
     stored = np.where(np.isfinite(switch), switch, 0.0)
-    for name, data in (("switch", stored), ("model_error", np.array(error))):
+    for name, data in (("switch", stored), ("ray_difference", np.array(error))):
         root = with_member(root, f"optics/droplets/{name}", Dataset(data, "1", name))
     return with_member(root, "optics/droplets/method", Dataset(method, "1", "how", ("rayleigh", "mie", "goa")))
 
@@ -158,7 +158,7 @@ def test_rays_at_some_wavelengths_everywhere_and_unrecorded(root):
     everywhere = with_rays(root, (0.5, 0.5))
     assert remarks(everywhere, "medium/g") == ("droplets: rays throughout, from 0.1 um (x = 0.5); rays differ by up to 0.6 %",)
     old = with_rays(root)  # an asset that tells the method of each sphere and no more
-    for name in ("switch", "model_error"):
+    for name in ("switch", "ray_difference"):
         old = with_member(old, f"optics/droplets/{name}", None)
     assert remarks(old, "medium/g") == ("droplets: Mie below 34.9, 25.2 um, rays above",)
     assert not remarks(with_member(root, "optics/droplets/method", None), "medium/g")

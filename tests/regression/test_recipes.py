@@ -52,6 +52,9 @@ def test_every_recipe_ships_with_golden_values():
 @pytest.mark.parametrize("case", CASES)
 def test_golden_values(case, tmp_path, request):
     path = bakery.bake(ROOT / "recipes" / f"{case}.yaml", output=tmp_path / "a.h5", quality="draft", stages=["medium"])
+    from bakery.verify import verify
+
+    assert not verify(path), "a shipped recipe's asset breaks the format's rules"
     asset = bakery.open(path)
     versions = {name: int(stage["stage_version"]) for name, stage in asset.stages.items()}
     new = {"origin": f"bake recipes/{case}.yaml --quality draft --stage medium", "stages": versions, "tolerance": TOLERANCE,
