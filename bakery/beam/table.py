@@ -17,6 +17,7 @@ PER_DECADE = (16, 18)  # steps of depth, of the ratio
 _INNER = 1e-3  # smallest ratio over the width; nearer to the axis r Psi is constant or rises as a power
 _OUTER = 60.0  # mfp, largest r at the smallest depth
 _NEVER = -690.0  # logarithm of what counts as nothing
+_SWING = 0.5  # of a logarithm; more than any smooth table needs between two nodes
 _BACK = 30.0  # ratio beyond which the light at shallow depths has forgotten the depth
 
 
@@ -113,11 +114,13 @@ def grid(depth, width):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _four(a, b, c, d, f):
     """Cubic through values at 0, 1, 2, 3; linear between the nearest two where one of the four is nothing."""
+    low, high, share = (b, c, f - 1) if 1 <= f <= 2 else ((a, b, f) if f < 1 else (c, d, f - 2))
     if min(min(a, b), min(c, d)) <= _NEVER:
-        low, high, share = (b, c, f - 1) if 1 <= f <= 2 else ((a, b, f) if f < 1 else (c, d, f - 2))
         return low + share * (high - low) if share < 1 else high
-    return (-(f - 1) * (f - 2) * (f - 3) * a + 3 * f * (f - 2) * (f - 3) * b - 3 * f * (f - 1) * (f - 3) * c
+    cubic = (-(f - 1) * (f - 2) * (f - 3) * a + 3 * f * (f - 2) * (f - 3) * b - 3 * f * (f - 1) * (f - 3) * c
             + f * (f - 1) * (f - 2) * d) / 6
+    # beside the last values above nothing the fall is so steep that a cubic swings up by factors of 1e7
+    return min(max(cubic, min(low, high) - _SWING), max(low, high) + _SWING)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

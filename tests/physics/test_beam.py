@@ -439,6 +439,15 @@ def test_shallow_depths_scale(baked):
         baked["fluence"].kernel(33.0, 1.0)
 
 
+def test_the_look_up_does_not_swing_where_the_light_ends():
+    """Single precision ends at 1e-45: beside that the stored rows fall by thirty decades from node to node."""
+    made = build.transport_tables(build.prepare(*gaussian(30)), 1.0, 8.0)["flux"]
+    stored = table.Table(made.depth, made.ratio, made.value.astype(np.float32).astype(float))
+    r = np.geomspace(50, 3e4, 3000)
+    for depth in (0.1, 1.0, 5.0):
+        assert (2 * np.pi * r * stored.kernel(depth, r)).max() < 0.05
+
+
 def test_stretched_in_a_homogeneous_medium_is_the_kernel(baked):
     assert baked["flux"].stretched(2.0, 2.0, 0.7) == baked["flux"].kernel(2.0, 0.7)
     # the unit of length does not matter
