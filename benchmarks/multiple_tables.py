@@ -1,6 +1,8 @@
 """Tables of multiple scattering: error against bytes and time of a look-up, beside the lobes of Wang, Ge & Holzschuch (2020).
 
-    python benchmarks/multiple_tables.py [lobes] [tree] [time]      all three if none is named
+    python benchmarks/multiple_tables.py [lobes] [tree] [time]      all three if none is named; about three minutes
+
+`lobes` draws docs/pictures/multiple_error_bytes.png.
 
 Theirs: axially symmetric lobes (point) and asymmetric ones (segment) of 18 angles about the axis that halves the lobe best, at
 the corners of an error-driven quadtree over (rho, z), logarithms blended from the four corners, integrals over directions made
@@ -24,6 +26,7 @@ from peers import interleaved  # noqa: E402
 from bakery.multiple import frame, legendre, lookup, point, segment, solution, table  # noqa: E402
 
 MEDIA = ((0.3, 0.99), (0.7, 0.95), (0.85, 0.97), (0.9, 0.93))
+TOLERANCES, CELLS = (1e-2, 4e-3, 2e-3), (1000, 3000)
 ANGLES, SIDE, ROOT = 18, 32.0, 16  # samples of a lobe; the plane is SIDE x 2 SIDE, ROOT x 2 ROOT cells at first
 THETA = (np.arange(ANGLES) + 0.5) * math.pi / ANGLES
 
@@ -40,7 +43,7 @@ class Lobes:
         c = (point.coefficients(medium, np.hypot(rho, z), axis) if kind == 0
              else segment.coefficients(medium, rho, z, self.length, axis))
         singular = frame.measure(kind, self.length, rho, z)[1]
-        samples = [_lobe(row, medium.order, kind == 0) for row in c]
+        samples = [_lobe(*row, medium.order, kind == 0) for row in zip(c, _sections(c, medium.order), strict=True)]
         self.axis = axis - np.array([a for a, _ in samples])  # angle from +z
         self.values = np.log(np.maximum([f for _, f in samples], 1e-12)) - np.log(singular)[:, None, None]
         self.bytes = len(self.corners) * 4 * (ANGLES * (1 if kind == 0 else 3) + 1) + 20 * len(self.leaves)
@@ -96,17 +99,24 @@ def _quadtree(light, cells):
     return np.array(list(index)), np.array(rows), np.array(child)
 
 
-def _lobe(c, order, axial):
+def _sections(c, order):
+    """Lobes (N, 360) in the plane of axis and source, every degree."""
+    rings = point.harmonics(order, np.arange(181) * math.pi / 180).T
+    m = np.concatenate([np.arange(l + 1) for l in range(order + 1)])
+    here, there = (c * np.where(m > 0, 2, 1)) @ rings, (c * np.where(m > 0, 2, 1) * (-1.0) ** m) @ rings
+    return np.concatenate([here, there[:, 179:0:-1]], axis=1)
+
+
+def _lobe(c, section, order, axial):
     """Angle of the best axis from r^ towards +z, and 18 samples on each of three sides, with the lobe's own integral."""
     psi = np.arange(360) * math.pi / 180
-    section = point.evaluate(c, order, np.where(psi <= math.pi, psi, 2 * math.pi - psi), np.where(psi <= math.pi, 0.0, math.pi))
     square = np.fft.irfft(np.fft.rfft(section) ** 2)
     n = int(np.argmax(square))
     low, mid, high = square[n - 1], square[n], square[(n + 1) % 360]
     axis = (n + 0.5 * (low - high) / (low - 2 * mid + high)) * math.pi / 360
     if np.interp(axis + math.pi, psi, section, period=2 * math.pi) > np.interp(axis, psi, section, period=2 * math.pi):
         axis += math.pi
-    around = np.arange(24) * math.pi / 12 if axial else np.array([0.0, math.pi, math.pi / 2])
+    around = np.arange(12) * math.pi / 6 if axial else np.array([0.0, math.pi, math.pi / 2])
     t, a = np.meshgrid(THETA, around, indexing="ij")
     side, up, y = np.sin(t) * np.cos(a), np.cos(t), np.sin(t) * np.sin(a)
     forward, along = up * math.cos(axis) - side * math.sin(axis), up * math.sin(axis) + side * math.cos(axis)
@@ -147,10 +157,9 @@ def _look(kind, length, cells, child, axis, values, rho, z, x, y, along, out):
 
 
 def error_of_lobes(lobes, medium, rho, z):
-    count = max(24, int(0.75 * medium.order))
-    x, gauss = np.polynomial.legendre.leggauss(count)
-    across = (np.arange(count // 2) + 0.37) * np.pi / (count // 2)
-    exact, _ = table.lobes(medium, lobes.kind, lobes.length, rho, z, np.arccos(x), across)
+    polar, across, gauss = table.between_directions(medium.order)
+    x = np.cos(polar)
+    exact = point.lobes(table.coefficients(medium, lobes.kind, lobes.length, rho, z), medium.order, polar, across)
     axis = np.arctan2(rho, z)[:, None, None]
     flat = np.sqrt(1 - x * x)[:, None]
     up, side, y = x[:, None] + 0 * across, flat * np.cos(across), flat * np.sin(across)
@@ -176,26 +185,58 @@ def solved(g, albedo):
 
 def against_lobes():
     print("\n| g, albedo | source | ours: tolerance, kB, error | | | lobes: kB, error | |\n|---|---|---|---|---|---|---|")
+    curves = {}
     for g, albedo in MEDIA:
         s = solved(g, albedo)
         for kind in (0, 1):
             rho, z = _places(kind)
-            row = []
-            for tolerance in (1e-2, 4e-3, 2e-3):
+            ours, theirs, row = [], [], []
+            for tolerance in TOLERANCES:
                 t = table.build(s, kind, extent=32.0, tolerance=tolerance)
                 error = table.errors(t, s.medium, rho, z)
+                ours.append((t.nbytes / 1e3, _rms(error)))
                 row.append(f"{tolerance:g}: {t.nbytes / 1e3:.0f} kB, {_rms(error):.3f} % (stated {100 * t.error:.3f}, worst "
                            f"{100 * error.max():.1f})")
-            for cells in (1200, 3000):
+            for cells in CELLS:
                 lobes = Lobes(s.medium, kind, cells)
-                row.append(f"{lobes.bytes / 1e3:.0f} kB, {_rms(error_of_lobes(lobes, s.medium, rho, z)):.2f} %")
+                theirs.append((lobes.bytes / 1e3, _rms(error_of_lobes(lobes, s.medium, rho, z))))
+                row.append("{:.0f} kB, {:.2f} %".format(*theirs[-1]))
+            curves[g, kind] = ours, theirs
             print(f"| {g:g}, {albedo:g} | {table.KINDS[kind]} | " + " | ".join(row) + " |", flush=True)
+    draw(curves)
+
+
+def draw(curves):
+    """Error against bytes: curves {(g, kind): (ours, theirs)}, each a list of kB and per cent."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, panels = pyplot.subplots(1, 2, figsize=(10, 4.4), sharey=True, sharex=True, layout="constrained")
+    colours = dict(zip((g for g, _ in MEDIA), ("#0072b2", "#009e73", "#e69f00", "#d55e00"), strict=True))
+    for kind, panel in enumerate(panels):
+        for (g, of), (ours, theirs) in curves.items():
+            if of == kind:
+                panel.loglog(*zip(*ours), "o-", color=colours[g], label=f"g = {g:g}")
+                panel.loglog(*zip(*theirs), "s--", color=colours[g], markerfacecolor="white")
+        panel.set(title=f"{table.KINDS[kind]} source", xlabel="bytes of one wavelength, kB", xlim=(25, 1100))
+        panel.set_xticks([30, 100, 300, 1000], ["30", "100", "300", "1000"])
+        panel.set_xticks([], minor=True)
+        panel.grid(alpha=0.3, which="both")
+    panels[0].set_ylabel("error of a lobe, rms over directions and places, %")
+    panels[1].plot([], [], "ko-", label="tables")
+    panels[1].plot([], [], "ks--", markerfacecolor="white", label="axial / asymmetric lobes")
+    panels[1].legend(fontsize=8, loc="upper left")
+    path = HERE.parent / "docs" / "pictures" / "multiple_error_bytes.png"
+    figure.savefig(path, dpi=110)
+    print(f"\n{path}")
 
 
 def tree():
     """The tree against uniform grids of its own cells, with the same basis at most."""
     print("\n| g, albedo | source | tree: corners, error | | | uniform: corners, error | | |\n|---|---|---|---|---|---|---|---|")
-    for g, albedo in MEDIA:
+    for g, albedo in MEDIA[1::2]:
         s = solved(g, albedo)
         for kind in (0, 1):
             rho, z = _places(kind)

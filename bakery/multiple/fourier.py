@@ -9,17 +9,22 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import spline_filter1d
 from scipy.special import loggamma
 
 from bakery.multiple import _kernels
 
 STEP = 0.15  # of ln k and ln r; functions of k with singularities on the imaginary axis only have nothing beyond that band
-_K_MIN, _K_MAX = 1e-7, 1e7
+# what is transformed falls as k at one end and as 1/k at the other: cut where it is 1e-9 of its largest value, it leaves 1e-11 of
+# the largest r^2 T everywhere, which is all the light there is after 25 decay lengths (cut at 1e-7, it leaves 1e-9)
+_K_MIN, _K_MAX = 1e-9, 1e9
 R_MIN, R_MAX = 1e-3, 250.0
 _STENCIL = 8  # points of an interpolation in ln r
-_FLOOR = 1e-11  # of r^2 T over its largest value, where the table ends: rounding is at 1e-16
+_FLOOR = 1e-8  # of r^2 T over its largest value, where the table ends
+_BEYOND = 10  # distances after which the end of a spline does not matter
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,18 @@ class Propagator:
     def order(self) -> int:
         return len(self.p) - 1
 
+    @cached_property
+    def splines(self):
+        """(P, R + 1) coefficients of cubic splines through `scaled`, which go on straight beyond the far end."""
+        last = self.scaled[:, -1:]
+        beyond = last + (last - self.scaled[:, -2:-1]) * np.arange(1, _BEYOND + 1)
+        return spline_filter1d(np.concatenate([self.scaled, beyond], axis=1), axis=1, mode="mirror")[:, :len(self.log_r) + 1]
+
+    @cached_property
+    def by_distance(self):
+        """(R, P) `scaled`, all of one distance together."""
+        return np.ascontiguousarray(self.scaled.T)
+
     def at(self, r, elements=slice(None)):
         """T at distances r (...,) > 0 as (P, ...): interpolated at eight points, held in the scaled form beyond both ends."""
         r = np.asarray(r, float)
@@ -69,7 +86,7 @@ def stencil(grid, x):
     return index, weight
 
 
-def propagator(albedo, p, *, first=3, last=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
+def propagator(albedo, p, *, first=3, last=None, kept=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
     Parameters
@@ -78,6 +95,7 @@ def propagator(albedo, p, *, first=3, last=None, threads=1, step=STEP, r_min=R_M
     p : (L + 1,) Legendre moments; what they leave out is taken as 0 (see `legendre.order_needed`, `legendre.truncated`)
     first : 3 or more
     last : None for all further events in closed form, or the same as first for one event alone
+    kept : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1
     threads : of this process; the result does not depend on it
 
     Returns
@@ -103,20 +121,25 @@ def propagator(albedo, p, *, first=3, last=None, threads=1, step=STEP, r_min=R_M
     k, log_r, hankel = _transform(2 * order, step, r_min, r_max)
     count = (order + 1) * (order + 2) * (order + 3) // 6
     values = np.zeros((count, len(log_r)))
-    k0 = decay(albedo, p)
+    c, r = albedo * p, np.exp(log_r)
+    kept = np.zeros_like(c) if kept is None else np.asarray(kept, float)
+    if c[0] + kept[0] > 1 - 4e-16:
+        c[0] = 1 - kept[0]  # to the last bit: nothing may be lost or gained
+    whole = kept.copy()
+    whole[:order + 1] += c
+    k0 = decay(whole[0], whole / max(whole[0], 1e-300))
     if albedo == 0:
         return Propagator(albedo, p, k0, log_r, values)
-    c, r = albedo * p, np.exp(log_r)
     shape = (order + 1, order + 1, len(k))
     stream_up, stream_down, scatter_down = np.empty(shape), np.empty(shape), np.empty(shape)
     bounds = [_kernels.packed(j, 0, 0) for j in range(order + 2)]
 
     def prepare(M):
-        stream_up[M], stream_down[M] = _kernels.pivots(k, np.zeros_like(c), M)
-        scatter_down[M] = _kernels.pivots(k, c, M)[1]
+        stream_up[M], stream_down[M] = (pivots[:order + 1] for pivots in _kernels.pivots(k, kept, M))
+        scatter_down[M] = _kernels.pivots(k, whole, M)[1][:order + 1]
 
     def column(j):
-        _kernels.columns(j, k, c, stream_up, stream_down, scatter_down, first - 3, last is None, hankel, k0, r,
+        _kernels.columns(j, k, c, kept, stream_up, stream_down, scatter_down, first - 3, last is None, hankel, k0, r,
                          values[bounds[j]:bounds[j + 1]])
 
     if threads == 1:

@@ -106,15 +106,19 @@ def truncated(p, order) -> Truncated:
     ValueError : what cannot be resolved is not a forward peak (a backward one cannot be left out)
     """
     p = np.asarray(p, float)
-    next_three = p[order + 1:order + 4]
+    refuse_backward(p, order)
     # a forward peak has p_l = f there, a backward one f (-1)^l, which the mean leaves out
-    peak = float(next_three @ np.array([0.25, 0.5, 0.25]))
-    backward = abs(float(next_three @ np.array([0.25, -0.5, 0.25])))
+    peak = float(p[order + 1:order + 4] @ np.array([0.25, 0.5, 0.25]))
+    peak = min(max(peak, 0.0), 1 - 1e-15)
+    return Truncated(peak, (p[:order + 1] - peak) / (1 - peak))
+
+
+def refuse_backward(p, order):
+    """ValueError where moments beyond `order` alternate: light in a narrow backward peak, which cannot count as unscattered."""
+    backward = abs(float(np.asarray(p, float)[order + 1:order + 4] @ np.array([0.25, -0.5, 0.25])))
     if backward > _BACK:
         raise ValueError(f"the phase function has a narrow peak backward ({backward:.2g} of the light) that {order} moments do "
                          "not resolve; only forward peaks can be left out (photons can follow both)")
-    peak = min(max(peak, 0.0), 1 - 1e-15)
-    return Truncated(peak, (p[:order + 1] - peak) / (1 - peak))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

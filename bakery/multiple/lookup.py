@@ -2,7 +2,7 @@
 
 Lengths are in mean free paths.  All positions and directions have an answer: on the axis the azimuth of a direction is taken as
 it is given; nearer than `frame.CLOSEST` to the axis the answer is the one there (so the source itself has a large finite value);
-beyond the extent the lobe of the last corner in the same direction goes on as exp(-k0 r)/r.
+beyond the extent coefficients go on as 1/m, and the light as exp(-k0 m) N with them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ from bakery.multiple.table import Table, margins
 UPSAMPLED = 3  # of the basis by splines; between these points linear
 _OVERLAP = 8  # points beyond an end that a spline sees
 GAUSS = 5  # points of a piece of an integral
-_PIECE = 2.0  # of arsinh(distance along the segment / distance from it)
+_PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
+_SHORT = 0.5  # at least, beside the ends of a segment
+END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
+_INSIDE = 0.5  # of the extent: from there on coefficients go as 1/m
 GONE = 40.0  # mfp behind a position from which no light comes
 X, WEIGHT = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(GAUSS), (1.0, 0.0), strict=True))
 
@@ -71,6 +74,23 @@ def _catmull_rom(t):
     return (t * (-0.5 + t * (1 - 0.5 * t)), 1 + t * t * (1.5 * t - 2.5), t * (0.5 + t * (2 - 1.5 * t)), t * t * (0.5 * t - 0.5))
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _interpolated(table, m, v, a):
+    """a_0 .. a_K at a place, into a."""
+    grid = table.grid
+    u = m / CORE[table.kind]
+    u = math.log(u + math.sqrt(u * u + 1)) * table.stretch * (grid.shape[0] - 3)
+    v *= grid.shape[1] - 3
+    i, j = min(int(u), grid.shape[0] - 4), min(int(v), grid.shape[1] - 4)
+    w0, w1, w2, w3 = _catmull_rom(v - j)
+    p = _catmull_rom(u - i)
+    a[:] = np.float32(0)
+    for n in range(4):
+        f0, f1, f2, f3 = np.float32(p[n] * w0), np.float32(p[n] * w1), np.float32(p[n] * w2), np.float32(p[n] * w3)
+        for k in range(len(a)):
+            a[k] += f0 * grid[i + n, j, k] + f1 * grid[i + n, j + 1, k] + f2 * grid[i + n, j + 2, k] + f3 * grid[i + n, j + 3, k]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def value(table, rho, z, x, y, along, a, b):
     """The source at (rho, z) into the direction (x along rho, y across, along z).
@@ -82,18 +102,16 @@ def value(table, rho, z, x, y, along, a, b):
     s, t = frame.direction(sine, cosine, x, y, along)
     beyond = max(m - table.extent, 0.0)
     m -= beyond
-    grid, basis = table.grid, table.basis
-    u = m / CORE[table.kind]
-    u = math.log(u + math.sqrt(u * u + 1)) * table.stretch * (grid.shape[0] - 3)
-    v = (2 / math.pi) * math.atan(SKEW[table.kind] * tangent) * (grid.shape[1] - 3)
-    i, j = min(int(u), grid.shape[0] - 4), min(int(v), grid.shape[1] - 4)
-    w0, w1, w2, w3 = _catmull_rom(v - j)
-    p = _catmull_rom(u - i)
-    a[:] = np.float32(0)
-    for n in range(4):
-        f0, f1, f2, f3 = np.float32(p[n] * w0), np.float32(p[n] * w1), np.float32(p[n] * w2), np.float32(p[n] * w3)
+    basis = table.basis
+    v = (2 / math.pi) * math.atan(SKEW[table.kind] * tangent)
+    _interpolated(table, m, v, a)
+    if beyond > 0:
+        # coefficients go on as 1/m, as they did from half the extent on
+        _interpolated(table, _INSIDE * m, v, b)
+        b[0] -= np.float32(table.k0 * (1 - _INSIDE) * m)
+        share = np.float32(beyond / (m + beyond) * _INSIDE / (1 - _INSIDE))
         for k in range(len(a)):
-            a[k] += f0 * grid[i + n, j, k] + f1 * grid[i + n, j + 1, k] + f2 * grid[i + n, j + 2, k] + f3 * grid[i + n, j + 3, k]
+            a[k] += share * (a[k] - b[k])
     s *= basis.shape[0] - 1
     t *= basis.shape[1] - 1
     i, j = min(int(s), basis.shape[0] - 2), min(int(t), basis.shape[1] - 2)
@@ -111,30 +129,52 @@ def value(table, rho, z, x, y, along, a, b):
 def any_length(points, segments, length, rho, z, x, y, along, a, b, c, d):
     """`value` of a segment of any length: whole tiles of the tabulated one, and the rest as an integral over points.
 
+    So are tiles on whose ends or axis the position nearly lies: there the table of segments is too coarse.
+
     a, b : scratch of the table of points;  c, d : of segments
     """
-    if length == segments.length:
+    tile = segments.length
+    if length == tile and not _touches(rho, z, tile):
         return value(segments, rho, z, x, y, along, c, d)
-    length = min(length, max(z, 0.0) + GONE)
-    whole = int(length / segments.length * (1 + 1e-12))
+    length = min(length, max(z, 0.0) + GONE) if length > tile else length
+    whole = int(length / tile * (1 + 1e-12))
     total = 0.0
     for n in range(whole):
-        start = n * segments.length
-        total += math.exp(-start) * value(segments, rho, z - start, x, y, along, c, d)
-    start = whole * segments.length
-    if length - start <= 1e-12 * segments.length:
-        return total
-    # s - z = close sinh(t): the source falls off as 1/cosh(t), however close the segment is
+        start = n * tile
+        if _touches(rho, z - start, tile):
+            total += _beam(points, start, start + tile, rho, z, x, y, along, a, b)
+        else:
+            total += math.exp(-start) * value(segments, rho, z - start, x, y, along, c, d)
+    start = whole * tile
+    if length - start > 1e-12 * tile:
+        total += _beam(points, start, length, rho, z, x, y, along, a, b)
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _touches(rho, z, length):
+    """Whether a position lies within END of an end of a segment, or within BESIDE of the segment."""
+    away = min(abs(z), abs(z - length))
+    return rho * rho + away * away < END * END or (rho < BESIDE and 0 < z < length)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _beam(points, start, end, rho, z, x, y, along, a, b):
+    """Integral of exp(-s) times the table of points over places s from start to end of a beam."""
+    # s - z = close sinh(t): the source falls off as 1/cosh(t), however close the segment is; beside an end, where a forward peak
+    # is cut off, pieces are short where the angle to the beam turns
     close = max(rho, frame.CLOSEST)
-    low, high = math.asinh((start - z) / close), math.asinh((length - z) / close)
-    pieces = int((high - low) / _PIECE) + 1
-    step = (high - low) / pieces
-    for piece in range(pieces):
+    at, last = math.asinh((start - z) / close), math.asinh((end - z) / close)
+    shortest = _SHORT if _touches(rho, z - start, end - start) else _PIECE
+    total = 0.0
+    while at < last:
+        step = min(_PIECE, max(shortest, 0.5 * abs(at)), last - at)
         for n in range(GAUSS):
-            at = low + (piece + X[n]) * step
-            away = close * math.sinh(at)
+            t = at + X[n] * step
+            away = close * math.sinh(t)
             there = value(points, rho, -away, x, y, along, a, b)
-            total += WEIGHT[n] * step * close * math.cosh(at) * math.exp(-(z + away)) * there
+            total += WEIGHT[n] * step * close * math.cosh(t) * math.exp(-(z + away)) * there
+        at = last if last - at <= step else at + step
     return total
 
 
@@ -196,7 +236,7 @@ def _segments(points, segments, rho, z, theta, phi, length, out):
     c, d = scratch(segments)
     for n in range(len(out)):
         sine = math.sin(theta[n])
-        if length[n] == segments.length:
+        if length[n] == segments.length and not _touches(rho[n], z[n], length[n]):
             out[n] = value(segments, rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]), math.cos(theta[n]), c, d)
             continue
         out[n] = any_length(points, segments, length[n], rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]),

@@ -64,7 +64,7 @@ def coefficients(medium: Propagator, r, angle):
     by_r = np.argsort(which, kind="stable")
     ends = np.searchsorted(which[by_r], np.arange(len(r) + 1))
     out = np.empty((len(which), (medium.order + 1) * (medium.order + 2) // 2))
-    _coefficients(np.ascontiguousarray(medium.scaled.T), index, np.ascontiguousarray(weight.T), by_r, ends,
+    _coefficients(medium.by_distance, index, np.ascontiguousarray(weight.T), by_r, ends,
                   harmonics(medium.order, angle.ravel()), medium.order, out)
     return out.reshape(*shape, -1)
 
@@ -187,17 +187,34 @@ def _evaluate(c, y, azimuth, order):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lobes(c, y, turns, order):
-    out = np.zeros((c.shape[0], y.shape[1], turns.shape[1]))
-    total = np.empty(y.shape[1])
+    A, B = y.shape[1], turns.shape[1]
+    out = np.zeros((c.shape[0], A, B))
+    total = np.empty((order + 1, A))
+    whole = (order + 1) // 4 * 4
     for n in range(c.shape[0]):
         for m in range(order + 1):
-            total[:] = 0.0
-            for l in range(m, order + 1):
-                at = l * (l + 1) // 2 + m
-                value = c[n, at]
-                for a in range(y.shape[1]):
-                    total[a] += value * y[at, a]
-            for a in range(y.shape[1]):
-                for b in range(turns.shape[1]):
-                    out[n, a, b] += total[a] * turns[m, b]
+            row = total[m]
+            row[:] = 0.0
+            first = (order + 1 - m) % 2 + m  # the orders above by twos
+            if first > m:
+                at = m * (m + 1) // 2 + m
+                for a in range(A):
+                    row[a] += c[n, at] * y[at, a]
+            for l in range(first, order + 1, 2):
+                at, after = l * (l + 1) // 2 + m, (l + 1) * (l + 2) // 2 + m
+                v0, v1, y0, y1 = c[n, at], c[n, after], y[at], y[after]
+                for a in range(A):
+                    row[a] += v0 * y0[a] + v1 * y1[a]
+        # four azimuthal orders at a time: what is stored between costs more than what is added
+        for m in range(0, whole, 4):
+            t0, t1, t2, t3 = turns[m], turns[m + 1], turns[m + 2], turns[m + 3]
+            for a in range(A):
+                v0, v1, v2, v3 = total[m, a], total[m + 1, a], total[m + 2, a], total[m + 3, a]
+                line = out[n, a]
+                for b in range(B):
+                    line[b] += v0 * t0[b] + v1 * t1[b] + v2 * t2[b] + v3 * t3[b]
+        for m in range(whole, order + 1):
+            for a in range(A):
+                for b in range(B):
+                    out[n, a, b] += total[m, a] * turns[m, b]
     return out

@@ -5,7 +5,8 @@ arguments broadcast; vectors have three components on the last axis.  The medium
 
 A line of sight starts at the eye and looks along `view`; light comes against it.  The integral is taken in
 t = arsinh(distance along the line / distance from the source), in which it is smooth however close the line passes; the source
-itself is never closer than `frame.CLOSEST`.
+itself is never closer than `frame.CLOSEST`.  There a value on the source is taken (straight beside it, the direction's azimuth
+counted from there), and a line of sight through a point source, whose integral grows without limit as a logarithm, is cut off.
 """
 
 from __future__ import annotations

@@ -82,22 +82,26 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     row, row_weight = _spline(medium.log_r, np.log(r))
     column, column_weight = _spline(grid, angle)
     # a spline is linear in its values: along r and along the angle the factors are turned into coefficients
-    harmonics = spline_filter1d(points.harmonics(order, grid).T, axis=1, mode="mirror")
-    scaled = spline_filter1d(medium.scaled, axis=1, mode="mirror")
+    half = (len(grid) + 1) // 2
+    waves = spline_filter1d(points.harmonics(order, grid).T, axis=1, mode="mirror")[:, :half]
+    harmonics = np.zeros((order + 1, order + 1, half))
+    for l in range(order + 1):
+        harmonics[:l + 1, l] = waves[l * (l + 1) // 2:(l + 1) * (l + 2) // 2]
     # distances that no position needs are left out of the table
     lowest = row.min()
-    scaled = np.ascontiguousarray(scaled[:, lowest:row.max() + _plane.TAPS])
-    row = row - lowest
-    weight = weight * np.exp(-medium.k0 * r) / r
+    rows, row = row.max() + _plane.TAPS - lowest, row - lowest
+    weight = (weight * np.exp(-medium.k0 * r) / r).astype(np.float32)
+    row_weight, column_weight = row_weight.astype(np.float32), column_weight.astype(np.float32)
     turned = angle - np.repeat(axis, np.diff(start))
-    cosine, sine = np.cos(turned), np.sin(turned)
+    phases = [_plane.phases(turned, odd, max(order - (order - odd) % 2, odd)) for odd in (0, 1)]  # of even and of odd k
     turns = _plane.quarter_turns(order)
+    splines = medium.splines
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
 
     def one(l):
-        table = _plane.point_table(l, order, scaled, harmonics, turns[l])
+        table = _plane.point_table(l, order, splines, lowest, rows, harmonics, len(grid), turns[l])
         part = np.empty((len(rho), l + 1))
-        _plane.along(l, table, turns[l], start, row, row_weight, column, column_weight, weight, cosine, sine, part)
+        _plane.along(l, table, turns[l], start, row, row_weight, column, column_weight, weight, *phases[l % 2], part)
         out[:, l * (l + 1) // 2:(l + 1) * (l + 2) // 2] = part
 
     with ThreadPoolExecutor(threads) as pool:
@@ -159,8 +163,9 @@ def _rule(rho, z, length, order, fine):
 
 
 def _spline(grid, x):
-    """First coefficient (X,) and weights (X, 4) of a uniform cubic spline; held beyond the last interval but one."""
-    t = np.clip((x - grid[0]) / (grid[1] - grid[0]), 1, len(grid) - 2)
-    index = np.minimum(np.floor(t).astype(int), len(grid) - 3)
+    """First coefficient (X,) and weights (X, 4) of a uniform cubic spline that has one coefficient more than points; held below
+    the second point and beyond the last."""
+    t = np.clip((x - grid[0]) / (grid[1] - grid[0]), 1, len(grid) - 1)
+    index = np.minimum(np.floor(t).astype(int), len(grid) - 2)
     t = t - index
     return index - 1, np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6

@@ -24,7 +24,7 @@ class Solution:
     medium : Propagator in mean free paths of the medium without `peak`
     coarse : the same with fewer orders
     cut : largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
-    peak : share of the scattered light that is taken as unscattered (delta-M); 0 where `MOST` orders resolve the phase function
+    peak : share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
     extinction : sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
     """
 
@@ -75,9 +75,15 @@ def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
         of, extinction = without.albedo(albedo), without.extinction(albedo)
     else:
         of, extinction = albedo, 1.0
+    few, cut = coarser(rest, order)
+    return Solution(propagator(of, rest[:order + 1], threads=threads), propagator(of, rest[:few + 1], threads=threads),
+                    cut, peak, float(extinction))
+
+
+def coarser(p, order):
+    """Order of the second solution beside one of the moments p up to `order`, and `Solution.cut` of the two."""
     few = int(_COARSE * order)
     # without a peak nothing is left beyond the last moment, so that the last ones stand for what was cut
-    left = np.abs(rest[order + 1:order + 1 + _LOOK] if len(rest) > order + 1 else rest[-2:]).max(initial=0.0)
-    lost = np.abs(rest[few + 1:few + 1 + _LOOK]).max(initial=0.0)
-    return Solution(propagator(of, rest[:order + 1], threads=threads), propagator(of, rest[:few + 1], threads=threads),
-                    float(left / lost) if lost > 0 else 0.0, peak, float(extinction))
+    left = np.abs(p[order + 1:order + 1 + _LOOK] if len(p) > order + 1 else p[-2:]).max(initial=0.0)
+    lost = np.abs(p[few + 1:few + 1 + _LOOK]).max(initial=0.0)
+    return few, float(left / lost) if lost > 0 else 0.0

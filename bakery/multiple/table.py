@@ -28,8 +28,9 @@ FRAME = (f"axis away from the origin, +z at azimuth 0; s = (2/pi) arctan({frame.
          "equidistant with both ends")
 INTERPOLATION = (
     "ln(T / singular) = a_0 + B_0 + sum a_k B_k; a_k by Catmull-Rom in u, v on the finest cells, whose missing corners are "
-    "(-1, 9, 9, -1)/16 of the next coarser ones, even in v, by parabolas beyond u; B_k by cubic splines, three times as fine, "
-    "then linear; beyond the extent times exp(-k0 (m - extent)), m = r or b")
+    "(-1, 9, 9, -1)/16 of the next coarser ones, even in v, by cubics beyond u; B_k by cubic splines, three times as fine, "
+    "then linear; beyond the extent, with m = r or b, "
+    "a_k + k0 m at k = 0 and a_k else go on as c + d / m through their values at extent / 2 and extent")
 ARRAYS = ("node_bounds", "node_child", "corner", "offset", "coefficient", "coefficient_scale", "basis", "basis_scale")
 MOST_EXTENT = 200.0  # mfp
 OUTSIDE = 1e-5  # share of the light beyond which no table goes
@@ -38,8 +39,8 @@ TOLERANCE = 2e-3
 COUNTS = (0, 7, 15, 23, 31)  # functions of a basis; with a_0 whole vectors of a processor
 ASPECT = 2  # cells are squares of half the side of the plane: two roots, side by side in v
 _COARSE, _FINE = 4, 6  # depths between which cells are divided
-_SOLVED = 0.45  # of the solver's longest distance
-_GAIN = 2  # of the error from a cell to its quarters, at least: what is expected to be good enough is not tested
+_SOLVED = 0.9  # of the solver's longest distance: room for the length of a segment
+_GAIN = 2  # of the error from a cell to its quarters, at least
 _SAMPLE = 300  # places for the basis
 _DARKEST = 1e-6  # of the mean over directions, 1/sr: below it a lobe is noise of the solver
 _LEAST = 1e-3  # of the integral of the absolute value
@@ -180,27 +181,19 @@ def between(grid):
 
 
 def margins(grid):
-    """One more row on all sides: even in v, by parabolas in u."""
-    low, high = 3 * grid[:1] - 3 * grid[1:2] + grid[2:3], 3 * grid[-1:] - 3 * grid[-2:-1] + grid[-3:-2]
+    """One more row on all sides: even in v, by cubics in u."""
+    low = 4 * grid[:1] - 6 * grid[1:2] + 4 * grid[2:3] - grid[3:4]
+    high = 4 * grid[-1:] - 6 * grid[-2:-1] + 4 * grid[-3:-2] - grid[-4:-3]
     tall = np.concatenate([low, grid, high])
     return np.concatenate([tall[:, 1:2], tall, tall[:, -2:-1]], axis=1)
 
 
-def lobes(medium, kind, length, rho, z, polar, azimuth, threads=1):
-    """Exact lobes (N, A, B) in the frames of positions (N,), and their integrals (N,)."""
+def coefficients(medium, kind, length, rho, z, threads=1):
+    """Harmonic coefficients (N, (L + 1)(L + 2)/2) of the lobes in the frames of positions (N,)."""
     rho = np.maximum(rho, frame.CLOSEST)
     if kind == POINT:
-        c = point.coefficients(medium, np.hypot(rho, z), np.arctan2(rho, z))
-    else:
-        c = segment.coefficients(_cut(medium, np.hypot(rho, z).max() + length), rho, z, length, np.arctan2(rho, z),
-                                 threads=threads)
-    return point.lobes(c, medium.order, polar, azimuth), np.sqrt(4 * np.pi) * c[:, 0]
-
-
-def _cut(medium, reach):
-    """A solution that ends a little beyond what is needed: rounding at its far end spoils splines a few steps before it."""
-    count = max(16, int(np.searchsorted(medium.log_r, np.log(1.35 * reach))) + 1)
-    return replace(medium, log_r=medium.log_r[:count], scaled=medium.scaled[:, :count])
+        return point.coefficients(medium, np.hypot(rho, z), np.arctan2(rho, z))
+    return segment.coefficients(medium, rho, z, length, np.arctan2(rho, z), threads=threads)
 
 
 def shape(order):
@@ -241,7 +234,6 @@ def build(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
         raise ValueError(f"the tabulated segment is {length:g} mean free paths long; 0.1 to 10 will do")
     if medium.albedo == 0:
         return _empty(kind, length, extent, medium.k0)
-    # rounding grows towards the solver's longest distance
     extent = min(float(extent), extent_needed(medium, OUTSIDE), _SOLVED * float(np.exp(medium.log_r[-1])))
     return _Build(solution, kind, length, extent, tolerance, most, finest, seed, threads).run()
 
@@ -260,21 +252,38 @@ class _Build:
         size = 1 << self.finest
         self.size = np.array([size, ASPECT * size])
         coarse = np.argwhere(np.ones((2 ** _COARSE + 1, ASPECT * 2 ** _COARSE + 1))) * (size >> _COARSE)
-        # distances of the lattice only: a point source is solved once for each of them
-        sample = np.column_stack([self.random.integers(0, size + 1, _SAMPLE), self.size[1] * self.random.random(_SAMPLE)])
-        lobe, integral, near = self.sample(np.concatenate([sample, coarse]))
-        self.choose(lobe[:_SAMPLE], near[:_SAMPLE])
+        leaves = self.plant()
+        middle = np.array([self.bounds[leaf] for leaf in leaves])[:, ::2] + (size >> _COARSE + 1)
+        first = np.concatenate([coarse, middle[:len(middle) if self.finest > _COARSE else 0]])
+        sample = self.random.permutation(len(first))[:_SAMPLE]
+        tests = places(self.kind, self.length, self.extent, self.random)
+        rho, z = self.positions(first)
+        # all at once: a table of the point source is shared
+        c = coefficients(self.medium, self.kind, self.length, np.append(rho, tests[0]), np.append(z, tests[1]), self.threads)
+        lobe, integral, near = self.normalised(first, c[:len(first)])
+        self.choose(lobe[sample], near[sample])
         values = np.full((*(self.size + 1), len(self.found)), np.nan)
-        values[tuple(coarse.T)] = self.represent(lobe[_SAMPLE:], integral[_SAMPLE:])[0]
-        bounds, child = self.divide(values)
+        exact, weight = self.represent(lobe, integral)
+        values[tuple(coarse.T)] = exact[:len(coarse)]
+        if self.finest > _COARSE:
+            self.divide(values, leaves, exact[len(coarse):], weight[len(coarse):], near[len(coarse):])
         corner = np.argwhere(~np.isnan(values[:, :, 0]))
-        return self.pack(bounds, child, corner, values[tuple(corner.T)])
+        return self.measured(self.pack(corner, values[tuple(corner.T)]), *tests, c[len(first):])
 
-    def sample(self, places):
+    def positions(self, lattice):
+        return frame.position(self.kind, self.length, self.extent, *(lattice / self.size).T)
+
+    def sample(self, lattice):
+        """Coefficients a (N, K + 1), weights of errors (N, D) and how much places near the source count (N,)."""
+        c = coefficients(self.medium, self.kind, self.length, *self.positions(lattice), self.threads)
+        lobe, integral, near = self.normalised(lattice, c)
+        return *self.represent(lobe, integral), near
+
+    def normalised(self, lattice, c):
         """Normalised lobes (N, D), integrals over the singular part, and how much places near the source count."""
-        rho, z = frame.position(self.kind, self.length, self.extent, *(places / self.size).T)
-        lobe, integral = lobes(self.medium, self.kind, self.length, rho, z, self.polar, self.azimuth, self.threads)
-        lobe = lobe.reshape(len(lobe), -1)
+        rho, z = self.positions(lattice)
+        lobe = point.lobes(c, self.medium.order, self.polar, self.azimuth).reshape(len(c), -1)
+        integral = np.sqrt(4 * np.pi) * c[:, 0]
         # rounding of the solver can leave less than nothing where a forward peak is a thousand times brighter ahead
         integral = np.maximum(integral, _LEAST * (np.abs(lobe) * self.solid_angle).sum(axis=1))
         lobe = np.maximum(lobe / integral[:, None], _DARKEST)
@@ -299,43 +308,59 @@ class _Build:
         a[:, 0] = np.log(integral)
         return a, weight
 
-    def divide(self, values):
-        """Divides cells, corners into `values`; bounds and children of all cells."""
+    def plant(self):
+        """The tree down to the coarsest cells; their numbers."""
         size = 1 << self.finest
-        bounds, child = [(0, size, root * size, (root + 1) * size) for root in range(ASPECT)], [-1] * ASPECT
-        leaves, expected = np.arange(ASPECT), np.full(ASPECT, np.inf)
-        for depth in range(self.finest):
-            step = size >> depth  # of the cells in `leaves`
-            half = step // 2
-            leaves, expected = leaves[expected > self.tolerance], expected[expected > self.tolerance]
-            cells = np.array([bounds[leaf] for leaf in leaves]).reshape(-1, 4)
-            if depth >= _COARSE and len(cells):
-                middle = cells[:, ::2] + half
-                lobe, integral, near = self.sample(middle)
-                exact, weight = self.represent(lobe, integral)
-                guess = between(fill(values[::step, ::step]))[tuple(middle.T // half)]
-                error = near * bases.distance(np.zeros_like(lobe), exact - guess, weight, self.found)
-                split = error > self.tolerance
-                values[tuple(middle[split].T)] = exact[split]
-                cells, leaves, expected = cells[split], leaves[split], error[split] / _GAIN
-                edges = np.concatenate([cells[:, ::2] + half * np.array(at) for at in ((0, 1), (1, 0), (2, 1), (1, 2))])
-                edges = np.unique(edges, axis=0)
-                edges = edges[np.isnan(values[edges[:, 0], edges[:, 1], 0])]
-                if len(edges):
-                    values[tuple(edges.T)] = self.represent(*self.sample(edges)[:2])[0]
-            after = []
-            for leaf, (left, _, low, _) in zip(leaves, cells, strict=True):
-                child[leaf] = len(bounds)
-                for u in (left, left + half):
-                    for v in (low, low + half):
-                        after.append(len(bounds))
-                        bounds.append((u, u + half, v, v + half))
-                        child.append(-1)
-            leaves, expected = np.array(after, int), np.repeat(expected, 4)
-        return np.array(bounds) / np.repeat(self.size, 2), np.array(child)
+        self.bounds, self.child = [(0, size, root * size, (root + 1) * size) for root in range(ASPECT)], [-1] * ASPECT
+        leaves = list(range(ASPECT))
+        for _ in range(_COARSE):
+            leaves = self.quarter(leaves)
+        return np.array(leaves)
 
-    def pack(self, bounds, child, corner, a):
-        """Rounds, makes the integrals of the rounded lobes exact, and measures the error."""
+    def quarter(self, leaves):
+        """Divides cells; the numbers of their children, four of each."""
+        after = []
+        for leaf in leaves:
+            left, right, low, _ = self.bounds[leaf]
+            half = (right - left) // 2
+            self.child[leaf] = len(self.bounds)
+            for u in (left, left + half):
+                for v in (low, low + half):
+                    after.append(len(self.bounds))
+                    self.bounds.append((u, u + half, v, v + half))
+                    self.child.append(-1)
+        return after
+
+    def divide(self, values, leaves, exact, weight, near):
+        """Divides cells, corners into `values`, from lobes at the middles of the leaves: coefficients, weights and nearness."""
+        for depth in range(_COARSE, self.finest):
+            half = (1 << self.finest) >> depth + 1
+            cells = np.array([self.bounds[leaf] for leaf in leaves]).reshape(-1, 4)
+            middle = cells[:, ::2] + half
+            guess = between(fill(values[::2 * half, ::2 * half]))[tuple(middle.T // half)]
+            error = near * bases.distance(np.zeros_like(weight), exact - guess, weight, self.found)
+            split = error > self.tolerance
+            if not split.any():
+                return
+            values[tuple(middle[split].T)] = exact[split]
+            edges = np.concatenate([cells[split, ::2] + half * np.array(at) for at in ((0, 1), (1, 0), (2, 1), (1, 2))])
+            edges = np.unique(edges, axis=0)
+            edges = edges[np.isnan(values[edges[:, 0], edges[:, 1], 0])]
+            leaves = np.array(self.quarter(leaves[split]))
+            # what is expected to be good enough is not looked at, nor what is as fine as it gets
+            leaves = leaves[np.repeat(error[split], 4) > _GAIN * self.tolerance] if half > 1 else leaves[:0]
+            after = np.array([self.bounds[leaf] for leaf in leaves], int).reshape(-1, 4)[:, ::2] + half // 2
+            wanted = np.concatenate([edges, after])
+            if not len(wanted):
+                return
+            exact, weight, near = self.sample(wanted)
+            values[tuple(edges.T)] = exact[:len(edges)]
+            exact, weight, near = exact[len(edges):], weight[len(edges):], near[len(edges):]
+            if not len(leaves):
+                return
+
+    def pack(self, corner, a):
+        """Rounds, and makes the integrals of the rounded lobes exact."""
         while not (corner & 1).any():
             corner >>= 1
         scale = np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / _STEPS
@@ -343,15 +368,16 @@ class _Build:
         stored = np.exp(self.found[0] + bases.combine(whole * scale.astype(np.float32).astype(float), self.found[1:]))
         offset = a[:, 0] - np.log((stored * self.solid_angle).sum(axis=1))
         basis_scale = _scales(self.found)
-        table = Table(self.kind, self.length, self.extent, self.medium.k0, bounds.astype(np.float32), child.astype(np.int32),
-                      corner.astype(np.int16), offset.astype(np.float32), whole, scale.astype(np.float32),
-                      np.rint(self.found / basis_scale[:, None].astype(float)).astype(np.int16).reshape(-1, *self.shape),
-                      basis_scale)
-        return self.measured(table)
+        bounds = np.array(self.bounds) / np.repeat(self.size, 2)
+        return Table(self.kind, self.length, self.extent, self.medium.k0, bounds.astype(np.float32),
+                     np.array(self.child, np.int32), corner.astype(np.int16), offset.astype(np.float32), whole,
+                     scale.astype(np.float32),
+                     np.rint(self.found / basis_scale[:, None].astype(float)).astype(np.int16).reshape(-1, *self.shape),
+                     basis_scale)
 
-    def measured(self, table):
-        rho, z = places(self.kind, self.length, self.extent, self.random)
-        error = errors(table, self.medium, rho, z, self.threads)
+    def measured(self, table, rho, z, c):
+        """The table with its error, measured at positions (N,) where the lobes have coefficients c."""
+        error = _errors(table, self.medium.order, rho, z, c)
         nearest = np.clip(z, 0, self.length)
         r, angle = np.hypot(rho, z - nearest), np.arctan2(rho, z - nearest)
         solver = self.solution.error(r, angle)
@@ -377,14 +403,22 @@ def places(kind, length, extent, random):
 
 def errors(table, medium, rho, z, threads=1):
     """Relative error of the table's lobes at positions (N,): root mean square over directions that are not the basis's."""
+    return _errors(table, medium.order, rho, z, coefficients(medium, table.kind, table.length, rho, z, threads))
+
+
+def between_directions(order):
+    """polar (A,), azimuth (B,), weights (A,) of directions that are not the basis's."""
+    count = max(24, int(0.75 * order))
+    x, gauss = np.polynomial.legendre.leggauss(count)
+    return np.arccos(x), (np.arange(count // 2) + 0.37) * np.pi / (count // 2), gauss
+
+
+def _errors(table, order, rho, z, c):
     from bakery.multiple import lookup
 
-    count = max(24, int(0.75 * medium.order))
-    x, gauss = np.polynomial.legendre.leggauss(count)
-    across = (np.arange(count // 2) + 0.37) * np.pi / (count // 2)
-    exact, _ = lobes(medium, table.kind, table.length, rho, z, np.arccos(x), across, threads)
-    found = lookup.lobes(lookup.ready(table), rho, z, np.arccos(x), across)
-    weight = gauss[:, None]
+    polar, azimuth, weight = between_directions(order)
+    exact, found = point.lobes(c, order, polar, azimuth), lookup.lobes(lookup.ready(table), rho, z, polar, azimuth)
+    weight = weight[:, None]
     return np.sqrt((weight * (found - exact) ** 2).sum(axis=(1, 2)) / (weight * exact**2).sum(axis=(1, 2)))
 
 

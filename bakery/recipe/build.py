@@ -12,9 +12,10 @@ from pydantic import BaseModel, ValidationError
 from bakery.errors import Problem, RecipeError
 from bakery.recipe import grain_schema, model, schema
 from bakery.recipe.checks import Checker
-from bakery.recipe.fields import describe, nearest, one_of
+from bakery.recipe.fields import describe
 from bakery.recipe.files import Folder
-from bakery.recipe.text import Mapping, Node, Scalar, Sequence, Source, Tree, owner, show
+from bakery.recipe.problems import distinct, places, translate
+from bakery.recipe.text import Mapping, Source, Tree
 
 MAX_PROBLEMS = 200
 
@@ -39,10 +40,10 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
         parsed = schema.RecipeFile.model_validate(tree.root, context=values)
     except ValidationError as error:
         parsed = None
-        problems += (problem for one in error.errors(include_url=False) for problem in _translate(one))
+        problems += (problem for one in error.errors(include_url=False) for problem in translate(one))
     checker = Checker(tree.root, values, Folder(path.parent))
     checker.run()
-    problems = _distinct(problems + checker.problems)
+    problems = distinct(problems + checker.problems)
     if problems:
         if len(problems) > MAX_PROBLEMS:
             left = len(problems) - MAX_PROBLEMS
@@ -54,79 +55,11 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
     return _recipe(path, text, tree.root, parsed, checker)
 
 
-def _distinct(problems: list[Problem]) -> list[Problem]:
-    return list({(p.file, p.line, p.column, p.key, p.found): p for p in problems}.values())
-
-
-# ---- pydantic's errors in our words
-
-
-def _translate(error: dict) -> Iterator[Problem]:
-    node, kind = error["input"], error["type"]
-    if kind == "told" or node.broken and kind != "extra_forbidden":
-        return
-    if kind == "wrong":
-        said = error["ctx"]
-        yield node.place.problem(said["found"], said["expected"], said["offset"])
-    elif kind == "missing":
-        name = str(error["loc"][-1])
-        description = node.model.model_fields[name].description if node.model else ""
-        yield owner(node).problem("missing", f"expected {name}: {_lower(description)}", key=_below(node, name))
-    elif kind == "extra_forbidden":
-        yield from _unknown(node)
-    elif kind == "choice":
-        key, *choices = error["msg"].split("|")
-        yield _choice(node, key, choices)
-    elif kind == "list_type":
-        yield owner(node).problem(f"found {describe(node)}", "expected a list")
-    elif kind in ("too_short", "too_long"):
-        limits = error["ctx"]
-        number = limits.get("min_length", limits.get("max_length"))
-        yield owner(node).problem(
-            f"found {len(node):,} entries", f"expected at {'least' if kind == 'too_short' else 'most'} {number:,}"
-        )
-    else:  # a mapping is expected
-        name = error.get("ctx", {}).get("class_name", "")
-        fields = getattr(schema, name, None) or getattr(grain_schema, name, None)
-        keys = f" with {', '.join(fields.model_fields)}" if fields else ""
-        yield owner(node).problem(f"found {describe(node)}", f"expected a mapping{keys}")
-
-
-def _lower(description: str) -> str:
-    return (description[:1].lower() + description[1:]).rstrip(".")
-
-
-def _below(node: Mapping, name: str) -> str:
-    return f"{node.place.key}.{name}" if node.place.key else name
-
-
-def _unknown(node: Node) -> Iterator[Problem]:
-    parent = node.parent
-    name = next(name for name, child in parent.items() if child is node)
-    if name == "<<":
-        return  # reported as a merge key
-    known = [field for field in parent.model.model_fields if field not in parent] if parent.model else []
-    every = list(parent.model.model_fields) if parent.model else []
-    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}" + nearest(name, known))
-
-
-def _choice(node: Node, key: str, choices: list[str]) -> Problem:
-    if not key:
-        return owner(node).problem(f"found {describe(node)}", f"expected {one_of(choices)}")
-    if not isinstance(node, Mapping):
-        return owner(node).problem(f"found {describe(node)}", f"expected a mapping such as {{{key}: {choices[0]}, …}}")
-    if key not in node:
-        return owner(node).problem("missing", f"expected {key}: {one_of(choices)}", key=_below(node, key))
-    chosen = node[key]
-    near = nearest(chosen.text, choices) if isinstance(chosen, Scalar) else ""
-    return chosen.place.problem(f"found {describe(chosen)}", f"expected {one_of(choices)}{near}")
-
-
 # ---- values
 
 
 def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, checker: Checker) -> model.Recipe:
-    places = {place.key: str(place) for place in _places(root)}
+    where = {place.key: str(place) for place in places(root)}
     phase = parsed.phase or schema.SingleScattering()
     leaves = dict(_leaves("", parsed, len(checker.wavelength)))
     if parsed.particles:
@@ -161,23 +94,13 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         grains=parsed.grains and _grains(parsed.grains, checker),
         scatterometer=model.Scatterometer(**_options(scatterometer)),
         effective_medium=model.EffectiveMedium(**_options(effective)),
-        multiple_scattering=multiple and model.MultipleScattering(**_options(multiple) | {"sources": tuple(multiple.sources)}),
+        multiple_scattering=multiple and model.MultipleScattering(
+            **_options(multiple) | {"sources": tuple(multiple.sources), "method": multiple.method}),
         beam=parsed.beam and model.Beam(**_options(parsed.beam)),
         leaves=leaves,
         files=tuple(checker.files),
-        places=places,
+        places=where,
     )
-
-
-def _places(node: Node) -> Iterator:
-    if isinstance(node, Mapping):
-        yield from (node.names[name] if not isinstance(child, Scalar) else child.place for name, child in node.items())
-        for child in node.values():
-            yield from _places(child)
-    elif isinstance(node, Sequence):
-        for child in node:
-            yield child.place
-            yield from _places(child)
 
 
 def _leaves(key: str, value, wavelengths: int) -> Iterator[tuple[str, str | int | float | bool]]:

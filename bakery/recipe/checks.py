@@ -152,6 +152,10 @@ class Checker:
         sources = self.several(multiple.get("sources")) if isinstance(multiple, Mapping) else None
         if sources and len(set(sources)) < len(sources):
             self.report(multiple["sources"], "found a source twice", "expected point and segment once each")
+        if isinstance(multiple, Mapping) and self.value(multiple, "method") == "solver" \
+                and self.value(multiple, "photons") not in ("auto", None):
+            self.report(multiple["photons"], "found a number of photons beside method: solver",
+                        "expected method: photons or auto")
 
     def _particles(self, section: Mapping) -> None:
         amounts = [name for name in ("number_density", "volume_fraction") if name in section]

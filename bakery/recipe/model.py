@@ -171,13 +171,15 @@ class EffectiveMedium:
 
 @dataclass(frozen=True)
 class MultipleScattering:
-    """Tables of multiple scattering; `extent` (mean free paths) and `orders` are None where the recipe says auto."""
+    """Tables of multiple scattering; `extent` (mean free paths), `orders` and `photons` are None where the recipe says auto."""
 
     sources: tuple[str, ...]
     extent: float | None
     length: float
     tolerance: float
     orders: int | None
+    method: str
+    photons: int | None
 
 
 @dataclass(frozen=True)

@@ -253,6 +253,12 @@ class MultipleScattering(Section):
         None, description="Relative error of a lobe; 0.3 of the recipe's tolerance if absent."
     )
     orders: whole(2, 128, words=AUTO) = Field("auto", description="Legendre orders that are solved; narrower peaks are left out.")
+    method: word("auto", "solver", "photons") = Field(
+        "auto", description="How tables are made; auto: photons where the solver refuses or its error is above 20 %."
+    )
+    photons: whole(1000, 10**10, words=AUTO) = Field(
+        "auto", description="Photons that are followed for a wavelength, at most; auto: as many as fly 4e7 times."
+    )
 
 
 class Beam(Section):

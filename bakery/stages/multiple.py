@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,22 +27,28 @@ _ARRAYS = (
     Output("basis", "(K + 1, S, T)", "1", "functions of the direction, in units of basis_scale"),
     Output("basis_scale", "(K + 1,)", "1", "scales of the basis"),
     Output("error", "(1,)", "1", "relative error of a lobe between the corners, of the table alone"),
-    Output("error_with_solver", "(1,)", "1", "the same with what the solver contributes"),
+    Output("error_with_solver", "(1,)", "1", "the same with what the solver, or the noise of photons, contributes"),
     Output("error_worst", "(1,)", "1", "largest error of the positions that were looked at"),
+    Output("offset_error", "(N,)", "1", "standard error of offset, that of the integral over directions; tables of photons only"),
+    Output("photons", "(1,)", "1", "photons that were followed; tables of photons only"),
+    Output("resolution", "(1,)", "rad", "of cones that narrow peaks were spread over, 0: none; tables of photons only"),
 )
 OUTPUTS = (
     Output("wavelength", "(L,)", "um", "of the tables w0, w1, ..."),
     Output("extinction", "(L,)", "1", "sigma_t that the tables' mean free paths belong to, over the medium's: 1 - albedo peak"),
     Output("albedo", "(L,)", "1", "that the tables were made for, without the peak"),
-    Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered (delta-M)"),
+    Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered"),
+    Output("peak_angle", "(L,)", "rad", "angle below which light is in that peak; 0 where there is none"),
+    Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those of light in the peak that goes straight on"),
+    Output("phase", "(L, A)", "1/sr", "phase function of the tables on medium/theta: without the peak, integral 1"),
     Output("k0", "(L,)", "1", "decay of diffuse light beyond the extent, per mean free path"),
     Output("extent", "(L,)", "1", "where the tables end, mean free paths"),
     Output("length", "(1,)", "1", "of the tabulated segment, mean free paths"),
     *(Output(f"{kind}/{name}", "(bytes,)", "utf-8", said, optional=True) for kind in KINDS for name, said in _TEXTS),
     *(Output(f"{kind}/WAVELENGTH/{o.path}", o.shape, o.units, o.description, optional=True) for kind in KINDS for o in _ARRAYS),
 )
-_REQUIRED = ("wavelength", "extinction", "albedo", "peak", "k0", "extent", "length")
-_WHOLE, _CUT = 96, 64  # orders that are solved in full; orders that are kept where more would be needed
+_REQUIRED = ("wavelength", "extinction", "albedo", "peak", "peak_angle", "peak_effect", "phase", "k0", "extent", "length")
+_WHOLE, _CUT = 96, 40  # orders that are solved in full; orders that are kept where more would be needed
 _MOMENTS = 140
 
 
@@ -51,35 +58,59 @@ def inputs(recipe, upstream) -> dict:
             "theta": np.asarray(medium["theta"].data, float), "phase": np.asarray(medium["phase"].data, float),
             "straight": np.asarray(medium["forward_delta"].data, float) if "forward_delta" in medium.members
             else np.zeros(len(recipe.wavelength)),
-            "sources": options.sources, "extent": options.extent, "length": options.length, "orders": options.orders}
+            "sources": options.sources, "extent": options.extent, "length": options.length, "orders": options.orders,
+            "method": options.method, "photons": options.photons}
 
 
 # ---- work
 
 
-def solved(albedo: float, theta, phase, straight: float, orders: int | None):
-    """The solution for one wavelength, and the share of the light that counts as not scattered.
+class Solved(NamedTuple):
+    """The solution for one wavelength, and what was done with a forward peak.
+
+    Attributes
+    ----------
+    solution : `bakery.multiple.solution.Solution` of the medium without the peak
+    peak : share of the scattered light that counts as not scattered
+    phase : (A,) 1/sr, that of the solution
+    peak_angle : rad, below which light is in the peak; 0 where there is none
+    peak_effect : what it would change if light in the peak went straight on (see `peaks.effect`)
+    """
+
+    solution: object
+    peak: float
+    phase: np.ndarray
+    peak_angle: float = 0.0
+    peak_effect: float = 0.0
+
+
+def solved(albedo: float, theta, phase, straight: float, orders: int | None) -> Solved:
+    """Solves for one wavelength.
 
     straight : share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
     orders : Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
-
-    Returns
-    -------
-    solution : of the medium without the peak
-    peak : share of the scattered light that was taken out
     """
-    from bakery.multiple import legendre, solution
+    from bakery.medium.phase import areas, normalised
+    from bakery.multiple import legendre, peaks, solution, table
 
     p = legendre.moments(theta, phase, max(_MOMENTS, (orders or 0) + 8))
     if straight >= 1 - 1e-9:
-        albedo, p, straight = 0.0, np.eye(1, len(p))[0], min(straight, 1.0)
-    else:
-        p, albedo = (p - straight) / (1 - straight), albedo * (1 - straight) / (1 - albedo * straight)
-    p[0] = 1.0
-    needed = legendre.order_needed(p)
+        nothing = np.eye(1, len(p))[0]
+        return Solved(solution.solve(0.0, nothing), min(straight, 1.0), phase, float(theta[1]))
+    rest = (p - straight) / (1 - straight)
+    rest[0] = 1.0
+    needed = legendre.order_needed(rest)
     most = orders or (_WHOLE if needed is not None and needed <= _WHOLE else _CUT)
-    found = solution.solve(albedo, p, most=most)
-    return found, 1 - (1 - straight) * (1 - found.peak)
+    if needed is None or needed > most:
+        clip = peaks.clipped(theta, phase, most)
+        found = peaks.solve(albedo, clip, most)
+        return Solved(found, clip.peak, clip.phase, clip.angle, peaks.effect(clip, found, table.extent_needed(found.medium)))
+    found = solution.solve(albedo * (1 - straight) / (1 - albedo * straight), rest, most=most)
+    if straight > 0:
+        phase = phase.copy()
+        phase[0] = max(phase[0] - straight / (2 * np.pi * areas(theta)[0]), 0.0)
+        phase, _ = normalised(theta, phase)
+    return Solved(found, straight, phase, float(theta[1]) if straight > 0 else 0.0)
 
 
 def tabulated(number, kind, albedo, theta, phase, straight, orders, extent, length, tolerance, seed):
@@ -87,41 +118,115 @@ def tabulated(number, kind, albedo, theta, phase, straight, orders, extent, leng
     from bakery.multiple import table
 
     try:
-        found, peak = solved(albedo, theta, phase, straight, orders)
-        reach = table.extent_needed(found.medium) if extent is None else extent
-        made = table.build(found, kind, extent=reach, length=length, tolerance=tolerance, seed=seed)
+        found = solved(albedo, theta, phase, straight, orders)
+        medium = found.solution.medium
+        reach = table.extent_needed(medium) if extent is None else extent
+        made = table.build(found.solution, kind, extent=reach, length=length, tolerance=tolerance, seed=seed)
     except ValueError as fault:
         raise StageError(f"wavelength number {number}, {kind} source: {fault}") from None
-    return number, kind, made, peak, found.medium.albedo
+    return number, kind, made, found._replace(solution=None), medium.albedo
+
+
+def attempted(*task):
+    """`tabulated`, with the reason in place of a table where the solver refuses."""
+    try:
+        return tabulated(*task)
+    except StageError as fault:
+        return *task[:2], None, str(fault), 0.0
+
+
+def counted(number, kinds, albedo, theta, phase, straight, extent, length, tolerance, photons, seed):
+    """Tables of one wavelength made of photons, as `tabulated` returns them, and what they alone have, by kind of source."""
+    from bakery.medium.phase import areas, normalised
+    from bakery.multiple import counted as photon_tables
+
+    rest = phase
+    if straight > 0:  # packed grains: what keeps its direction is not scattered
+        rest = phase.copy()
+        rest[0] = max(rest[0] - straight / (2 * np.pi * areas(theta)[0]), 0.0)
+        rest, _ = normalised(theta, rest)
+    albedo = 0.0 if straight >= 1 - 1e-9 else albedo * (1 - straight) / (1 - albedo * straight)
+    made = photon_tables.build(albedo, theta, rest, tuple(KINDS.index(kind) for kind in kinds), extent=extent, length=length,
+                               tolerance=tolerance, photons=photons, seed=seed)
+    of = Solved(None, straight, rest, float(theta[1]) if straight > 0 else 0.0)
+    return [(number, kind, made.tables[KINDS.index(kind)], of, albedo,
+             {"offset_error": made.offset_error[KINDS.index(kind)], "photons": np.array([made.photons]),
+              "resolution": np.array([made.resolution])}) for kind in kinds]
+
+
+def with_photons(inputs, each, found, context):
+    """Puts tables of photons in the place of those that the solver refused or did badly; of all, where no solver was asked.
+
+    Parameters
+    ----------
+    each : albedo, theta, phase, straight of every wavelength
+    found : what `attempted` returned
+
+    Returns
+    -------
+    found : one table a wavelength and source
+    own : (number, kind) -> datasets that tables of photons have besides
+    notes : what was done and why
+    """
+    def error(ways):
+        made = [way[2] for way in ways]
+        return np.inf if not made or any(one is None for one in made) else max(one.error_with_solver for one in made)
+
+    solvers = {k: [way for way in found if way[0] == k] for k in range(len(each))}
+    poor = [k for k, ways in solvers.items() if error(ways) > _POOR]
+    tasks = [(k, tuple(inputs["sources"]), *each[k], inputs["extent"], inputs["length"], context.tolerance, inputs["photons"],
+              context.seed) for k in poor]
+    own, notes = {}, []
+    for k, ways in zip(poor, context.map(counted, tasks) if tasks else [], strict=True):
+        um, solver = f"{inputs['wavelength'][k]:g} um", solvers[k]
+        if error(solver) <= error(ways):
+            notes.append(f"{um}: the solver's tables have an error of {error(solver):.2g}, photons' would have {error(ways):.2g}")
+            continue
+        more = ways[0][5]
+        why = [way[3] for way in solver if way[2] is None] or [f"the solver's tables would have an error of {error(solver):.2g}"]
+        notes.append(f"{um}: tables are made of {more['photons'][0]} photons" + (f"; {why[0]}" if solver else ""))
+        if more["resolution"][0] > 0:
+            notes.append(f"{um}: the phase function has a peak too narrow for a table; for the first and last scattering it is "
+                         f"spread over a cone of {np.degrees(more['resolution'][0]):.2g} degrees; errors are those of such lobes")
+        found = [way for way in found if way[0] != k] + [way[:5] for way in ways]
+        own |= {(k, way[1]): way[5] for way in ways}
+    return found, own, notes
 
 
 def compute(inputs: dict, context) -> Result:
     from bakery.multiple import table
 
-    length, count = inputs["length"], len(inputs["wavelength"])
-    tasks = [(k, kind, float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["straight"][k]),
-              inputs["orders"], inputs["extent"], length, context.tolerance, context.seed)
+    length, count, method = inputs["length"], len(inputs["wavelength"]), inputs["method"]
+    each = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["straight"][k])) for k in range(count)]
+    tasks = [(k, kind, *each[k], inputs["orders"], inputs["extent"], length, context.tolerance, context.seed)
              for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
-    found = []
-    for start in range(0, len(tasks), _TOGETHER):  # a few at a time, so that progress can be told
-        found += context.map(tabulated, tasks[start:start + _TOGETHER])
-        context.report(len(found) / len(tasks), max(made.error_with_solver for _, _, made, _, _ in found))
-    values = {name: np.zeros(count) for name in ("extinction", "albedo", "peak", "k0", "extent")}
+    found: list = []
+    for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress can be told
+        found += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
+        errors = [made.error_with_solver for _, _, made, *_ in found if made is not None]
+        context.report(len(found) / len(tasks), max(errors, default=None))
+    found, own, notes = with_photons(inputs, each, found, context)
+    values = {name: np.zeros(count) for name in ("extinction", "albedo", "peak", "peak_angle", "peak_effect", "k0", "extent")}
+    values["phase"] = np.zeros_like(inputs["phase"])
     places: dict[str, dict] = {kind: {} for kind in inputs["sources"]}
-    reached, notes, bytes_ = 0.0, [], 0
-    for number, kind, made, peak, albedo in found:
-        values["peak"][number], values["albedo"][number] = peak, albedo
-        values["extinction"][number] = 1 - inputs["albedo"][number] * peak
+    reached, bytes_ = 0.0, 0
+    for number, kind, made, of, albedo in found:
+        for name in ("peak", "peak_angle", "peak_effect", "phase"):
+            values[name][number] = getattr(of, name)
+        values["albedo"][number], values["extinction"][number] = albedo, 1 - inputs["albedo"][number] * of.peak
         values["k0"][number], values["extent"][number] = made.k0, made.extent
         figures = {"error": made.error, "error_with_solver": made.error_with_solver, "error_worst": made.worst}
         places[kind][f"w{number}"] = Group(datasets(
-            OUTPUTS, made.arrays() | {name: np.array([value]) for name, value in figures.items()}, f"{kind}/WAVELENGTH/"))
+            OUTPUTS, made.arrays() | {name: np.array([value]) for name, value in figures.items()} | own.get((number, kind), {}),
+            f"{kind}/WAVELENGTH/"))
         reached, bytes_ = max(reached, made.error_with_solver), bytes_ + made.nbytes
         if made.empty:
             notes.append(f"{inputs['wavelength'][number]:g} um: nothing is scattered, so the {kind} table is empty")
     for k in np.flatnonzero((values["peak"] > inputs["straight"] + 1e-9) & (inputs["albedo"] > 0)):
-        notes.append(f"{inputs['wavelength'][k]:g} um: {values['peak'][k]:.2g} of the scattered light is a forward peak too "
-                     "narrow to be solved and counts as not scattered (delta-M); orders one and two must be computed alike")
+        notes.append(f"{inputs['wavelength'][k]:g} um: {values['peak'][k]:.2g} of the scattered light, in a forward peak of "
+                     f"{np.degrees(values['peak_angle'][k]):.2g} degrees, counts as not scattered (delta-M as a function of the "
+                     "angle); the first two events take multiple/phase, albedo and extinction.  Between events the tables turn "
+                     f"light as the peak does, which changes their lobes by {100 * values['peak_effect'][k]:.2g} %")
     said = {"coordinates": table.COORDINATES, "frame": (table.FRAME,) * 2, "singular": table.SINGULAR,
             "interpolation": (table.INTERPOLATION,) * 2}
     members: dict = dict(datasets(OUTPUTS, {"wavelength": inputs["wavelength"], **values, "length": np.array([length])}))
@@ -129,7 +234,8 @@ def compute(inputs: dict, context) -> Result:
         words = {name: text(said[name][KINDS.index(kind)], described) for name, described in _TEXTS}
         members[kind] = Group(words | dict(sorted(places[kind].items(), key=lambda item: int(item[0][1:]))))
     missed = (f"tables are good to {reached:.2g} instead of {context.tolerance:.2g}; a larger multiple_scattering.tolerance or, "
-              "where the error is the solver's, more multiple_scattering.orders would do",) if reached > context.tolerance else ()
+              "where the error is the solver's, more multiple_scattering.orders, where it is that of photons, more "
+              "multiple_scattering.photons would do",) if reached > context.tolerance else ()
     return Result(members, reached, tuple(dict.fromkeys(notes)), missed)
 
 
@@ -158,6 +264,8 @@ def check(group: Group) -> Iterable[str]:
     yield from faults
     if faults:
         return
+    if (v["phase"] < 0).any() or v["peak_angle"].min() < 0 or v["peak_effect"].min() < 0:
+        yield "phase, peak_angle or peak_effect below 0"
     for name in ("extinction", "albedo", "peak"):
         if ((v[name] < 0) | (v[name] > 1 + 1e-12)).any():
             yield f"{name} outside 0 .. 1"
@@ -180,15 +288,17 @@ def check(group: Group) -> Iterable[str]:
 def cost(recipe) -> Cost:
     g = _width(recipe)
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
+    if recipe.multiple_scattering.method == "photons":
+        return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 3.0)
     seconds = number * (_FEW + _MANY * max(g - 0.5, 0.0) ** 2)
-    return Cost(seconds, 4e8, 2e5 * number, f"{number} tables", 3.0)
+    return Cost(seconds, 3e8 + 4e9 * max(g - 0.5, 0.0) ** 2, 2e5 * number, f"{number} tables", 3.0)
 
 
 def _width(recipe) -> float:
     """About how forward the phase function is, from the recipe alone."""
     if recipe.medium is not None and recipe.medium.phase.g is not None:
         return float(np.abs(recipe.medium.phase.g).max())
-    return 0.5 if recipe.grains is not None else 0.9
+    return 0.5 if recipe.grains is not None else 0.7  # without their peak, 40 orders hold what spheres scatter
 
 
 def measures(found: Group, reference: Group) -> Mapping[str, float]:
@@ -224,11 +334,13 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 
 _TOGETHER = 2
+_POOR = 0.2  # error of the solver's tables above which photons are tried
+_COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
 _FEW, _MANY = 1.0, 60.0  # seconds of one core for a table: at g up to 0.5; times (g - 0.5)^2
 
 STAGE = Stage(
     name="multiple",
-    version=1,
+    version=2,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),

@@ -65,7 +65,8 @@ def columns(picture):
 def test_the_plane_shows_the_light(found, cloud):
     """Colour is the solver's integral over directions; the picture is that of 0.55 um, as at 0.65 um nothing is scattered."""
     root, data = read(cloud), columns(found["multiple_point"])
-    shown = multiple.Shown("point", 0.55, tables_of(root["multiple"], "point")[1], 0.8, root["medium"], 1, 0.0, None)
+    shown = multiple.Shown("point", 0.55, tables_of(root["multiple"], "point")[1], 0.8, root["medium"], 1, 0.0, 0.0,
+                          root["multiple/phase"].data[1], None)
     some = np.random.default_rng(3).integers(0, data["z [mfp]"].size // 2, 60)  # of the first panel
     z, rho, value = (data[name][some] for name in ("z [mfp]", "rho [mfp]", "integral over directions [mfp^-3]"))
     exact = point.integral(shown.solved.medium, np.hypot(rho, z), np.arctan2(rho, z))
@@ -136,7 +137,7 @@ def test_photons_leave_the_forward_peak_out_too(bake):
     root = read(bake("peak", 0.9, "{extent: 4, sources: [point], orders: 12}", phase="{type: hg, g: 0.75}"))
     assert root["multiple/peak"].data[0] > 0.01
     (picture,) = [p for p in multiple.pictures(root) if p.name.endswith("_sections")]
-    assert "without its forward peak" in picture.caption
+    assert "without the forward peak" in picture.caption
     data = columns(picture)
     exact, mean, error = (data[f"mean over directions {end} [mfp^-3 sr^-1]"] for end in ENDS)
     ahead = (data["angle from +z [deg]"] < 20) & (error < 0.05 * exact)

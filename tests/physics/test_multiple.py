@@ -74,7 +74,7 @@ def test_streaming_is_exact_in_all_orders(k, M):
     up, down = _kernels.pivots(wave, np.zeros(L + 1), M)
     x = np.zeros((L + 1, 1))
     for l, j in ((M, M), (M, L), (L, L), (M + 1, M + 2)):
-        _kernels.streaming(wave, up, down, M, j, x)
+        _kernels.streaming(wave, up, down, M, j, 0.0, x)
 
         exact = _polynomial_over(l, j, M, k)
         assert x[l, 0] == pytest.approx(exact, rel=5e-9)  # M^2 / l^4 where the chain starts
@@ -139,7 +139,7 @@ def test_quarter_turns_are_orthogonal_and_come_back():
         _plane.from_normal(l, d[l], b, again)
         np.testing.assert_allclose(again, c, atol=1e-12)
         # Parseval: both frames hold the same function
-        k = l - 2 * np.arange(l // 2 + 1)
+        k = l % 2 + 2 * np.arange(l // 2 + 1)
         both = np.where(k == 0, 1, 2) * (b[:len(k)] ** 2 + b[len(k):] ** 2)
         assert both.sum() == pytest.approx(c[0] ** 2 + 2 * (c[1:] ** 2).sum(), rel=1e-12)
 
@@ -356,6 +356,31 @@ def test_segment_is_the_integral_of_the_point(forward, rho, z, length):
     direct = sum((b - a) / 2 * sum(v * at((a + b) / 2 + (b - a) / 2 * u) for u, v in zip(x, w))
                  for a, b in zip(breaks[:-1], breaks[1:]))
     np.testing.assert_allclose(value, direct, atol=1e-5 * direct.max(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("albedo", [0.05, 0.5, 0.95])
+def test_far_away_the_segment_is_still_the_integral(albedo):
+    """Up to the solver's longest distance: the splines end well, and what the transform leaves everywhere is small there."""
+    medium = fourier.propagator(albedo, HG(0.7, 25))
+    end = math.exp(medium.log_r[-1])
+    theta, phi, angle = np.array([0.0, 0.3, 1.2, 2.9]), np.array([0.0, 0.5, 2.0, 3.0]), 0.7
+    x, w = np.polynomial.legendre.leggauss(20)
+    for r in (0.5 * end, 0.8 * end, end - 2.0):
+        rho, z = r * math.sin(angle), r * math.cos(angle)
+        direct = sum(u * math.exp(-1 - a) * point.value(medium, rho, z - 1 - a, theta, phi) for a, u in zip(x, w))
+        np.testing.assert_allclose(segment.value(medium, rho, z, theta, phi, 2.0), direct, rtol=0, atol=2e-4 * direct.max())
+
+
+def test_what_the_transform_leaves_everywhere_is_small(monkeypatch):
+    """Wave numbers cut a hundred times further out change nothing, up to where the table of distances ends."""
+    medium = fourier.propagator(0.6, HG(0.7, 20))
+    monkeypatch.setattr(fourier, "_K_MIN", 1e-11)
+    monkeypatch.setattr(fourier, "_K_MAX", 1e11)
+    wide = fourier.propagator(0.6, HG(0.7, 20))
+    r = np.array([0.003, 0.1, 1.0, 10.0, 0.7 * math.exp(medium.log_r[-1])])
+    norm = np.sqrt((wide.at(r) ** 2).sum(axis=0))
+    off = np.sqrt(((medium.at(r) - wide.at(r)) ** 2).sum(axis=0)) / norm
+    assert off[:3].max() < 1e-7 and off.max() < 5e-4, off
 
 
 def test_pencil_point_and_segment_fit_together(forward):

@@ -123,7 +123,7 @@ def test_without_tolerance_the_tree_is_the_uniform_grid():
     solved = solution.solve(0.9, legendre.henyey_greenstein(0.3, 40))
     t = table.build(solved, POINT, extent=20.0, tolerance=0.0, most=7, finest=5)
     assert len(t.corner) == 33 * 65 and (np.diff(t.node_bounds[t.node_child < 0][:, :2]) == 1 / 32).all()
-    assert t.error < 3e-4
+    assert t.error < 6e-4  # 3e-4, and three standard errors of few places in the outermost cells
 
 
 def test_missing_corners_follow_cubics():
@@ -131,9 +131,9 @@ def test_missing_corners_follow_cubics():
     smooth = np.stack([np.cos(math.pi * v) * np.exp(u), 1 + u * u], axis=-1)
     gaps = np.full_like(smooth, np.nan)
     gaps[::4, ::4] = smooth[::4, ::4]
-    # parabolas at the ends of u: h^3 f''' / 16 = 4.1e-5 with h = 1/16; cubics elsewhere: (3/128) h^4 f''''
+    # cubics: (3/128) h^4 f'''' with h = 1/16, and 5 times as much at the ends of u
     error = np.abs(table.fill(gaps) - smooth)
-    assert error.max() < 4.5e-5 and error[4:-4].max() < 1e-5
+    assert error.max() < 2e-5 and error[4:-4].max() < 1e-5
 
 
 def test_the_table_survives_its_arrays(tables, ready):
@@ -201,6 +201,36 @@ def test_segments_of_any_length_are_those_of_the_solver(solved, ready, length):
     exact = segment.value(solved.medium, rho, z, theta, phi, length)
     found = lookup.segment(*ready, rho, z, theta, phi, length)
     assert (np.abs(found - exact).max(axis=1) / exact.max(axis=1)).max() < 6e-3
+
+
+@pytest.mark.parametrize("end", [0.0, 2.0])
+def test_at_the_ends_of_a_segment_lobes_are_those_of_the_solver(solved, tables, ready, end):
+    random = np.random.default_rng(6)
+    r, angle = np.array([1e-4, 1e-3, 1e-2, 0.05, 0.09, 0.11]), math.pi * random.random(6)
+    rho, z = r * np.sin(angle), end + r * np.cos(angle)
+    theta, phi = random.uniform(0, math.pi, (2, 40))
+    exact = segment.value(solved.medium, rho[:, None], z[:, None], theta, phi, 2.0)
+
+    def error(found):
+        return np.abs(found - exact).max(axis=1) / exact.max(axis=1)
+
+    assert error(lookup.segment(*ready, rho[:, None], z[:, None], theta, phi)).max() < 0.02
+    # the table of segments alone does not do there
+    x, y, along = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+    a, b = lookup.scratch(ready[1])
+    alone = [lookup.value(ready[1], rho[0], z[0], *d, a, b) for d in zip(x, y, along)]
+    assert np.abs(alone - exact[0]).max() > 0.03 * exact[0].max()
+
+
+@pytest.mark.parametrize("kind", [POINT, SEGMENT])
+@pytest.mark.parametrize(("albedo", "g", "extent", "errors"), [(0.98, 0.7, 30.0, (0.004, 0.010)), (0.9, 0.7, 12.0, (0.02, 0.04))])
+def test_beyond_the_extent_lobes_go_on(kind, albedo, g, extent, errors):
+    solved = solution.solve(albedo, legendre.henyey_greenstein(g, 60))
+    made = table.build(solved, kind, extent=extent)
+    angle = np.linspace(0.1, 3.0, 25)
+    for share, most in zip((1.5, 2.0), errors):
+        r = share * extent
+        assert np.sqrt((table.errors(made, solved.medium, r * np.sin(angle), r * np.cos(angle))**2).mean()) < most
 
 
 def test_short_segments_become_points(ready):
@@ -295,6 +325,27 @@ def test_queries_do_not_depend_on_where_and_how_the_scene_stands(ready):
     np.testing.assert_allclose(found, lookup.point(ready[0], rho, z, theta, phi), rtol=1e-5)
     found = queries.segment_to_point(*ready, shift, axis, 3.0, shift + local @ turn.T, out @ turn.T)
     np.testing.assert_allclose(found, lookup.segment(*ready, rho, z, theta, phi, 3.0), rtol=1e-5)
+
+
+def test_at_the_source_and_far_outside_queries_have_an_answer(ready):
+    x, z = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    out = units(np.random.default_rng(14), 50)
+
+    def all_four(target):
+        return (queries.point_to_point(ready[0], x, z, target, out), queries.segment_to_point(*ready, x, z, 3.0, target, out),
+                queries.point_to_segment(ready[0], x, z, target, out, 2.0),
+                queries.segment_to_segment(*ready, x, z, 3.0, target, out, 2.0))
+
+    # on the source: as at the closest distance straight beside it, with the direction's azimuth counted from there
+    here = all_four(x)
+    assert all(np.isfinite(a).all() and (a > 0).all() for a in here)
+    np.testing.assert_allclose(here[0], lookup.point(ready[0], frame.CLOSEST, 0.0, np.arccos(out[:, 2]), 0.0), rtol=1e-5)
+    # far outside: falling as exp(-k0 r)/r, to nothing but without a fault
+    far, farther = all_four(np.array([60.0, 0, 0])), all_four(np.array([90.0, 0, 0]))
+    for a, b in zip(far, farther):
+        fell = np.log(a / b) / (30 * ready[0].k0)
+        assert (b > 0).all() and fell.min() > 0.8 and fell.max() < 1.3
+    assert all((a == 0).all() for a in all_four(np.array([1e6, 0, 0])))
 
 
 def test_reciprocity(ready):

@@ -102,14 +102,34 @@ def test_peaks_count_as_not_scattered(bake, tmp_path):
     assert "delta-M" in with_peak.provenance.multiple.notes
 
 
-def test_what_no_solver_reaches_is_refused(bake):
+def test_what_no_solver_reaches_is_refused_or_left_to_photons(bake, tmp_path):
     with pytest.raises(StageError, match="wavelength number 0, segment source"):
-        bake(phase="{type: hg, g: -0.999}")
+        bake(phase="{type: hg, g: -0.999}", options="{method: solver}")
+    with pytest.raises(StageError, match="is written, but .* more multiple_scattering.photons would do"):
+        bake(phase="{type: hg, g: -0.999}", options="{sources: [point], extent: 3, photons: 3200, tolerance: 50%}")
+    asset = bakery.open(tmp_path / "cloud.h5")
+    assert "made of 3200 photons; wavelength number 0" in asset.provenance.multiple.notes
+    assert "a cone of 5.7 degrees" in asset.provenance.multiple.notes
+    place = asset.multiple["point/w0"]
+    assert place["resolution"] == 0.1 and place["photons"] == 3200
+    assert place["offset_error"].shape == place["offset"].shape and (place["offset_error"] > 0).all()
+    assert asset.multiple.point(0.5, 0.5, 1.0, 0.0) > 0
+
+
+def test_photons_check_the_solver(bake):
+    """The same recipe by both methods: within what both state."""
+    made = [bake(options=f"{{method: {method}, sources: [point], extent: 12, tolerance: 10%}}")
+            for method in ("solver", "photons")]
+    assert "photons" in made[1].multiple["point/w0"] and "photons" not in made[0].multiple["point/w0"]
+    stated = sum(asset.multiple.attributes["achieved_error"] for asset in made)
+    assert multiple.measures(*(asset.tree["multiple"] for asset in made))["error"] < stated < 0.11
+    assert not list(multiple.check(made[1].tree["multiple"]))
 
 
 @pytest.mark.parametrize(("options", "said"), [
     ("{sources: [point, point]}", "found a source twice"), ("{extent: 1000}", "at most 200"), ("{length: 0}", "at least 0.1"),
-    ("{sources: [line]}", "point or segment"), ("{method: photons}", "unknown key")])
+    ("{sources: [line]}", "point or segment"), ("{method: rays}", "auto, solver or photons"),
+    ("{method: solver, photons: 5000}", "photons beside method: solver"), ("{lobes: 4}", "unknown key")])
 def test_bad_options(tmp_path, options, said):
     path = tmp_path / "cloud.yaml"
     path.write_text(RECIPE.format(albedo=0.9, phase="{type: isotropic}", options=options, tolerance="1%", wavelengths="[0.55]"))
