@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option
+from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option, with_scene
 from bakery.errors import RecipeError, UsageError
 from bakery.report.text import write
 
@@ -45,10 +45,11 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
     try:
         cache = Cache(say=progress.say)
         plans, problems = [], []
+        values = settings_of(quality, tolerance, seed, settings)
         for recipe in recipes:
             try:
-                plans.append(prepare(recipe, output, stages=stage, settings=settings_of(quality, tolerance, seed, settings),
-                                     force=force, cache=cache, jobs=jobs))
+                plans.append(prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force,
+                                     cache=cache, jobs=jobs))
             except RecipeError as error:
                 problems += error.problems
         if problems:

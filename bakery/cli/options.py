@@ -14,16 +14,11 @@ quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on 
 verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on standard error.")
 
 
-def _no_scenes(_ctx, _param, value):
-    if value is not None:
-        raise UsageError(f'--scene: found "{value}"; not available yet: no stage of this version depends on a scene')
-
-
 def recipe_options(command):
     """The options that choose stages and override recipe values."""
     for option in reversed((
         click.option("--stage", multiple=True, metavar="NAME", help="Only this stage and what it needs; repeatable."),
-        click.option("--scene", metavar="FILE", callback=_no_scenes, help="Bake what a scene needs (not available yet)."),
+        click.option("--scene", metavar="FILE", help="Bake also the stages that this scene needs and the recipe does not ask for."),
         click.option("--quality", metavar="draft|preview|final", help="10 or 3 % of all light, or the recipe as it stands."),
         click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
         click.option("--seed", metavar="N", help="Seed of every random stream."),
@@ -44,6 +39,22 @@ def settings_of(quality, tolerance, seed, settings) -> dict[str, str]:
             raise UsageError(f'--set: found "{setting}"; KEY=VALUE would do, such as --set particles.number_density="2e8 /m^3"')
         values[key.strip()] = value
     return overrides(quality, tolerance, seed, values)
+
+
+def with_scene(recipe, settings: dict[str, str], scene) -> dict[str, str]:
+    """The settings, and a section with its defaults for every stage that a scene needs and the recipe does not ask for."""
+    if scene is None:
+        return settings
+    from bakery.asset import SECTIONS
+    from bakery.plan import chosen
+    from bakery.recipe import load
+    from renderers.scene import needs
+
+    held = [stage.name for stage in chosen(load(recipe, settings))]
+    missing = [name for name in needs(scene) if name not in held]
+    for name in missing:
+        click.echo(f"{recipe}: {name}, because {scene} needs it", err=True)
+    return {SECTIONS[name]: "{}" for name in missing} | settings
 
 
 def print_json(value) -> None:

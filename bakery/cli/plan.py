@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, recipe_options, settings_of, verbose_option
+from bakery.cli.options import json_option, print_json, recipe_options, settings_of, verbose_option, with_scene
 from bakery.report.text import say
 
 
@@ -21,7 +21,8 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
     from bakery.run import prepare
 
     values = settings_of(quality, tolerance, seed, settings)
-    show([prepare(recipe, output, stages=stage, settings=values, force=force, jobs=jobs) for recipe in recipes], as_json, verbose)
+    show([prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force, jobs=jobs)
+          for recipe in recipes], as_json, verbose)
 
 
 def show(plans, as_json: bool, verbose: bool = False) -> None:

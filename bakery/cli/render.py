@@ -1,40 +1,59 @@
-"""`bake render ASSET|SCENE`: the standard preview of an asset, or a scene."""
+"""`bake render SCENE|ASSET`: a scene, or the standard preview of an asset."""
 
 from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, quiet_option
+from bakery.cli.options import json_option, print_json, quiet_option, settings_of
 from bakery.errors import UsageError
 from bakery.report.text import say
 
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
-@click.argument("source", metavar="ASSET|SCENE")
+@click.argument("source", metavar="SCENE|ASSET")
 @click.option("-o", "--output", metavar="IMAGE", help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
-@click.option("--quality", default="preview", show_default=True, metavar="draft|preview|final", help="Noise against time.")
+@click.option("--quality", metavar="draft|preview|final", help="Noise of Mitsuba's pictures against time.  [default: preview]")
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Seed of the renderer.")
+@click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
+@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, as_json, quiet):
-    """Render the standard preview of an ASSET, or a Mitsuba SCENE (.xml) in which bakery's plugins may be used."""
+def command(source, output, quality, variant, seed, settings, as_json, quiet):
+    """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
+
+    In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
+    """
     from pathlib import Path
 
     from bakery.run.progress import choose
 
     path = Path(source)
+    suffix = path.suffix.lower()
     if not path.is_file():
-        raise UsageError(f'found "{source}", which is no file; an asset (.h5) or a Mitsuba scene (.xml) would do')
-    import renderers.mitsuba as renderer
+        raise UsageError(f'found "{source}", which is no file; a scene (.yaml or .xml) or an asset (.h5) would do')
+    values = settings_of(None, None, None, settings)
+    options = {"quality": quality, "variant": variant, "seed": seed}
+    if suffix in (".yaml", ".yml"):
+        from importlib import import_module
 
-    is_scene = path.suffix.lower() == ".xml"
-    target = Path(output) if output else path.with_suffix(".png")
+        from renderers import scene
+
+        path = scene.load(path, values)
+        renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
+        draw = renderer.render
+    else:
+        import renderers.mitsuba as renderer
+
+        options = {"quality": quality or "preview", "variant": variant, "seed": seed or 0}
+        draw, target, name = renderer.preview, output or path.with_suffix(".png"), path.name
+        if suffix == ".xml":
+            draw, options["parameters"] = renderer.render_scene, values
+        elif values:
+            raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
     progress = choose(quiet)
     try:
-        progress.stage("render", f"picture of {path.name}", 0.0, 0.0)
-        draw = renderer.render_scene if is_scene else renderer.preview
-        report = draw(path, target, quality=quality, variant=variant, seed=seed, progress=progress.update)
+        progress.stage("render", f"picture of {name}", 0.0, 0.0)
+        report = draw(path, Path(target), **options, progress=progress.update)
     finally:
         progress.close()
     if as_json:

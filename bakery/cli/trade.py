@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option
+from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option, with_scene
 from bakery.errors import Interrupted
 
 
@@ -34,8 +34,9 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
 
     progress = choose(quiet)
     try:
-        found = trade(recipe, output, stages=stage, quality=quality, settings=settings_of(None, tolerance, seed, settings),
-                      measure=measure, budget=budget, progress=progress, verbose=verbose)
+        found = trade(recipe, output, stages=stage, quality=quality,
+                      settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure, budget=budget,
+                      progress=progress, verbose=verbose)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
     finally:

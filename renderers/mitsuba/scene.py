@@ -17,6 +17,38 @@ QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
 faults: list[BakeryError] = []
 
 
+def load(path, *, colour="rgb", variant=None, parameters=None):
+    """Loads an XML scene with bakery's plugins.
+
+    Parameters
+    ----------
+    path, colour, variant, parameters : as in `render_scene`
+
+    Returns
+    -------
+    scene : with a sensor
+    variant, reason : which runs, and why
+
+    Raises
+    ------
+    UsageError, AssetError : as `render_scene`
+    """
+    import mitsuba as mi
+
+    chosen, reason = variants.activate(colour, variant)
+    faults.clear()
+    try:
+        scene = mi.load_file(str(path), **{key: str(value) for key, value in (parameters or {}).items()})
+    except (RuntimeError, ValueError, TypeError, BakeryError) as error:
+        if faults:
+            kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
+            raise kind(f"{path}: {faults[-1]}") from None
+        raise UsageError(f"{path}: Mitsuba cannot load this scene: {error}") from None
+    if not scene.sensors():
+        raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
+    return scene, chosen, reason
+
+
 def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=None, spp=None, tolerance=0.0,
                  time_limit=None, seed=0,
                  parameters=None, progress=None) -> dict:
@@ -51,17 +83,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     if not scene_path.is_file():
         raise UsageError(f"{scene_path}: there is no such scene")
     png, exr = images.output_pair(output)
-    chosen, reason = variants.activate(colour, variant)
-    faults.clear()
-    try:
-        scene = mi.load_file(str(scene_path), **{key: str(value) for key, value in (parameters or {}).items()})
-    except (RuntimeError, ValueError, TypeError, BakeryError) as error:
-        if faults:
-            kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
-            raise kind(f"{scene_path}: {faults[-1]}") from None
-        raise UsageError(f"{scene_path}: Mitsuba cannot load this scene: {error}") from None
-    if not scene.sensors():
-        raise UsageError(f"{scene_path}: the scene has no sensor, so there is no view to render")
+    scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters)
     samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
                             time_limit=time_limit, seed=seed, progress=progress)

@@ -104,13 +104,24 @@ def test_overrides_are_recorded(call, milk, tmp_path):
     (["--quality", "best"], "draft, preview, final"),
     (["--tolerance", "lots"], "lots"),
     (["--stage", "optic"], "medium"),
-    (["--scene", "s.xml"], "not available yet"),
+    (["--scene", "s.xml"], "no such scene"),
     (["--jobs", "0"], "jobs"),
     (["--nonsense"], "nonsense"),
 ])
 def test_wrong_options_are_told(call, milk, tmp_path, arguments, said):
     status, out, err = call(milk, "-o", tmp_path / "a.h5", *arguments)
     assert status == 2 and said in err and not out and not (tmp_path / "a.h5").exists(), err
+
+
+def test_a_scene_adds_the_stages_that_it_needs(call, milk, tmp_path):
+    scene = tmp_path / "street.yaml"
+    scene.write_text("bakery_scene: 1\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
+    asset = tmp_path / "milk.h5"
+    status, out, err = call(milk, "-o", asset, "--scene", scene, "--tolerance", "20%")
+    assert status == 0 and "beam, because" in err and set(read(asset).members) >= {"medium", "beam"}, err
+    scene.write_text("bakery_scene: 1\nname: street\n")
+    status, _, err = call(milk, "-o", asset, "--scene", scene)
+    assert status == 2 and "expected one of fog" in err
 
 
 def test_every_problem_of_every_recipe_at_once(call, milk, tmp_path):

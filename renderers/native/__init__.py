@@ -1,0 +1,1 @@
+"""The renderer that needs nothing but NumPy and numba."""

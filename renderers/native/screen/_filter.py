@@ -1,0 +1,316 @@
+"""Loops of the filter: rows of pixels in, sums of light and of shares out.
+
+Sums of a pixel p, for each channel: `NEAR` light of nearer pixels by their own kernels, `SHARE` their shares, `FAR` light of the
+others by the kernel of p, `MET` its weights, `REST` weights of the nearer ones by the kernel of p.
+
+An entry is what one block of 2^l x 2^l pixels holds of one class of distances: sums over its pixels, then means.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+NEAR, SHARE, FAR, MET, REST = range(5)
+# columns of an entry: pixels and their centre, light and its centre, distances (smallest, largest, pixels at those two, mean),
+# indices on log column and on log of pixel over lever with the weight of those two; from FIRST on (C,) col, light sent, its share
+COUNT, Y, X, GLOW, GLOW_Y, GLOW_X, NEAREST, FARTHEST, AT_NEAREST, AT_FARTHEST, DISTANCE, COLUMN, LEVER, WEIGHT, FIRST = range(15)
+NODES = 18  # of a radial profile of a block
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _place(value, last):
+    return min(max(value, 0.0), last)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _profile(table, t, v, factor, out):
+    """table[t, v + n] for n = 0, 1, ..., linear in both, times a factor."""
+    i, j = int(t), int(v)
+    f, g = t - i, v - j
+    a, b, c, d = (1 - f) * (1 - g) * factor, (1 - f) * g * factor, f * (1 - g) * factor, f * g * factor
+    for n in range(len(out)):
+        out[n] = a * table[i, j + n] + b * table[i, j + n + 1] + c * table[i + 1, j + n] + d * table[i + 1, j + n + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _means(table, t, v, factor, out):
+    """The same for means over pixels: table[t, v, o]."""
+    i, j = int(t), int(v)
+    f, g = t - i, v - j
+    a, b, c, d = (1 - f) * (1 - g) * factor, (1 - f) * g * factor, f * (1 - g) * factor, f * g * factor
+    for n in range(len(out)):
+        out[n] = a * table[i, j, n] + b * table[i, j + 1, n] + c * table[i + 1, j, n] + d * table[i + 1, j + 1, n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_rows(low, high, z, column, lever, u, light, depth_of, means, taps, weight, out):
+    """Level 0: all pairs of pixels at the offsets `taps`, for rows low to high.
+
+    z, column, lever (index on log tau of sigma_t = 1, index on log u), u (H, W); light (H, W, 3 C) as the tail of an entry;
+    depth_of (C,) index of log sigma_t; means (C, T, X, O); taps (K, 3) dy, dx, o; weight (O,); out (H, W, 5, C).
+    """
+    height, width = z.shape
+    channels, last_t, last_u = len(depth_of), means.shape[1] - 1.001, means.shape[2] - 1.001
+    reach = 0
+    for k in range(len(taps)):
+        reach = max(reach, taps[k, 0])
+    top, bottom = max(low - reach, 0), min(high + reach, height)
+    profile = np.empty((bottom - top, width, channels, len(weight)), np.float32)
+    for y in range(top, bottom):
+        for x in range(width):
+            for c in range(channels):
+                row = profile[y - top, x, c]
+                _means(means[c], _place(column[y, x] + depth_of[c], last_t), _place(lever[y, x], last_u), u[y, x], row)
+                for o in range(len(weight)):
+                    row[o] *= weight[o]
+    for y in range(low, high):
+        for x in range(width):
+            sums, own, here = out[y, x], profile[y - top, x], z[y, x]
+            for k in range(len(taps)):
+                yy, xx, o = y + taps[k, 0], x + taps[k, 1], taps[k, 2]
+                if yy < 0 or yy >= height or xx < 0 or xx >= width:
+                    continue
+                if z[yy, xx] < here:
+                    for c in range(channels):
+                        share = profile[yy - top, xx, c, o]
+                        sums[NEAR, c] += share * light[yy, xx, channels + c]
+                        sums[SHARE, c] += share * light[yy, xx, 2 * channels + c]
+                        sums[REST, c] += own[c, o]
+                else:
+                    for c in range(channels):
+                        sums[FAR, c] += own[c, o] * light[yy, xx, c]
+                        sums[MET, c] += own[c, o]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count(mask, below_height, below_width):
+    """Classes in blocks of two by two (h, w) as bits, and where their entries start (h w + 1,)."""
+    height, width = (below_height + 1) // 2, (below_width + 1) // 2
+    held = np.zeros((height, width), np.int64)
+    for y in range(below_height):
+        for x in range(below_width):
+            held[y // 2, x // 2] |= mask[y, x]
+    start = np.zeros(height * width + 1, np.int64)
+    for y in range(height):
+        for x in range(width):
+            bits, number = held[y, x], 0
+            while bits:
+                bits &= bits - 1
+                number += 1
+            start[y * width + x + 1] = start[y * width + x] + number
+    return held, start
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def merge(below, below_mask, below_start, mask, start, classes, entries):
+    """Entries of blocks from those of the four blocks of half their size."""
+    below_height, below_width = below_mask.shape
+    height, width = mask.shape
+    columns = below.shape[1]
+    held = np.empty((classes, columns))
+    for y in range(height):
+        for x in range(width):
+            held[:] = 0
+            held[:, NEAREST] = math.inf
+            for yy in range(2 * y, min(2 * y + 2, below_height)):
+                for xx in range(2 * x, min(2 * x + 2, below_width)):
+                    n, bits = below_start[yy * below_width + xx], below_mask[yy, xx]
+                    for k in range(classes):
+                        if not (bits >> k) & 1:
+                            continue
+                        one, whole = below[n], held[k]
+                        n += 1
+                        if one[NEAREST] < whole[NEAREST]:
+                            whole[NEAREST], whole[AT_NEAREST] = one[NEAREST], 0
+                        if one[FARTHEST] > whole[FARTHEST]:
+                            whole[FARTHEST], whole[AT_FARTHEST] = one[FARTHEST], 0
+                        whole[AT_NEAREST] += one[AT_NEAREST] if one[NEAREST] == whole[NEAREST] else 0
+                        whole[AT_FARTHEST] += one[AT_FARTHEST] if one[FARTHEST] == whole[FARTHEST] else 0
+                        whole[DISTANCE] += one[COUNT] * one[DISTANCE]
+                        whole[COUNT] += one[COUNT]
+                        whole[WEIGHT] += one[WEIGHT]
+                        whole[Y] += one[COUNT] * one[Y]
+                        whole[X] += one[COUNT] * one[X]
+                        whole[GLOW] += one[GLOW]
+                        whole[GLOW_Y] += one[GLOW] * one[GLOW_Y]
+                        whole[GLOW_X] += one[GLOW] * one[GLOW_X]
+                        whole[COLUMN] += one[WEIGHT] * one[COLUMN]
+                        whole[LEVER] += one[WEIGHT] * one[LEVER]
+                        for c in range(FIRST, columns):
+                            whole[c] += one[c]
+            n = start[y * width + x]
+            for k in range(classes):
+                if (mask[y, x] >> k) & 1:
+                    entries[n] = held[k]
+                    entries[n, DISTANCE] /= held[k, COUNT]
+                    entries[n, Y] /= held[k, COUNT]
+                    entries[n, X] /= held[k, COUNT]
+                    entries[n, GLOW_Y] = held[k, GLOW_Y] / held[k, GLOW] if held[k, GLOW] > 0 else entries[n, Y]
+                    entries[n, GLOW_X] = held[k, GLOW_X] / held[k, GLOW] if held[k, GLOW] > 0 else entries[n, X]
+                    if held[k, WEIGHT] > 0:
+                        entries[n, COLUMN] /= held[k, WEIGHT]
+                        entries[n, LEVER] /= held[k, WEIGHT]
+                    n += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def profiles(entries, depth_of, shape, lever_step, lever_first, shift, side, out):
+    """Radial profiles (E, NODES, C) of entries: what a pixel receives, times its distance in blocks.
+
+    shape (C, T, X + NODES + 1) ends with zeros; shift is from u to the first node, in steps of the table.
+    """
+    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
+    for e in range(len(entries)):
+        factor = math.exp(lever_first + lever_step * entries[e, LEVER]) / side
+        for c in range(len(depth_of)):
+            _profile(shape[c], _place(entries[e, COLUMN] + depth_of[c], last_t), _place(entries[e, LEVER] + shift, last_u),
+                     factor, out[e, :, c])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _looked(s, place, band):
+    """Weight of the band, node and fraction of a profile."""
+    i = int(s)
+    s -= i
+    g = place[i] + s * (place[i + 1] - place[i])
+    n = int(g)
+    return band[i] + s * (band[i + 1] - band[i]), n, g - n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearer(one, here):
+    """Share of an entry's pixels that are nearer than a distance between its ends.
+
+    Those at the ends are counted (a wall that faces the camera is one distance); the others have a density t^(k - 1) with their
+    mean.
+    """
+    span = one[FARTHEST] - one[NEAREST]
+    between = one[COUNT] - one[AT_NEAREST] - one[AT_FARTHEST]
+    if between < 0.5:
+        return one[AT_NEAREST] / one[COUNT]
+    mean = ((one[DISTANCE] - one[NEAREST]) * one[COUNT] - one[AT_FARTHEST] * span) / (between * span)
+    mean = min(max(mean, 1e-3), 1 - 1e-3)
+    return (one[AT_NEAREST] + between * ((here - one[NEAREST]) / span) ** (mean / (1 - mean))) / one[COUNT]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, start, blocks, entries, made, inner, outer, place,
+               band, out):
+    """Levels above 0: what all blocks of `side` pixels at distances of inner to outer blocks send to rows low to high.
+
+    place, band : index on a profile's nodes, and weight of the band over the distance, on equal steps of the squared distance
+    in blocks from 0 to outer^2
+    """
+    width, channels = z.shape[1], len(depth_of)
+    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
+    own = np.empty((NODES, channels), np.float32)
+    rows, columns = blocks
+    nearest, farthest = inner * inner, outer * outer
+    step = (len(place) - 1) / farthest
+    around, size = outer + 0.71, 1 / side
+    for y in range(low, high):
+        for x in range(width):
+            sums, here = out[y, x], z[y, x]
+            for c in range(channels):
+                _profile(shape[c], _place(column[y, x] + depth_of[c], last_t), _place(lever[y, x] + shift, last_u),
+                         u[y, x] * size, own[:, c])
+            v, h = (y + 0.5) * size, (x + 0.5) * size
+            for by in range(max(math.floor(v - around), 0), min(math.floor(v + around) + 1, rows)):
+                across = around * around - (by + 0.5 - v) ** 2
+                if across <= 0:
+                    continue
+                across = math.sqrt(across)
+                for bx in range(max(math.ceil(h - across - 0.5), 0), min(math.floor(h + across - 0.5) + 1, columns)):
+                    for e in range(start[by * columns + bx], start[by * columns + bx + 1]):
+                        one = entries[e]
+                        if here <= one[NEAREST]:
+                            nearer = 0.0
+                        elif here > one[FARTHEST]:
+                            nearer = 1.0
+                        else:
+                            nearer = _nearer(one, here)
+                        # light lies where it is bright, weights where the pixels are: without that a lamp's halo is not round
+                        square = ((one[GLOW_Y] - y - 0.5) ** 2 + (one[GLOW_X] - x - 0.5) ** 2) * (size * size)
+                        if nearest < square < farthest:
+                            w, n, g = _looked(square * step, place, band)
+                            if nearer > 0:
+                                for c in range(channels):
+                                    share = w * nearer * (made[e, n, c] + g * (made[e, n + 1, c] - made[e, n, c]))
+                                    sums[NEAR, c] += share * one[FIRST + channels + c]
+                            if nearer < 1:
+                                for c in range(channels):
+                                    share = w * (1 - nearer) * (own[n, c] + g * (own[n + 1, c] - own[n, c]))
+                                    sums[FAR, c] += share * one[FIRST + c]
+                        square = ((one[Y] - y - 0.5) ** 2 + (one[X] - x - 0.5) ** 2) * (size * size)
+                        if nearest < square < farthest:
+                            w, n, g = _looked(square * step, place, band)
+                            for c in range(channels):
+                                share = w * one[COUNT] * (own[n, c] + g * (own[n + 1, c] - own[n, c]))
+                                sums[MET, c] += (1 - nearer) * share
+                                sums[REST, c] += nearer * share
+                            if nearer > 0:
+                                for c in range(channels):
+                                    share = w * nearer * (made[e, n, c] + g * (made[e, n + 1, c] - made[e, n, c]))
+                                    sums[SHARE, c] += share * one[FIRST + 2 * channels + c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shares(column, lever, u, distance, along, o, depth_of, shape, means, out):
+    """Shares (C,) of a pixel's light in another one: at offset number o by the mean over the pixel, or else at its centre."""
+    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - 1.001
+    v = lever if o >= 0 else lever + along
+    if o < 0 and v > last_u:
+        out[:] = 0
+        return
+    v = _place(v, last_u)
+    j = int(v)
+    g = v - j
+    factor = u if o >= 0 else u / distance
+    for c in range(len(out)):
+        t = _place(column + depth_of[c], last_t)
+        i = int(t)
+        f = t - i
+        if o >= 0:
+            out[c] = factor * ((1 - f) * ((1 - g) * means[c, i, j, o] + g * means[c, i, j + 1, o])
+                               + f * ((1 - g) * means[c, i + 1, j, o] + g * means[c, i + 1, j + 1, o]))
+        else:
+            out[c] = factor * ((1 - f) * ((1 - g) * shape[c, i, j] + g * shape[c, i, j + 1])
+                               + f * ((1 - g) * shape[c, i + 1, j] + g * shape[c, i + 1, j + 1]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def every_pair(pixels, reach, z, column, lever, u, light, depth_of, shape, means, offset, step, rest, out):
+    """The sums of chosen pixels (flat indices) over every pixel at most `reach` away along either axis; out (N, 5, C).
+
+    offset : (R, R) number of the mean over pixels at |dy|, |dx|, or -1: the kernel at the pixel's centre
+    step : of log u; rest : whether `REST` is wanted
+    """
+    height, width = z.shape
+    channels, near = len(depth_of), len(offset)
+    share = np.empty(channels)
+    for k in range(len(pixels)):
+        y, x = pixels[k] // width, pixels[k] % width
+        here, sums = z[y, x], out[k]
+        for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
+            for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
+                dy, dx = abs(yy - y), abs(xx - x)
+                o = offset[dy, dx] if dy < near and dx < near else -1
+                distance = math.sqrt(float(dy * dy + dx * dx))
+                along = math.log(distance) / step if o < 0 else 0.0
+                if z[yy, xx] < here:
+                    _shares(column[yy, xx], lever[yy, xx], u[yy, xx], distance, along, o, depth_of, shape, means, share)
+                    for c in range(channels):
+                        sums[NEAR, c] += share[c] * light[yy, xx, channels + c]
+                        sums[SHARE, c] += share[c] * light[yy, xx, 2 * channels + c]
+                    if rest:
+                        _shares(column[y, x], lever[y, x], u[y, x], distance, along, o, depth_of, shape, means, share)
+                        for c in range(channels):
+                            sums[REST, c] += share[c]
+                else:
+                    _shares(column[y, x], lever[y, x], u[y, x], distance, along, o, depth_of, shape, means, share)
+                    for c in range(channels):
+                        sums[FAR, c] += share[c] * light[yy, xx, c]
+                        sums[MET, c] += share[c]

@@ -1,0 +1,231 @@
+"""Scene files: the part that all renderers of scenes share.
+
+A scene is YAML in the grammar of recipes: units, no unknown keys, every problem at once with its file, line and key.  One of its
+sections names the renderer (`RENDERERS`); that renderer's `scene.SceneFile` says what the whole file may hold.
+"""
+
+# no annotations from __future__: pydantic would have to compile each of them again
+import dataclasses
+import os
+from collections.abc import Iterator
+from collections.abc import Mapping as MappingType
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, ValidationError
+
+from bakery.errors import Problem, RecipeError, UsageError
+from bakery.recipe import fields, files, overrides, text, units
+from bakery.recipe.fields import leaf, number, scalar
+from bakery.recipe.problems import distinct, places, translate
+from bakery.recipe.section import Section
+from bakery.recipe.text import Mapping, Node, Sequence
+from bakery.recipe.units import ANGLE, NUMBER_ONLY, Quantity, Wrong
+
+FORMAT = 1
+SUFFIXES = (".yaml", ".yml")
+RENDERERS = {"fog": "renderers.native.screen"}  # section of a scene -> the package that renders it
+
+# scenes are as large as rooms and landscapes: their lengths are in m
+LENGTH = Quantity("length", "lengths", "m", {"um": -6, "mm": -3, "cm": -2, "m": 0, "km": 3}, "m")
+
+
+# ---- kinds of values
+
+
+def _read_format(node):
+    found = scalar(node, f"the scene format, {FORMAT}").text
+    if found != str(FORMAT) or node.quoted:
+        raise Wrong(f"found {text.show(found)}", f"this version of bakery reads scene format {FORMAT}")
+    return FORMAT
+
+
+def vector(quantity: Quantity = NUMBER_ONLY, example: str = "[0, 0, 1]"):
+    """Three numbers, as a list or as a list with one unit behind it."""
+
+    def read(node):
+        node = scalar(node, f"three numbers such as {example}")
+        values = units.parse_list(node.text, quantity) if units.is_list(node.text) else ()
+        if len(values) != 3:
+            raise Wrong(f"found {text.show(node.text)}", f"expected three numbers such as {example}")
+        return values
+
+    listed = Annotated[list[number(quantity)], Field(min_length=3, max_length=3)]
+    return Annotated[
+        Annotated[leaf(read, {"type": "string"}), Tag("text")] | Annotated[listed, Tag("list")],
+        Discriminator(lambda node: "list" if isinstance(node, (Sequence, list, tuple)) else "text"),
+    ]
+
+
+Format = leaf(_read_format, {"const": FORMAT})
+Length = number(LENGTH, above=0, most=1e12)
+Position = vector(LENGTH, "[0, -12, 1.7] m")
+Direction = vector()
+
+
+class Camera(Section):
+    """A pinhole camera."""
+
+    origin: Position = Field(description="Where the camera stands.")
+    target: Position = Field(description="A point that lies in the middle of the picture.")
+    up: Direction = Field((0.0, 0.0, 1.0), description="Direction that is up in the picture.")
+    fov: number(ANGLE, above=0, below=3.141592653589793) = Field(
+        description="Angle between the left and the right edge of the picture, such as 40 deg."
+    )
+
+
+class Common(Section):
+    """Keys of every scene."""
+
+    bakery_scene: Format = Field(description=f"Scene format, {FORMAT}.")
+    name: fields.Name = Field(description="Of the scene; without -o the pictures are NAME.png and NAME.exr beside it.")
+    description: fields.Text = Field("", description="Free text.")
+    asset: fields.Path = Field(description="Asset of the medium, relative to the scene's folder.")
+    camera: Camera | None = Field(None, description="Where the picture was taken from.")
+
+
+# ---- reading
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene whose values are all well formed and whose files are there.
+
+    Attributes
+    ----------
+    path : of the scene
+    renderer : the package that renders it
+    values : `SceneFile` of that renderer; lengths in m, angles in rad
+    overrides : dotted key -> text
+    """
+
+    path: Path
+    renderer: str
+    values: Common
+    overrides: MappingType[str, str]
+    places: MappingType[str, str] = dataclasses.field(repr=False)
+
+    @property
+    def picture(self) -> Path:
+        """Where the picture goes unless the user says."""
+        return self.path.parent / f"{self.values.name}.png"
+
+    def file(self, name: str) -> Path:
+        """A file that the scene names."""
+        return self.path.parent / name
+
+    def wrong(self, key: str, message) -> UsageError:
+        """What to raise where the value of a key turns out to be wrong later than on reading."""
+        return UsageError(f"{self.places.get(key, self.path.name)}: {key}: {message}")
+
+
+def load(path, settings: MappingType[str, str] | None = None) -> Scene:
+    """Reads and checks a scene.
+
+    Parameters
+    ----------
+    path : of the scene, a regular file of at most 1 MiB
+    settings : dotted key -> value as YAML text, such as `{"fog.density.scale": "5"}`
+
+    Raises
+    ------
+    UsageError : there is no such regular file
+    RecipeError : with every problem of the scene and of the settings
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UsageError(f"{text.label_of(path)}: there is no such scene; give the path of a scene (NAME.yaml)")
+    source, tree = _parsed(path)
+    problems = tree.problems + overrides.apply(source, tree, settings or {})[1]
+    if not isinstance(tree.root, Mapping):
+        found = "nothing" if tree.root is None else fields.describe(tree.root)
+        expected = f"expected `key: value` lines; a scene starts with `bakery_scene: {FORMAT}`"
+        place = None if tree.root is None else tree.root.place.begin
+        raise RecipeError([*problems, source.problem(place, "", f"found {found}", expected)])
+    named = [section for section in RENDERERS if section in tree.root]
+    renderer = RENDERERS[named[0]] if named else next(iter(RENDERERS.values()))
+    kind = import_module(f"{renderer}.scene")
+    values: dict = {}
+    try:
+        parsed = kind.SceneFile.model_validate(tree.root, context=values)
+    except ValidationError as error:
+        parsed = None
+        problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
+    problems += _files(path, tree.root, values, kind.FILES)
+    problems += kind.problems(tree.root, values)
+    if problems:
+        raise RecipeError(distinct(problems))
+    where = {place.key: str(place) for place in places(tree.root)}
+    return Scene(path, renderer, parsed, dict(settings or {}), where)
+
+
+def needs(path) -> tuple[str, ...]:
+    """Names of the stages that a scene's asset must hold; the asset need not be there yet.
+
+    Raises UsageError or RecipeError where the file is no scene.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UsageError(f"{text.label_of(path)}: there is no such scene; give the path of a scene (NAME.yaml or NAME.xml)")
+    if path.suffix.lower() not in SUFFIXES:
+        return ("medium",)  # Mitsuba's; bakery's plugins for it read no other stage
+    source, tree = _parsed(path)
+    named = [section for section in RENDERERS if isinstance(tree.root, Mapping) and section in tree.root]
+    if tree.problems or not named:
+        raise RecipeError(tree.problems or [source.problem(None, "", "found no renderer's section",
+                                                           f"expected one of {', '.join(RENDERERS)}")])
+    return import_module(f"{RENDERERS[named[0]]}.scene").NEEDS
+
+
+def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
+    """Text and tree; what the grammar says of recipes holds for scenes."""
+    try:
+        source = text.Source(text.label_of(path.name), text.decode(files.read_recipe(path), text.label_of(path.name)))
+        tree = text.parse(source)
+    except RecipeError as error:
+        raise RecipeError(map(_of_scenes, error.problems)) from None
+    return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))
+
+
+def _of_scenes(problem: Problem) -> Problem:
+    return dataclasses.replace(problem, expected=problem.expected.replace("recipe", "scene"))
+
+
+def _files(path: Path, root: Mapping, values: dict, keys: tuple[str, ...]) -> Iterator[Problem]:
+    """Files that are named and not there."""
+    for key in keys:
+        name = values.get(key)
+        if name is None:
+            continue
+        node = node_at(root, key)
+        if not name.strip() or not name.isprintable() or len(os.fsencode(name)) > 1000:
+            yield node.place.problem(f"found {text.show(name)}", "expected a path relative to the scene's folder")
+        elif not (path.parent / name).exists():
+            yield node.place.problem(f"found {text.show(name)}, and there is no such file",
+                                     f"expected a file relative to {text.label_of(path.parent)}")
+        elif not (path.parent / name).is_file():
+            yield node.place.problem(f"found {text.show(name)}, which is no regular file", "expected a file")
+
+
+def node_at(root: Mapping, key: str) -> Node | None:
+    """The node at a dotted key, or None."""
+    node = root
+    for step in key.split("."):
+        node = node.get(step) if isinstance(node, Mapping) else None
+    return node
+
+
+def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:
+    """A direction without length."""
+    if key in values or f"{key}[2]" in values:
+        found = triple(values, key)
+        if found is not None and not np.any(found):
+            yield node_at(root, key).place.problem("found a direction of length 0", "expected one such as [0, 0, 1]")
+
+
+def triple(values: dict, key: str):
+    """The three numbers at a key, (3,), or None where they are missing or wrong."""
+    found = values.get(key, tuple(values.get(f"{key}[{i}]") for i in range(3)))
+    return None if None in found else np.array(found, float)

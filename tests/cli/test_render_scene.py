@@ -1,0 +1,219 @@
+"""`bake render SCENE.yaml` as a user calls it: what is known of the picture in closed form, and every way to fail."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.cli import status_of
+from renderers.native.screen import kernels, picture
+
+RECIPE = """\
+bakery: 1
+name: fog
+wavelengths: rgb
+tolerance: 20%
+medium: {albedo: [1, 0.9, 0.6], mean_free_path: [10, 9, 8] m, phase: {type: hg, g: 0.6}}
+"""
+SCENE = """\
+bakery_scene: 1
+name: night
+asset: fog.h5
+camera: {origin: [0, -12, 1.7] m, target: [0, 0, 2] m, fov: 40 deg}
+picture: {color: clear.exr, depth: depth.npy, measure: distance}
+fog: {density: {type: uniform, scale: 0.5}}
+"""
+XML = """<scene version="3.0.0"><default name="sky" value="0.5"/><integrator type="path"/>
+<shape type="sphere"><float name="radius" value="2"/></shape>
+<emitter type="constant"><rgb name="radiance" value="$sky"/></emitter>
+<sensor type="perspective"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="0,-12,1.7" target="0,0,2" up="0,0,1"/></transform>
+<film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="18"/></film>
+<sampler type="independent"><integer name="sample_count" value="32"/></sampler></sensor></scene>"""
+SIGMA_A = np.array([0, 0.1, 0.4]) / np.array([10, 9, 8])  # red, green, blue
+
+
+@pytest.fixture(scope="module")
+def assets(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("assets")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BAKERY_CACHE", str(folder / "cache"))
+        for name, more in (("fog", "beam: {depth: 3, photons: 1000}\n"), ("bare", "")):
+            (folder / f"{name}.yaml").write_text(RECIPE + more)
+            assert status_of([str(folder / f"{name}.yaml"), "-o", str(folder / f"{name}.h5"), "--quiet"]) in (0, 3)
+    return folder
+
+
+@pytest.fixture
+def place(assets, tmp_path):
+    """A folder with a scene whose picture is constant, at distances from 5 m to 50 m."""
+    for name in ("fog.h5", "bare.h5"):
+        (tmp_path / name).symlink_to(assets / name)
+    (tmp_path / "s.yaml").write_text(SCENE)
+    (tmp_path / "street.xml").write_text(XML)
+    write(tmp_path, np.full((18, 32, 3), 0.25), np.random.default_rng(0).uniform(5, 50, (18, 32)))
+    return tmp_path
+
+
+def write(folder, color, depth):
+    picture.library().Bitmap(np.ascontiguousarray(color, np.float32)).write(str(folder / "clear.exr"))
+    np.save(folder / "depth.npy", depth)
+
+
+def layers(path):
+    bitmap = picture.library().Bitmap(str(path))
+    values = np.array(bitmap)
+    return {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
+
+
+def rgb(path):
+    found = layers(path)
+    return np.stack([found[c] for c in "RGB"], axis=-1)
+
+
+def test_a_constant_picture_fades_by_absorption_only(call, place):
+    """For distances of any kind where nothing is absorbed (red); at one distance by the kernels' power (all channels)."""
+    status, out, err = call("render", place / "s.yaml", "--json")
+    assert status == 0, err
+    report = json.loads(out)
+    assert report["files"] == [str(place / "night.png"), str(place / "night.exr")]
+    assert np.allclose(rgb(place / "night.exr")[..., 0], 0.25, rtol=1e-6)
+    assert report["optical_depth"]["largest"][0] == pytest.approx(0.05 * np.load(place / "depth.npy").max())
+    assert 0 < report["share_scattered"] < 1 and report["share_sun"] == 0
+    np.save(place / "depth.npy", np.full((18, 32), 20.0))
+    assert call("render", place / "s.yaml", "-o", place / "b.png", "--set", "fog.density.scale=2", "--quiet")[0] == 0
+    fog = kernels.fog_of(bakery.open(place / "fog.h5"))
+    left = np.exp(-40 * fog.sigma_t) + fog.powers(np.array(40.0), "kept")[0]
+    assert np.allclose(rgb(place / "b.exr"), 0.25 * left, rtol=1e-5)
+    assert (left <= np.exp(-SIGMA_A * 40) * (1 + 1e-9)).all() and left[0] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("density", ["{type: uniform, scale: 0}", "{type: height, base: -90 m, falloff: 5 cm}"])
+def test_without_fog_the_picture_is_the_picture(call, place, density):
+    color = np.random.default_rng(1).random((18, 32, 3))
+    write(place, color, np.full((18, 32), 30.0))
+    status, _, err = call("render", place / "s.yaml", "--set", f"fog.density={density}")
+    assert status == 0, err
+    assert np.array_equal(rgb(place / "night.exr"), color.astype(np.float32))
+
+
+@pytest.mark.parametrize("energy", ["kept", "lost"])
+def test_ambient_light_counts_once(call, place, energy):
+    """A picture of radiance L in ambient light L, where nothing is absorbed (red), stays L; in the dark it fades."""
+    sky, filtered = "fog.light=[{type: ambient, radiance: 0.25}]", f"filter.energy={energy}"
+    assert call("render", place / "s.yaml", "--set", sky, "--set", filtered)[0] == 0
+    whole = rgb(place / "night.exr")
+    assert np.allclose(whole[..., 0], 0.25, rtol=1e-6) and (whole[..., 1:] < 0.25).all()
+    assert call("render", place / "s.yaml", "--set", "filter.outside=black", "--set", filtered)[0] == 0
+    dark = rgb(place / "night.exr")
+    assert (dark[..., 0] < 0.25).all()
+    write(place, np.zeros((18, 32, 3)), np.load(place / "depth.npy"))
+    assert call("render", place / "s.yaml", "--set", sky, "--set", filtered)[0] == 0  # the rest of what is seen is the sky
+    sky_only = rgb(place / "night.exr")
+    assert (sky_only >= 0).all() and np.allclose((sky_only + dark)[..., 0], 0.25, rtol=1e-5)
+    status, _, err = call("render", place / "s.yaml", "--set", sky, "--set", "filter.outside=edge")
+    assert status == 2 and "beside ambient light" in err
+
+
+def test_deep_fog_in_ambient_light(call, place):
+    """It sends back what a slab reflects: all where nothing is absorbed, the rest by P1."""
+    from renderers.native.screen import _columns
+
+    assert call("render", place / "s.yaml", "--set", "fog.light=[{type: ambient, radiance: 2}]", "--set", "fog.density.scale=1e4")[0] == 0
+    back = _columns.slab([1, 0.9, 0.6], 0.6, 0.36, 1e6)[1]
+    assert np.allclose(rgb(place / "night.exr"), 2 * back, rtol=1e-3, atol=1e-5)
+
+
+def test_density_of_a_file(call, place):
+    """A grid of ones over all that is seen is the uniform density; a sun upon it adds light."""
+    np.save(place / "cloud.npy", np.ones((2, 3, 4), np.float32))
+    grid = "fog.density={type: grid, file: cloud.npy, lo: [-90, -90, -90] m, hi: [90, 90, 90] m, scale: 0.5}"
+    assert call("render", place / "s.yaml", "-o", place / "uniform.exr")[0] == 0
+    assert call("render", place / "s.yaml", "-o", place / "grid.exr", "--set", grid)[0] == 0
+    assert np.allclose(rgb(place / "grid.exr"), rgb(place / "uniform.exr"), rtol=1e-3)
+    sun = "fog.light=[{type: sun, direction: [0, 0, -1], irradiance: [1, 1, 1]}]"
+    status, _, err = call("render", place / "s.yaml", "-o", place / "lit.exr", "--set", grid, "--set", sun)
+    assert status == 0, err
+    assert (rgb(place / "lit.exr") > rgb(place / "grid.exr")).all()
+
+
+def test_a_mitsuba_scene_and_its_picture_again(call, place):
+    """The EXR holds what it takes to fog the picture anew: the same result, to the filter's own error."""
+    text = SCENE.replace("camera: {origin: [0, -12, 1.7] m, target: [0, 0, 2] m, fov: 40 deg}\n", "")
+    text = text.replace("{color: clear.exr, depth: depth.npy, measure: distance}", "{mitsuba: street.xml, far: 100 m}")
+    (place / "m.yaml").write_text(text)
+    status, out, err = call("render", place / "m.yaml", "-o", place / "m.exr", "--quality", "draft", "--seed", "3")
+    assert status == 0, err
+    assert "without a surface" in out and "optical depth" in out and (place / "m.png").stat().st_size > 100
+    first = layers(place / "m.exr")
+    assert list(first)[:3] == ["R", "G", "B"] and np.isinf(first["distance"][0, 0])
+    # the camera is at (0, -12, 1.7), the ball of radius 2 at the origin
+    assert first["distance"].min() == pytest.approx(np.hypot(12, 1.7) - 2, abs=0.02)
+    own = "color: m.exr, layer: clear, depth: m.exr, channel: distance, far: 100 m"
+    again = SCENE.replace("color: clear.exr, depth: depth.npy", own)
+    (place / "again.yaml").write_text(again)
+    status, _, err = call("render", place / "again.yaml")
+    assert status == 0, err
+    assert np.allclose(rgb(place / "night.exr"), rgb(place / "m.exr"), rtol=0.01)
+    status, _, err = call("render", place / "again.yaml", "--quality", "draft")
+    assert status == 2 and "comes from files" in err
+
+
+def test_parameters_of_a_mitsuba_scene(call, place):
+    status, _, err = call("render", place / "street.xml", "--quality", "draft", "--set", "sky=2")
+    assert status == 0, err
+    assert rgb(place / "street.exr")[0, 0] == pytest.approx([2, 2, 2], rel=1e-3)
+
+
+@pytest.mark.parametrize(("settings", "said"), [
+    (["asset=bare.h5"], "give its recipe a section `beam` and bake it again"),
+    (["asset=depth.npy"], "depth.npy"),
+    (["picture.color=depth.npy"], ".exr or .png would do"),
+    (["fog.density.scale=thick"], "--set fog.density.scale"),
+    (["fog={density: {type: grid, file: fog.h5, dataset: gone, lo: [0, 0, 0] m, hi: [1, 1, 1] m}}"], 'no dataset "gone"'),
+    (["picture.far=10 m"], "nearer than the farthest surface"),
+    (["picture.sky=7"], "in fog that goes on for ever"),
+    (["fog.light=[{type: sun, direction: [0, 0, -1], irradiance: 1}]"], "without an end"),
+    (["filter.cut_off=0"], "filter.cut_off"),
+])
+def test_what_will_not_do(call, place, settings, said):
+    """One message, status 2, nothing written."""
+    np.save(place / "depth.npy", np.where(np.eye(18, 32), 7.0, 20.0))
+    before = sorted(path.name for path in place.iterdir())
+    status, out, err = call("render", place / "s.yaml", *(part for setting in settings for part in ("--set", setting)))
+    assert status == 2 and said in err and "Traceback" not in err and not out
+    assert sorted(path.name for path in place.iterdir()) == before
+
+
+def test_problems_for_machines(call, place):
+    (place / "s.yaml").write_text(SCENE.replace("uniform", "uniforn").replace("name: night", "name: 3"))
+    status, out, err = call("render", place / "s.yaml", "--json")
+    assert status == 2 and [p["line"] for p in json.loads(out)["problems"]] == [2, 6]
+    assert "s.yaml:6: fog.density.type" in err
+    assert call("render", place / "gone.yaml")[0] == 2
+    status, _, err = call("render", place / "fog.h5", "--set", "a=b")
+    assert status == 2 and "is an asset" in err
+
+
+def test_a_failed_write_leaves_the_old_pictures(call, place, monkeypatch):
+    assert call("render", place / "s.yaml", "--quiet")[0] == 0
+    old = [(place / f"night.{kind}").read_bytes() for kind in ("png", "exr")]
+    import renderers.images
+
+    def full(path, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(renderers.images.os, "replace", full)
+    status, _, err = call("render", place / "s.yaml", "--set", "fog.density.scale=3")
+    assert status == 3 and "No space left" in err
+    assert [(place / f"night.{kind}").read_bytes() for kind in ("png", "exr")] == old
+    assert not [path for path in place.iterdir() if path.name.startswith(".night")]
+
+
+def test_the_tone_curve_can_be_left_out(call, place):
+    """Without a curve the PNG is the sRGB code of the radiance: 0.25 is 137."""
+    assert call("render", place / "s.yaml", "--set", "display.curve=none", "--set", "fog.density.scale=0")[0] == 0
+    assert (np.array(picture.library().Bitmap(str(place / "night.png")))[..., :3] == 137).all()

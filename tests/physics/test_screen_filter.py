@@ -1,0 +1,312 @@
+"""Fog in screen space: the filter against every pair of pixels, and both against integrals over the asset's kernels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.beam import photons
+from bakery.errors import UsageError
+from renderers.native.screen import filter as screen
+from renderers.native.screen import kernels
+
+RECIPE = """\
+bakery: 1
+name: fog
+wavelengths: [0.45, 0.55, 0.65]
+tolerance: 5%
+medium: {{albedo: {albedo}, mean_free_path: [10, 8, 12] m, phase: {{type: gaussian, spread: {spread} deg}}}}
+beam: {{depth: {depth}, photons: 2000}}
+"""
+
+
+def baked(folder, spread=30, albedo="[1, 0.95, 0.9]", depth=12):
+    (folder / "fog.yaml").write_text(RECIPE.format(spread=spread, albedo=albedo, depth=depth))
+    return bakery.open(bakery.bake(folder / "fog.yaml", output=folder / "fog.h5"))
+
+
+@pytest.fixture(scope="module")
+def asset(tmp_path_factory):
+    """Channels are red, green, blue; blue (the shortest wavelength) absorbs nothing."""
+    return baked(tmp_path_factory.mktemp("fog"))
+
+
+@pytest.fixture(scope="module")
+def fog(asset):
+    return kernels.fog_of(asset)
+
+
+def scene(height, width, seed=1):
+    """A wall at 60 m, a floor, boxes, lamps; uneven fog."""
+    random = np.random.default_rng(seed)
+    y, x = (np.mgrid[0:height, 0:width] + 0.5) / np.array([height, width])[:, None, None]
+    z = np.minimum(60.0, 2 / np.maximum(y - 0.55, 1e-3))
+    for cx, cy, r, d in random.uniform((0, 0.2, 0.03, 4), (1, 0.8, 0.12, 40), (8, 4)):
+        z = np.where((abs(x - cx) < r) & (abs(y - cy) < r), np.minimum(z, d), z)
+    image = np.stack([0.2 + 0.3 * np.sin(20 * x + c) ** 2 + 0.3 * (np.sin(37 * y + 3 * c) > 0.3) for c in range(3)], -1)
+    image *= (0.4 + 0.6 * np.sin(3 * z) ** 2)[..., None]
+    image[random.random((height, width)) < 20 / (height * width)] = 20.0
+    column = z * (1 + 0.6 * np.sin(6 * x + 2 * y) * np.cos(9 * y) + 0.3 * np.sin(31 * x * y))
+    return image, z, np.full(z.shape, 0.8 / width), column, z * (1 + 0.4 * np.sin(8 * x - 5 * y))
+
+
+def rms(found, expected):
+    """Root mean square difference over the image's mean, the largest of the channels."""
+    axes = tuple(range(found.ndim - 1))
+    return float((np.sqrt(np.square(found - expected).mean(axes)) / expected.mean(axes)).max())
+
+
+# ---- kernels
+
+
+def test_look_up_is_the_assets_kernel(asset, fog):
+    """Linear in a table of 24 steps a decade: 1 % of the largest r Psi."""
+    r = np.geomspace(1e-3, 3, 60)
+    for tau in (0.004, 0.3, 2.7, 9.1):
+        exact = asset.beam.kernel(tau, r * tau, "flux")[::-1] * tau * tau * r
+        for c in range(3):
+            keep = fog.look(c, tau, 1e-3) / exact[c, 0]  # renormalised: one factor a depth
+            near = fog.look(c, tau, r) > 0  # cut where more would be within than arrives
+            assert abs(fog.look(c, tau, r) / keep - exact[c])[near].max() < 0.01 * exact[c].max(), (tau, c)
+            assert near[r < 0.5].all()
+    assert np.allclose(fog.within[..., -1], 1, atol=1e-9)
+
+
+def test_means_over_pixels(asset, fog):
+    """Against 200 x 200 points a pixel of the asset's own kernel; the one on the axis by polar coordinates."""
+    offsets = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+    means = kernels.over_pixels(fog, offsets)
+    tau, n = 1.0, 200
+    i = round(math.log(tau / fog.depth[0]) / math.log(fog.depth[1] / fog.depth[0]))
+    at = (np.arange(n) + 0.5) / n - 0.5
+    scale = fog.look(2, tau, 0.01) / (asset.beam.kernel(tau, 0.01 * tau, "flux")[0] * 0.01 * tau**2)
+    for j in np.searchsorted(fog.ratio, (0.003, 0.03, 0.3)):
+        u = fog.ratio[j]
+        for o, (dx, dy) in enumerate(offsets[1:], 1):
+            r = u * np.hypot(dx + at[:, None], dy + at) * tau
+            exact = (asset.beam.kernel(tau, r, "flux")[0] * (u * tau) ** 2).mean() * scale
+            assert u * means[2, i, j, o] == pytest.approx(exact, rel=0.01)
+        # polar integral over the square: no singularity
+        angle = (np.arange(400) + 0.5) / 400 * math.pi / 4
+        r = (np.arange(2000) + 0.5) / 2000 * (0.5 * u / np.cos(angle))[:, None]
+        exact = (8 * scale * asset.beam.kernel(tau, r * tau, "flux")[0] * tau**2 * r * (0.5 * u / np.cos(angle))[:, None]).mean()
+        assert u * means[2, i, j, 0] == pytest.approx(exact * math.pi / 4, rel=0.01)
+
+
+def test_deeper_than_the_tables(asset, fog, tmp_path):
+    """Shape at twice the deepest depth: 12 % of the light is misplaced."""
+    short = kernels.fog_of(baked(tmp_path, depth=5))
+    x = np.geomspace(1e-6, 100, 2000)
+    weight = math.pi * x * math.log(x[1] / x[0])
+    for c in range(3):
+        assert (abs(short.look(c, 10.0, x) - fog.look(c, 10.0, x)) * weight).sum() < 0.15
+
+
+def test_light_that_arrives(asset, fog):
+    """Power and shares in rings against photons that a plane stops: behind it there is nothing that would send them back.
+
+    The photons' noise is below 0.4 % of the power and 0.02 in the sum of differences; the seed is fixed.
+    """
+    theta = np.linspace(0, math.pi, 2001)
+    phase = asset.medium.phase(theta)
+    for k, albedo in ((0, 1.0), (2, 0.9)):
+        for tau, bound in ((0.5, 0.09), (3.0, 0.2)):
+            edges = tau * np.r_[0, np.geomspace(0.03, 10, 15), 1e9]
+            found = photons.count(albedo, theta, phase[k], [tau], edges, 100_000, layers=((0.0, tau), (1.0, 0.0)))
+            power = found.flux[0] * math.pi * np.diff(edges**2)
+            c = 2 - k
+            own = fog.powers(np.array(tau / fog.sigma_t[c]), "lost")[0][c]
+            assert own == pytest.approx(power.sum(), rel=0.035)
+            inside = np.interp(edges / tau, np.r_[0, fog.ratio], np.r_[0, fog.within[c, int(fog.place(tau, fog.depth))]])
+            assert abs(np.diff(inside) - power / power.sum()).sum() < bound
+
+
+def test_powers(fog):
+    """Nothing is lost at albedo 1; kept is all but what is absorbed, lost less; thin fog scatters albedo tau."""
+    column = np.r_[0, np.geomspace(1e-12, 1e9, 60)]
+    tau = column[:, None] * fog.sigma_t
+    (kept, none), (lost, back) = fog.powers(column, "kept"), fog.powers(column, "lost")
+    assert not none.any() and (back >= 0).all() and (lost <= kept + 1e-12).all()
+    assert kept[:, 2] == pytest.approx(-np.expm1(-tau[:, 2]), rel=1e-12)
+    assert (lost + back)[:, 2] == pytest.approx(-np.expm1(-tau[:, 2]), rel=1e-6, abs=1e-12)
+    absorbing = column[1:] > 0
+    assert ((kept <= -np.expm1(-tau))[1:][absorbing]).all()
+    assert kept[1:20] == pytest.approx(column[1:20, None] * fog.sigma_s, rel=1e-4)
+    straight = np.exp(-column[:, None] * (fog.sigma_t - fog.sigma_s)) * -np.expm1(-column[:, None] * fog.sigma_s)
+    assert (kept <= straight * (1 + 1e-6)).all()  # scattered ways are longer than the straight one
+
+
+# ---- the filter
+
+
+@pytest.mark.parametrize("options", [{}, {"outside": "black", "energy": "lost"}, {"cut_off": 1.0}])
+@pytest.mark.parametrize("narrow", [1, 20])
+def test_against_every_pair(fog, options, narrow):
+    image, z, angle, column, lever = scene(54, 72)
+    found = screen.fogged(image, z, angle * narrow, column, lever, fog, **options)
+    some = np.random.default_rng(3).choice(z.size, 500, replace=False)
+    expected = screen.direct(image, z, angle * narrow, column, lever, fog, pixels=some, **options)
+    assert rms(found.reshape(-1, 3)[some], expected) < 0.01
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 120), (65, 40)])
+@pytest.mark.parametrize("pixel", [1e-9, 1e-3, 0.1, 100.0])
+@pytest.mark.parametrize("cut_off", [None, 0.5])
+def test_a_constant_stays(fog, size, pixel, cut_off):
+    """Without absorption, for any distances and any fog: near and far shares are of one."""
+    _, z, _, column, lever = scene(*size)
+    found = screen.fogged(np.full((*size, 3), 0.7), z, pixel, column, lever, fog, cut_off=cut_off)
+    assert found[..., 2] == pytest.approx(0.7, rel=1e-7)  # single precision of kernels, twice
+    same = screen.fogged(np.full((*size, 3), 0.7), 30.0, pixel, 17.0, 25.0, fog, cut_off=cut_off)
+    left = np.exp(-17.0 * fog.sigma_t) + fog.powers(np.array(17.0), "kept")[0]
+    assert same == pytest.approx(np.broadcast_to(0.7 * left, same.shape), rel=1e-7)
+    lost = screen.fogged(np.full((*size, 3), 0.7), 30.0, pixel, 17.0, 25.0, fog, energy="lost")
+    assert (lost <= same * (1 + 1e-7)).all() and (lost < 0.98 * same).all()
+
+
+def test_no_fog_no_change(fog):
+    image, z, angle, column, lever = scene(40, 50)
+    assert (screen.fogged(image, z, angle, 0.0, 0.0, fog) == image).all()
+    clear = z > 50
+    mixed = screen.fogged(image, z, angle, np.where(clear, 0, column), lever, fog)
+    assert (mixed[clear] == image[clear]).all() and (mixed[~clear] != image[~clear]).all()
+
+
+def test_halo_of_a_lamp(asset, fog):
+    """One bright pixel on a black wall: its halo is the asset's kernel, times a pixel's area, at any place and any scale."""
+    tau = np.array([2.0])
+    column = float(tau[0] / fog.sigma_t[2])
+    for u in (0.002, 0.02):  # pixel over distance
+        image = np.zeros((90, 90, 3))
+        image[37, 41] = 1
+        found = screen.fogged(image, 20.0, u, column, 20.0, fog, outside="black")
+        r = np.hypot(*np.mgrid[-37:53, -41:49]) * u
+        far = (r > 2.5 * u) & (r < 1)
+        exact = asset.beam.kernel(tau, np.maximum(r, u) * tau, "flux")[0] * (u * tau) ** 2
+        power = -math.expm1(-tau[0])
+        exact *= power * fog.look(2, tau, 0.01) / (0.01 * tau**2 * asset.beam.kernel(tau, 0.01 * tau, "flux")[0])
+        assert found[..., 2][far] == pytest.approx(exact[far], rel=0.06)
+        assert np.sqrt(np.mean((found[..., 2][far] / exact[far] - 1) ** 2)) < 0.02
+        assert abs(np.mean(found[..., 2][far] / exact[far] - 1)) < 0.01
+
+
+def test_edges_do_not_bleed(fog):
+    """Half the picture is near, half far: closed forms of both sides from the share H of the near kernel beyond a line."""
+    u, x = 0.2, np.arange(80) + 0.5 - 40
+    near_column, far_column, c = 8.0, 40.0, 2
+    tau = near_column * fog.sigma_t[c]
+    place = round(float(fog.place(tau, fog.depth)))
+    near_column, tau = float(fog.depth[place] / fog.sigma_t[c]), float(fog.depth[place])
+    weight = np.diff(fog.within[c, place], prepend=0)
+    H = np.array([np.sum(weight * np.arccos(np.clip(d * u / fog.ratio, -1, 1))) / math.pi for d in abs(x)])
+    left = np.broadcast_to(x < 0, (90, 80))
+    z, column = np.where(left, 5.0, 50.0), np.where(left, near_column, far_column)
+    share, far_share = -math.expm1(-tau), -math.expm1(-far_column * fog.sigma_s[c])
+
+    def middle(bright):
+        image = np.where(bright, 1.0, 0.0)[..., None] * np.ones(3)
+        return screen.fogged(image, z, u * z / z, column, z, fog)[45, :, c]
+
+    # the picture ends 40 pixels from the edge: compare near it, where the kernel sees nothing of that
+    here = abs(x) < 10
+    dark, bright = middle(~left), middle(left)
+    assert dark[here & (x < 0)] == pytest.approx((share * H)[here & (x < 0)], abs=0.01)
+    assert bright[here & (x > 0)] == pytest.approx((share * H)[here & (x > 0)], abs=0.01)
+    # no light of the wall is lost behind the near thing, none is invented: both pictures add up to the constant
+    assert dark + bright == pytest.approx(1.0, abs=1e-7)
+    exact = math.exp(-far_column * fog.sigma_t[c]) + far_share - share * H
+    assert dark[here & (x > 0)] == pytest.approx(exact[here & (x > 0)], abs=0.01)
+
+
+def test_resolution_does_not_matter(fog):
+    """Pixels as 2 x 2 of their kind; no lamps, whose own pixel is as large as they are."""
+    image, z, angle, column, lever = scene(32, 40)
+    image = np.minimum(image, 1)
+    coarse = screen.fogged(image, z, angle, column, lever, fog)
+    fine = screen.fogged(*(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (image, z, angle / 2, column, lever)), fog)
+    assert rms(fine.reshape(32, 2, 40, 2, 3).mean((1, 3)), coarse) < 0.005
+
+
+def test_dark_surroundings(fog):
+    """White picture, black outside: at its middle the share of the kernel inside of the picture."""
+    n, u, c = 101, 0.02, 2
+    i = int(fog.place(2.0, fog.depth))
+    tau = float(fog.depth[i])
+    column = tau / fog.sigma_t[c]
+    found = screen.fogged(np.ones((n, n, 3)), 10.0, u, column, 10.0, fog, outside="black")
+    angle = (np.arange(200) + 0.5) / 200 * math.pi / 4
+    inside = np.interp(n / 2 * u / np.cos(angle), fog.ratio, fog.within[c, i]).mean()
+    assert 0.5 < inside < 0.98
+    assert found[n // 2, n // 2, c] == pytest.approx(math.exp(-tau) - math.expm1(-tau) * inside, rel=0.01)
+
+
+def test_cut_off(fog):
+    image = np.zeros((60, 60, 3))
+    image[30, 30] = 1
+    u, column = 0.05, 10.0
+    found = screen.fogged(image, 10.0, u, column, 10.0, fog, cut_off=1.0)
+    length = [float(np.interp(np.log(column * s), np.log(fog.depth), w)) for s, w in zip(fog.sigma_t, fog.width)]
+    r = np.hypot(*np.mgrid[-30:30, -30:30]) * u
+    for c in range(3):
+        assert found[r > 1.2 * length[c], c].max() < 1e-6 < 1e-4 < found[(r > 0) & (r < 0.8 * length[c]), c].min()
+
+
+def test_threads_do_not_matter(fog):
+    arguments = scene(50, 40)
+    assert (screen.fogged(*arguments, fog, threads=1) == screen.fogged(*arguments, fog, threads=3)).all()
+
+
+@pytest.mark.parametrize("spread", [0.1, 90])
+def test_extremes(tmp_path, spread):
+    """Optical depths 1e-8 to 1e3, albedo 0, 1/2 and 1: finite, not negative, never brighter than what shines."""
+    fog = kernels.fog_of(baked(tmp_path, spread, "[0, 0.5, 1]", 4))
+    if spread == 0.1:
+        # ten times deeper than the tables: M2/M0 = 4/3 B tau/(1 - e^-tau), B half the square of the spread; 1 - e^-4 at the last
+        x = np.geomspace(1e-6, 1, 2000)
+        square = np.trapezoid(2 * math.pi * x**3 * fog.look(0, 40.0, x), np.log(x))
+        assert square == pytest.approx(2 / 3 * math.radians(spread) ** 2 * 40 / -math.expm1(-4), rel=0.05)
+    image, z, angle, column, _ = scene(20, 24)
+    for tau in (1e-8, 1e-3, 1.0, 30.0, 1e3):
+        for lever in (0.0, 1e-9, 30.0, 1e9):
+            deep = column / column.max() * tau / fog.sigma_t.max()
+            for options in ({}, {"outside": "black"}, {"energy": "lost"}, {"cut_off": 2.0}):
+                found = screen.fogged(image, z, angle, deep, lever, fog, **options)
+                assert np.isfinite(found).all() and (found >= 0).all() and found.max() <= image.max() * (1 + 1e-9)
+            assert found[..., 2] == pytest.approx(np.exp(-deep * fog.sigma_t[2]) * image[..., 2], rel=1e-12)
+        if spread == 0.1 and tau <= 1:  # narrower than a pixel: nothing is blurred
+            assert screen.fogged(image, z, 0.1, deep, z, fog)[..., 0] == pytest.approx(image[..., 0], abs=0.03 * image.max())
+
+
+@pytest.mark.parametrize("kernel", ["fluence", "forward", "small_angle", "erf", "path_integral", "elek", "single"])
+def test_other_kernels(asset, kernel):
+    other = kernels.fog_of(asset, kernel=kernel)
+    image, z, angle, column, lever = scene(30, 40)
+    some = np.arange(0, z.size, 7)
+    found = screen.fogged(image, z, angle, column, lever, other)
+    assert rms(found.reshape(-1, 3)[some], screen.direct(image, z, angle, column, lever, other, pixels=some)) < 0.015
+    assert screen.fogged(np.ones_like(image), z, angle, column, lever, other)[..., 2] == pytest.approx(1, rel=1e-7)
+
+
+def test_bad_input(asset, fog):
+    image, z, angle, column, lever = scene(6, 8)
+    far = z.copy()
+    far[2, 3] = math.inf
+    for arguments, text in (((image, far, angle, column, lever), "distance: inf at row 2, column 3; a finite number above 0"),
+                            ((image, z, angle, column[:2], lever), r"column: shape \(2, 8\); \(6, 8\) would do"),
+                            ((image, z, angle, -column, lever), "column: -"),
+                            ((image, z, 0.0, column, lever), "angle: 0 at row 0"),
+                            ((image[..., :2], z, angle, column, lever), r"image: shape \(6, 8, 2\)"),
+                            ((image * np.inf, z, angle, column, lever), "image: row 0, column 0 is not finite")):
+        with pytest.raises(UsageError, match=text):
+            screen.fogged(*arguments, fog)
+    for options, text in (({"outside": "white"}, "edge or black"), ({"energy": "more"}, "kept or lost"),
+                          ({"cut_off": 0}, "filter.cut_off")):
+        with pytest.raises(UsageError, match=text):
+            screen.fogged(image, z, angle, column, lever, fog, **options)
+    with pytest.raises(UsageError, match="3 wavelengths for a picture of 1 channels"):
+        kernels.fog_of(asset, channels=1)
+    with pytest.raises(UsageError, match="filter.kernel: "):
+        kernels.fog_of(asset, kernel="best")
