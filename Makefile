@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: bake test setup lint bench soak pictures clean help
+.PHONY: bake test setup lint bench soak pictures scenes clean help
 
 help:
 	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
 	@echo "make test      set up, run the tests"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make pictures  bake and draw what the docs show"
+	@echo "make scenes    bake and render the scenes of assets/scenes"
 	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
@@ -46,7 +47,8 @@ $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 	@touch $@
 
 bench: $(VENV)/.ready-bench
-	for job in mie averages render goa packing scatterometer granular; do $(BIN)/python benchmarks/$$job.py || exit 1; done
+	for job in mie averages render goa packing scatterometer granular multiple multiple_tables beam screen; do \
+		$(BIN)/python benchmarks/$$job.py || exit 1; done
 
 .PHONY: recipes
 recipes: $(VENV)/.ready
@@ -54,6 +56,16 @@ recipes: $(VENV)/.ready
 
 pictures: recipes
 	$(MAKE) -C recipes BAKE=$(CURDIR)/$(BIN)/bake OUT=$(CURDIR)/build pictures
+
+# QUALITY=final takes the samples that the scenes ask for
+QUALITY ?= preview
+SCENES := night_street square_emitter
+scenes: $(VENV)/.ready
+	@mkdir -p build
+	$(BIN)/bake recipes/street_fog.yaml -o build/street_fog.h5
+	$(BIN)/bake recipes/emitter.yaml -o build/emitter.h5
+	for scene in $(SCENES); do \
+		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) || exit 1; done
 
 # CLAIM="fig6 fig11" makes some of them
 .PHONY: figures-goa

@@ -191,7 +191,7 @@ def _attributes(place: str, attributes, wanted: dict[str, type]) -> Iterable[str
 def _dataset(path: str, dataset, root) -> Iterable[str]:
     import numpy as np
 
-    from bakery.asset import ERROR
+    from bakery.members import ERROR
     from bakery.store.tree import is_text, read_text
 
     if not dataset.units:

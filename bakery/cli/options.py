@@ -18,7 +18,7 @@ def recipe_options(command):
     """The options that choose stages and override recipe values."""
     for option in reversed((
         click.option("--stage", multiple=True, metavar="NAME", help="Only this stage and what it needs; repeatable."),
-        click.option("--scene", metavar="FILE", help="Bake also the stages that this scene needs and the recipe does not ask for."),
+        click.option("--scene", metavar="FILE", help="Bake also what this scene needs and the recipe does not ask for."),
         click.option("--quality", metavar="draft|preview|final", help="10 or 3 % of all light, or the recipe as it stands."),
         click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
         click.option("--seed", metavar="N", help="Seed of every random stream."),

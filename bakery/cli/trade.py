@@ -35,8 +35,8 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
     progress = choose(quiet)
     try:
         found = trade(recipe, output, stages=stage, quality=quality,
-                      settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure, budget=budget,
-                      progress=progress, verbose=verbose)
+                      settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
+                      budget=budget, progress=progress, verbose=verbose)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
     finally:

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.asset import MissingStage
 from bakery.errors import AssetError
+from bakery.members import MissingStage
 from bakery.store.read import read
 from bakery.store.write import write
 from bakery.verify import verify
