@@ -290,7 +290,7 @@ def cost(recipe) -> Cost:
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
     if recipe.multiple_scattering.method == "photons":
         return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 3.0)
-    seconds = number * (_FEW + _MANY * max(g - 0.5, 0.0) ** 2)
+    seconds = number * (_FEW + _MANY * max(g - 0.5, 0.0) ** 4)
     return Cost(seconds, 3e8 + 4e9 * max(g - 0.5, 0.0) ** 2, 2e5 * number, f"{number} tables", 3.0)
 
 
@@ -298,7 +298,7 @@ def _width(recipe) -> float:
     """About how forward the phase function is, from the recipe alone."""
     if recipe.medium is not None and recipe.medium.phase.g is not None:
         return float(np.abs(recipe.medium.phase.g).max())
-    return 0.5 if recipe.grains is not None else 0.7  # without their peak, 40 orders hold what spheres scatter
+    return 0.5 if recipe.grains is not None else 0.78  # without their peak, 40 orders hold what spheres scatter
 
 
 def measures(found: Group, reference: Group) -> Mapping[str, float]:
@@ -336,7 +336,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 _TOGETHER = 2
 _POOR = 0.2  # error of the solver's tables above which photons are tried
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
-_FEW, _MANY = 1.0, 60.0  # seconds of one core for a table: at g up to 0.5; times (g - 0.5)^2
+_FEW, _MANY = 0.3, 120.0  # seconds of one core for a table: at g up to 0.5; times (g - 0.5)^4
 
 STAGE = Stage(
     name="multiple",
