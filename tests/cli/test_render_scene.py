@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +15,8 @@ import bakery
 from bakery.cli import status_of
 from renderers.native.screen import kernels, picture
 
+ROOT = Path(__file__).resolve().parents[2]
+SCENES = ROOT / "assets/scenes"
 RECIPE = """\
 bakery: 1
 name: fog
@@ -122,7 +128,8 @@ def test_deep_fog_in_ambient_light(call, place):
     """It sends back what a slab reflects: all where nothing is absorbed, the rest by P1."""
     from renderers.native.screen import _columns
 
-    assert call("render", place / "s.yaml", "--set", "fog.light=[{type: ambient, radiance: 2}]", "--set", "fog.density.scale=1e4")[0] == 0
+    deep = ("--set", "fog.light=[{type: ambient, radiance: 2}]", "--set", "fog.density.scale=1e4")
+    assert call("render", place / "s.yaml", *deep)[0] == 0
     back = _columns.slab([1, 0.9, 0.6], 0.6, 0.36, 1e6)[1]
     assert np.allclose(rgb(place / "night.exr"), 2 * back, rtol=1e-3, atol=1e-5)
 
@@ -217,3 +224,60 @@ def test_the_tone_curve_can_be_left_out(call, place):
     """Without a curve the PNG is the sRGB code of the radiance: 0.25 is 137."""
     assert call("render", place / "s.yaml", "--set", "display.curve=none", "--set", "fog.density.scale=0")[0] == 0
     assert (np.array(picture.library().Bitmap(str(place / "night.png")))[..., :3] == 137).all()
+
+
+# ---- the scenes that are shipped
+
+
+def shipped(name, folder):
+    """A copy of a scene of assets/scenes whose film is a few pixels wide."""
+    for suffix in (".yaml", ".xml"):
+        text = (SCENES / f"{name}{suffix}").read_text()
+        for edge, size in (("width", 40), ("height", 24)):
+            text, _ = re.subn(f'name="{edge}" value="[0-9]+"', f'name="{edge}" value="{size}"', text)
+        (folder / f"{name}{suffix}").write_text(text)
+    return folder / f"{name}.yaml"
+
+
+def test_square_emitter(call, tmp_path):
+    """Its fog dims the light, spreads it, and goes on as its recipe says; grey, one wavelength for three channels."""
+    asset = tmp_path / "emitter.h5"
+    assert call(ROOT / "recipes/emitter.yaml", "-o", asset, "--set", "tolerance=20%", "--set", "beam.photons=1000")[0] in (0, 3)
+    status, out, err = call("render", shipped("square_emitter", tmp_path), "--json", "--set", f"asset={asset}",
+                            "--set", "picture.samples=4")
+    assert status == 0, err
+    report, found = json.loads(out), layers(tmp_path / "square_emitter.exr")
+    assert report["size"] == [40, 24] and report["optical_depth"]["smallest"] == pytest.approx([5, 5, 5], rel=0.01)
+    middle, corner = found["R"][12, 20], found["R"][0, 0]
+    assert found["clear.R"][12, 20] == pytest.approx(1) and found["clear.R"][0, 0] == 0
+    assert 0 < corner < middle < 0.5 and report["share_scattered"] > 0.9
+    assert np.allclose(found["G"], 0.06 * found["R"], rtol=1e-4) and np.allclose(found["B"], 0.03 * found["R"], rtol=1e-4)
+
+
+def test_night_street(call, tmp_path):
+    """Lamps glow, what is far fades to the sky; without fog the picture is the street."""
+    asset = tmp_path / "street_fog.h5"
+    fast = ("wavelengths=[0.55]", "tolerance=30%", "beam.photons=1000", "beam.depth=8", "particles.components[0].size.max=12 um")
+    assert call(ROOT / "recipes/street_fog.yaml", "-o", asset, *(part for each in fast for part in ("--set", each)))[0] in (0, 3)
+    scene = shipped("night_street", tmp_path)
+    fixed = ("--set", f"asset={asset}", "--set", "picture.samples=16", "--seed", "1", "--quality", "draft",
+             "--variant", "scalar_rgb")
+    status, out, err = call("render", scene, "--json", *fixed)
+    assert status == 0, err
+    report, found = json.loads(out), layers(tmp_path / "night_street.exr")
+    assert report["size"] == [40, 24] and report["without_surface"] > 50 and 0.1 < report["share_scattered"] < 0.9
+    assert all(np.isfinite(found[c]).all() and (found[c] >= 0).all() for c in "RGB")
+    street = np.isfinite(found["distance"])
+    assert 3 < found["distance"][street].min() < 20 and 80 < found["distance"][street].max() < 230
+    clear, fogged = (np.mean([found[f"{layer}{c}"] for c in "RGB"], axis=0) for layer in ("clear.", ""))
+    dark = clear < np.quantile(clear, 0.4)
+    assert fogged[dark].mean() > 1.5 * clear[dark].mean() and fogged.max() < clear.max()
+    assert call("render", scene, *fixed, "--set", "fog.density.scale=0")[0] == 0
+    found = layers(tmp_path / "night_street.exr")
+    assert all(np.allclose(found[c], found[f"clear.{c}"], rtol=1e-6) for c in "RGB")
+
+
+def test_the_street_is_what_its_script_writes(tmp_path):
+    (tmp_path / "night_street.py").write_bytes((SCENES / "night_street.py").read_bytes())
+    subprocess.run([sys.executable, str(tmp_path / "night_street.py")], check=True)
+    assert (tmp_path / "night_street.xml").read_bytes() == (SCENES / "night_street.xml").read_bytes()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,7 +70,8 @@ def test_look_up_is_the_assets_kernel(asset, fog):
         exact = asset.beam.kernel(tau, r * tau, "flux")[::-1] * tau * tau * r
         for c in range(3):
             keep = fog.look(c, tau, 1e-3) / exact[c, 0]  # renormalised: one factor a depth
-            near = fog.look(c, tau, r) > 0  # cut where more would be within than arrives
+            # cut where more would be within than arrives; the edge is two steps of the table wide
+            near = fog.look(c, tau, r * 1.25) > 0
             assert abs(fog.look(c, tau, r) / keep - exact[c])[near].max() < 0.01 * exact[c].max(), (tau, c)
             assert near[r < 0.5].all()
     assert np.allclose(fog.within[..., -1], 1, atol=1e-9)
@@ -97,7 +99,7 @@ def test_means_over_pixels(asset, fog):
 
 
 def test_deeper_than_the_tables(asset, fog, tmp_path):
-    """Shape at twice the deepest depth: 12 % of the light is misplaced."""
+    """Shape at twice the deepest depth: 11 % of the light is misplaced."""
     short = kernels.fog_of(baked(tmp_path, depth=5))
     x = np.geomspace(1e-6, 100, 2000)
     weight = math.pi * x * math.log(x[1] / x[0])
@@ -254,6 +256,20 @@ def test_cut_off(fog):
         assert found[r > 1.2 * length[c], c].max() < 1e-6 < 1e-4 < found[(r > 0) & (r < 0.8 * length[c]), c].min()
 
 
+def test_one_wavelength_for_all_channels(fog):
+    """The same as three alike, for a picture of any number of channels."""
+    image, z, angle, column, lever = scene(50, 40)
+    one, three = (replace(fog, **{name: getattr(fog, name)[[1] * count] for name in
+                                  ("sigma_t", "sigma_s", "g", "peak", "shape", "width")}) for count in (1, 3))
+    for options in ({}, {"outside": "black", "energy": "lost"}, {"cut_off": 1.0}):
+        found = screen.fogged(image, z, angle, column, lever, one, **options)
+        assert (found == screen.fogged(image, z, angle, column, lever, three, **options)).all()
+        two = screen.fogged(image[..., :2], z, angle, column, lever, one, **options)
+        assert rms(two, found[..., :2]) < 0.003  # a block's light is centred by all channels together
+    exact = [screen.direct(image, z, angle, column, lever, kind, pixels=np.arange(0, 2000, 60)) for kind in (one, three)]
+    assert (exact[0] == exact[1]).all()
+
+
 def test_threads_do_not_matter(fog):
     arguments = scene(50, 40)
     assert (screen.fogged(*arguments, fog, threads=1) == screen.fogged(*arguments, fog, threads=3)).all()
@@ -274,7 +290,8 @@ def test_extremes(tmp_path, spread):
             deep = column / column.max() * tau / fog.sigma_t.max()
             for options in ({}, {"outside": "black"}, {"energy": "lost"}, {"cut_off": 2.0}):
                 found = screen.fogged(image, z, angle, deep, lever, fog, **options)
-                assert np.isfinite(found).all() and (found >= 0).all() and found.max() <= image.max() * (1 + 1e-9)
+                assert np.isfinite(found).all() and (found >= 0).all()
+                assert found.max() <= image.max() * (1 + 1e-3)  # light and shares of a block have two centres
             assert found[..., 2] == pytest.approx(np.exp(-deep * fog.sigma_t[2]) * image[..., 2], rel=1e-12)
         if spread == 0.1 and tau <= 1:  # narrower than a pixel: nothing is blurred
             assert screen.fogged(image, z, 0.1, deep, z, fog)[..., 0] == pytest.approx(image[..., 0], abs=0.03 * image.max())

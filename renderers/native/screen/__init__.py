@@ -66,7 +66,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     with np.errstate(divide="ignore", invalid="ignore"):
         lever = np.where(column > 0, np.sqrt(3 * moments[..., 2] / column), distance)
     clock("density")
-    depth = column[..., None] * medium.sigma_t
+    depth = column[..., None] * _spread(medium.sigma_t)
     # linear in the light: with L all around one sees L but for what is absorbed, and surfaces differ from L by col - L
     ambient = sum((_spread(light.radiance) for light in values.fog.light if light.type == "ambient"), np.zeros(3))
     outside, energy = ("black", "lost") if ambient.any() else ("edge", "kept")
@@ -210,8 +210,8 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
         return found[np.argsort(-np.asarray(asset.wavelength))] if len(found) == 3 else np.repeat(found, 3, axis=0)
 
     try:
-        found = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), medium.sigma_t, medium.sigma_s, phase,
-                                   suns, diffuse=scene.values.fog.diffuse)
+        found = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
+                                   _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
     return found.reshape(rays.shape)

@@ -1,7 +1,10 @@
 """Loops of the filter: rows of pixels in, sums of light and of shares out.
 
-Sums of a pixel p, for each channel: `NEAR` light of nearer pixels by their own kernels, `SHARE` their shares, `FAR` light of the
-others by the kernel of p, `MET` its weights, `REST` weights of the nearer ones by the kernel of p.
+A kernel's kinds are the medium's channels: 1 for all channels of the picture, or one each, so kind k is that of the channels k,
+k + kinds, ...
+
+Sums of a pixel p: `NEAR` light of nearer pixels by their own kernels, `FAR` light of the others by the kernel of p, for each
+channel; `SHARE` the nearer ones' shares, `REST` weights of these, `MET` weights of the others by the kernel of p, for each kind.
 
 An entry is what one block of 2^l x 2^l pixels holds of one class of distances: sums over its pixels, then means.
 """
@@ -15,7 +18,8 @@ from numba import njit
 
 NEAR, SHARE, FAR, MET, REST = range(5)
 # columns of an entry: pixels and their centre, light and its centre, distances (smallest, largest, pixels at those two, mean),
-# indices on log column and on log of pixel over lever with the weight of those two; from FIRST on (C,) col, light sent, its share
+# indices on log column and on log of pixel over lever with the weight of those two; from FIRST on (C,) col, (C,) light sent, (K,)
+# its share
 COUNT, Y, X, GLOW, GLOW_Y, GLOW_X, NEAREST, FARTHEST, AT_NEAREST, AT_FARTHEST, DISTANCE, COLUMN, LEVER, WEIGHT, FIRST = range(15)
 NODES = 18  # of a radial profile of a block
 
@@ -49,40 +53,42 @@ def _means(table, t, v, factor, out):
 def nearest_rows(low, high, z, column, lever, u, light, depth_of, means, taps, weight, out):
     """Level 0: all pairs of pixels at the offsets `taps`, for rows low to high.
 
-    z, column, lever (index on log tau of sigma_t = 1, index on log u), u (H, W); light (H, W, 3 C) as the tail of an entry;
-    depth_of (C,) index of log sigma_t; means (C, T, X, O); taps (K, 3) dy, dx, o; weight (O,); out (H, W, 5, C).
+    z, column, lever (index on log tau of sigma_t = 1, index on log u), u (H, W); light (H, W, 2 C + K) as the tail of an entry;
+    depth_of (K,) index of log sigma_t; means (K, T, X, O); taps (N, 3) dy, dx, o; weight (O,); out (H, W, 5, C).
     """
     height, width = z.shape
-    channels, last_t, last_u = len(depth_of), means.shape[1] - 1.001, means.shape[2] - 1.001
+    channels, kinds, last_t, last_u = out.shape[3], len(depth_of), means.shape[1] - 1.001, means.shape[2] - 1.001
     reach = 0
-    for k in range(len(taps)):
-        reach = max(reach, taps[k, 0])
+    for n in range(len(taps)):
+        reach = max(reach, taps[n, 0])
     top, bottom = max(low - reach, 0), min(high + reach, height)
-    profile = np.empty((bottom - top, width, channels, len(weight)), np.float32)
+    profile = np.empty((bottom - top, width, kinds, len(weight)), np.float32)
     for y in range(top, bottom):
         for x in range(width):
-            for c in range(channels):
-                row = profile[y - top, x, c]
-                _means(means[c], _place(column[y, x] + depth_of[c], last_t), _place(lever[y, x], last_u), u[y, x], row)
+            for k in range(kinds):
+                row = profile[y - top, x, k]
+                _means(means[k], _place(column[y, x] + depth_of[k], last_t), _place(lever[y, x], last_u), u[y, x], row)
                 for o in range(len(weight)):
                     row[o] *= weight[o]
     for y in range(low, high):
         for x in range(width):
             sums, own, here = out[y, x], profile[y - top, x], z[y, x]
-            for k in range(len(taps)):
-                yy, xx, o = y + taps[k, 0], x + taps[k, 1], taps[k, 2]
+            for n in range(len(taps)):
+                yy, xx, o = y + taps[n, 0], x + taps[n, 1], taps[n, 2]
                 if yy < 0 or yy >= height or xx < 0 or xx >= width:
                     continue
                 if z[yy, xx] < here:
-                    for c in range(channels):
-                        share = profile[yy - top, xx, c, o]
-                        sums[NEAR, c] += share * light[yy, xx, channels + c]
-                        sums[SHARE, c] += share * light[yy, xx, 2 * channels + c]
-                        sums[REST, c] += own[c, o]
+                    for k in range(kinds):
+                        share = profile[yy - top, xx, k, o]
+                        for c in range(k, channels, kinds):
+                            sums[NEAR, c] += share * light[yy, xx, channels + c]
+                        sums[SHARE, k] += share * light[yy, xx, 2 * channels + k]
+                        sums[REST, k] += own[k, o]
                 else:
-                    for c in range(channels):
-                        sums[FAR, c] += own[c, o] * light[yy, xx, c]
-                        sums[MET, c] += own[c, o]
+                    for k in range(kinds):
+                        for c in range(k, channels, kinds):
+                            sums[FAR, c] += own[k, o] * light[yy, xx, c]
+                        sums[MET, k] += own[k, o]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -158,16 +164,16 @@ def merge(below, below_mask, below_start, mask, start, classes, entries):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def profiles(entries, depth_of, shape, lever_step, lever_first, shift, side, out):
-    """Radial profiles (E, NODES, C) of entries: what a pixel receives, times its distance in blocks.
+    """Radial profiles (E, NODES, K) of entries: what a pixel receives, times its distance in blocks.
 
-    shape (C, T, X + NODES + 1) ends with zeros; shift is from u to the first node, in steps of the table.
+    shape (K, T, X + NODES + 1) ends with zeros; shift is from u to the first node, in steps of the table.
     """
     last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
     for e in range(len(entries)):
         factor = math.exp(lever_first + lever_step * entries[e, LEVER]) / side
-        for c in range(len(depth_of)):
-            _profile(shape[c], _place(entries[e, COLUMN] + depth_of[c], last_t), _place(entries[e, LEVER] + shift, last_u),
-                     factor, out[e, :, c])
+        for k in range(len(depth_of)):
+            _profile(shape[k], _place(entries[e, COLUMN] + depth_of[k], last_t), _place(entries[e, LEVER] + shift, last_u),
+                     factor, out[e, :, k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -204,9 +210,9 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
     place, band : index on a profile's nodes, and weight of the band over the distance, on equal steps of the squared distance
     in blocks from 0 to outer^2
     """
-    width, channels = z.shape[1], len(depth_of)
+    width, channels, kinds = z.shape[1], out.shape[3], len(depth_of)
     last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
-    own = np.empty((NODES, channels), np.float32)
+    own = np.empty((NODES, kinds), np.float32)
     rows, columns = blocks
     nearest, farthest = inner * inner, outer * outer
     step = (len(place) - 1) / farthest
@@ -214,9 +220,9 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
     for y in range(low, high):
         for x in range(width):
             sums, here = out[y, x], z[y, x]
-            for c in range(channels):
-                _profile(shape[c], _place(column[y, x] + depth_of[c], last_t), _place(lever[y, x] + shift, last_u),
-                         u[y, x] * size, own[:, c])
+            for k in range(kinds):
+                _profile(shape[k], _place(column[y, x] + depth_of[k], last_t), _place(lever[y, x] + shift, last_u),
+                         u[y, x] * size, own[:, k])
             v, h = (y + 0.5) * size, (x + 0.5) * size
             for by in range(max(math.floor(v - around), 0), min(math.floor(v + around) + 1, rows)):
                 across = around * around - (by + 0.5 - v) ** 2
@@ -237,29 +243,31 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
                         if nearest < square < farthest:
                             w, n, g = _looked(square * step, place, band)
                             if nearer > 0:
-                                for c in range(channels):
-                                    share = w * nearer * (made[e, n, c] + g * (made[e, n + 1, c] - made[e, n, c]))
-                                    sums[NEAR, c] += share * one[FIRST + channels + c]
+                                for k in range(kinds):
+                                    share = w * nearer * (made[e, n, k] + g * (made[e, n + 1, k] - made[e, n, k]))
+                                    for c in range(k, channels, kinds):
+                                        sums[NEAR, c] += share * one[FIRST + channels + c]
                             if nearer < 1:
-                                for c in range(channels):
-                                    share = w * (1 - nearer) * (own[n, c] + g * (own[n + 1, c] - own[n, c]))
-                                    sums[FAR, c] += share * one[FIRST + c]
+                                for k in range(kinds):
+                                    share = w * (1 - nearer) * (own[n, k] + g * (own[n + 1, k] - own[n, k]))
+                                    for c in range(k, channels, kinds):
+                                        sums[FAR, c] += share * one[FIRST + c]
                         square = ((one[Y] - y - 0.5) ** 2 + (one[X] - x - 0.5) ** 2) * (size * size)
                         if nearest < square < farthest:
                             w, n, g = _looked(square * step, place, band)
-                            for c in range(channels):
-                                share = w * one[COUNT] * (own[n, c] + g * (own[n + 1, c] - own[n, c]))
-                                sums[MET, c] += (1 - nearer) * share
-                                sums[REST, c] += nearer * share
+                            for k in range(kinds):
+                                share = w * one[COUNT] * (own[n, k] + g * (own[n + 1, k] - own[n, k]))
+                                sums[MET, k] += (1 - nearer) * share
+                                sums[REST, k] += nearer * share
                             if nearer > 0:
-                                for c in range(channels):
-                                    share = w * nearer * (made[e, n, c] + g * (made[e, n + 1, c] - made[e, n, c]))
-                                    sums[SHARE, c] += share * one[FIRST + 2 * channels + c]
+                                for k in range(kinds):
+                                    share = w * nearer * (made[e, n, k] + g * (made[e, n + 1, k] - made[e, n, k]))
+                                    sums[SHARE, k] += share * one[FIRST + 2 * channels + k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shares(column, lever, u, distance, along, o, depth_of, shape, means, out):
-    """Shares (C,) of a pixel's light in another one: at offset number o by the mean over the pixel, or else at its centre."""
+    """Shares (K,) of a pixel's light in another one: at offset number o by the mean over the pixel, or else at its centre."""
     last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - 1.001
     v = lever if o >= 0 else lever + along
     if o < 0 and v > last_u:
@@ -289,11 +297,11 @@ def every_pair(pixels, reach, z, column, lever, u, light, depth_of, shape, means
     step : of log u; rest : whether `REST` is wanted
     """
     height, width = z.shape
-    channels, near = len(depth_of), len(offset)
-    share = np.empty(channels)
-    for k in range(len(pixels)):
-        y, x = pixels[k] // width, pixels[k] % width
-        here, sums = z[y, x], out[k]
+    channels, kinds, near = out.shape[2], len(depth_of), len(offset)
+    share = np.empty(kinds)
+    for n in range(len(pixels)):
+        y, x = pixels[n] // width, pixels[n] % width
+        here, sums = z[y, x], out[n]
         for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
             for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
                 dy, dx = abs(yy - y), abs(xx - x)
@@ -302,15 +310,17 @@ def every_pair(pixels, reach, z, column, lever, u, light, depth_of, shape, means
                 along = math.log(distance) / step if o < 0 else 0.0
                 if z[yy, xx] < here:
                     _shares(column[yy, xx], lever[yy, xx], u[yy, xx], distance, along, o, depth_of, shape, means, share)
-                    for c in range(channels):
-                        sums[NEAR, c] += share[c] * light[yy, xx, channels + c]
-                        sums[SHARE, c] += share[c] * light[yy, xx, 2 * channels + c]
+                    for k in range(kinds):
+                        for c in range(k, channels, kinds):
+                            sums[NEAR, c] += share[k] * light[yy, xx, channels + c]
+                        sums[SHARE, k] += share[k] * light[yy, xx, 2 * channels + k]
                     if rest:
                         _shares(column[y, x], lever[y, x], u[y, x], distance, along, o, depth_of, shape, means, share)
-                        for c in range(channels):
-                            sums[REST, c] += share[c]
+                        for k in range(kinds):
+                            sums[REST, k] += share[k]
                 else:
                     _shares(column[y, x], lever[y, x], u[y, x], distance, along, o, depth_of, shape, means, share)
-                    for c in range(channels):
-                        sums[FAR, c] += share[c] * light[yy, xx, c]
-                        sums[MET, c] += share[c]
+                    for k in range(kinds):
+                        for c in range(k, channels, kinds):
+                            sums[FAR, c] += share[k] * light[yy, xx, c]
+                        sums[MET, k] += share[k]

@@ -21,6 +21,7 @@ SHALLOWEST, DEEPEST = 1e-3, 1e3  # optical depths; below and above the shape is 
 _INSIDE, _OUTSIDE = 1e-4, 1e-5  # shares of the light that may lie below the smallest and above the largest ratio
 _WIDEST = 1e4
 _TRANSPORT = ("flux", "fluence", "forward")  # kernels that count light each time it passes; the others have a power of their own
+_SHALLOW = 5.0  # optical depth to which the cut goes by what a slab lets pass; see `_arriving`
 _NOTHING = 1e-35  # power that the tables' single precision cannot hold
 _LARGEST = 3000.0  # mean free paths from the axis; the tables say nothing of use farther out
 _SEARCH = np.geomspace(1e-9, _WIDEST, 13 * 12 + 1)
@@ -72,7 +73,7 @@ class Fog:
         """
         tau = np.asarray(column, float)[..., None] * self.sigma_t
         albedo = np.divide(self.sigma_s, self.sigma_t, out=np.zeros(len(self.sigma_t)), where=self.sigma_t > 0)
-        passed, back = _columns.slab(albedo, self.g, self.peak, tau)
+        passed, back, _ = _columns.slab(albedo, self.g, self.peak, tau)
         if energy == "kept":
             most = _columns.slab(1.0, self.g, self.peak, tau)[0]
             return -np.expm1(-tau) * np.divide(passed, most, out=np.zeros_like(most), where=most > 0), np.zeros_like(back)
@@ -110,13 +111,13 @@ def fog_of(asset, channels=3, kernel="flux"):
     Parameters
     ----------
     asset : as `bakery.open` gives it, with the stages medium and beam
-    channels : C, of the picture
+    channels : of the picture
     kernel : any name that `asset.beam.kernel` takes: flux, which a surface across the beam receives; fluence, forward; others for
         comparison
 
     Returns
     -------
-    Fog; one wavelength serves all channels, otherwise there are as many of them and the first channel has the longest
+    Fog; one wavelength serves all channels (C = 1), otherwise there are as many of them and the first channel has the longest
 
     Raises
     ------
@@ -125,27 +126,27 @@ def fog_of(asset, channels=3, kernel="flux"):
 
     Notes
     -----
-    The plane integral of transport's flux counts light each time it passes, up to several times the light deep in a medium that
+    The plane integral of transport's flux counts light each time it passes, 1.3 times that of the beam deep in a medium that
     absorbs nothing, and at shallow depths it holds a wide glow that is the model's error.  A surface stops light when it first
-    arrives, so a kernel is cut at the radius that holds as much as a slab lets pass (`_columns.slab`).  Against photons that
-    stop at the plane, sum of differences of shares over rings to 10 depths and what is beyond (optical depths 0.1, 0.5, 1, 3, 10;
-    benchmarks/screen.py): Gaussian of 30 degrees 0.06, 0.07, 0.09, 0.17, 0.42 at albedo 1 and 0.06,
-    0.06, 0.07, 0.09, 0.08 at 0.9; Henyey-Greenstein g = 0.85 0.03, 0.04, 0.05, 0.12, 0.28 and 0.03, 0.03, 0.04, 0.06, 0.06.
-    Without the cut it is up to 1.5.
+    arrives, so a kernel by transport is cut at the radius that holds that much (`_arriving`).  Against photons that stop at the
+    plane, sum of differences of shares over rings to 10 depths and what is beyond (optical depths 0.1, 0.5, 1, 3, 10;
+    benchmarks/screen.py): Gaussian of 30 degrees 0.04, 0.06, 0.09, 0.17, 0.41 at albedo 1, 0.05, 0.05, 0.06, 0.08, 0.06 at 0.9;
+    Henyey-Greenstein g = 0.85 0.04, 0.07, 0.10, 0.15, 0.27 and 0.03, 0.03, 0.04, 0.06, 0.06.  Without the cut it is up to 1.3.
 
     Optical depths below 1e-3 have the shape of 1e-3 (their power stays right).  Depths tau beyond the asset's deepest D have the
     shape at D with another width: x goes with sqrt(q), q = b/(1 + b), b the mean square of x in the small-angle model with
     absorption on longer paths (Gaussian closure of Fokker-Planck with loss), which grows with tau and falls as 1/tau where
     absorption rules; where the beam is as wide as deep it stops, as diffusion without absorption has one shape in r/z.  Against
-    tables eight times as deep (spread 3 to 60 degrees, albedo 0.5 to 1, D = 8 and 32) 1 to 14 % of the light is misplaced at 2 D,
-    25 % at worst, where the shape at D as it is has 0 to 34 %.  Powers hold for any depth.
+    tables eight times as deep (spread 3 to 60 degrees, albedo 0.5 to 1, D = 8 and 32) 0 to 17 % of the light is misplaced at 2 D,
+    2 to 44 % at 8 D (3 degrees, albedo 0.5, D = 32: 95 %); the shape at D as it is has 5 to 44 % and 3 to 91 %.
+    Powers hold for any depth.
     """
     sigma_t, albedo = (np.atleast_1d(np.asarray(asset.medium[name], float)) for name in ("sigma_t", "albedo"))
     beam, path = asset.beam, getattr(asset, "path", "the asset")
     if len(sigma_t) not in (1, channels):
         raise UsageError(f"{path}: {len(sigma_t)} wavelengths for a picture of {channels} channels; "
                          f"an asset of 1 wavelength would do, or one of {channels}")
-    order = np.zeros(channels, int) if len(sigma_t) == 1 else np.argsort(-np.asarray(asset.wavelength))
+    order = np.argsort(-np.asarray(asset.wavelength))
     last = min(float(beam["depth"][-1]), DEEPEST)
     depth = SHALLOWEST * np.exp(STEP * np.arange(1 + round(math.log(DEEPEST / SHALLOWEST) / STEP)))
     q = _spread(np.atleast_1d(beam["gaussian_b"])[:, None], albedo[:, None], np.append(depth, last))
@@ -168,11 +169,13 @@ def fog_of(asset, channels=3, kernel="flux"):
         return found
 
     g, peak = _columns.moments(asset.medium.phase)
-    once = _columns.slab(albedo[:, None], g[:, None], peak[:, None], held)[0]
-    if kernel not in _TRANSPORT:
-        once[:] = np.inf
-    few = np.arange(0, len(depth), PER_DECADE // 2)
-    whole = np.minimum(_within(_SEARCH, raw(held[few], stretch[:, few], _SEARCH)), once[:, few, None])
+    within = _within(_SEARCH, raw(held, stretch, _SEARCH))
+    once = within[..., -1]
+    if kernel in _TRANSPORT:
+        arriving = _arriving(lambda tau: _columns.slab(albedo[:, None], g[:, None], peak[:, None], tau), once, held, depth)
+        # 0 is transport; where the small-angle model stands in for it light passes once already
+        once = np.where(np.asarray(beam["model"])[:, None] == 0, arriving, once)
+    whole = np.minimum(within, once[..., None]).reshape(-1, len(_SEARCH))
     whole = whole[whole[..., -1] > 0]
     first, final = 0, len(_SEARCH) - 1
     if len(whole):
@@ -211,6 +214,23 @@ def _within(ratio, shape):
     g = 2 * math.pi * shape * ratio
     step = math.log(ratio[1] / ratio[0])
     return np.cumsum(np.concatenate([g[..., :1], (g[..., 1:] + g[..., :-1]) / 2 * step], axis=-1), axis=-1)
+
+
+def _arriving(slab, total, held, depth):
+    """What of a plane integral (..., T) at depths `held` is the light that arrives for the first time, at `depth`.
+
+    Shallow, what a slab lets pass, as the integral holds a glow that is not there; deep, that share of the integral which P1
+    gives, as P1's decay with depth is not exact but cancels in the ratio.
+    """
+
+    def first(tau):
+        passed, _, crossing = slab(tau)
+        return passed, np.divide(passed, crossing, out=np.ones_like(passed), where=crossing > 0)
+
+    passed, share = first(held)
+    shallow = np.exp(-held / _SHALLOW)
+    arriving = np.maximum(passed, 1e-300) ** shallow * (share * total) ** (1 - shallow)
+    return arriving * np.divide(first(depth)[1], share, out=np.ones_like(share), where=share > 0)
 
 
 def _once(ratio, shape, power):
