@@ -13,6 +13,7 @@ from bakery.recipe.section import Section, pick
 from bakery.recipe.text import Mapping, Sequence, owner
 from renderers.scene import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
 
+KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_absorbing", "erf", "path_integral", "elek")
 NEEDS = ("medium", "beam")  # stages of the asset
 FILES = ("asset", "picture.color", "picture.depth", "picture.mitsuba", "fog.density.file")
 
@@ -107,7 +108,7 @@ class Fog(Section):
 
 
 class Filter(Section):
-    kernel: word("flux", "fluence", "forward", "small_angle", "erf") = Field(
+    kernel: word(*KERNELS) = Field(
         "flux", description="flux, what a surface across the beam receives; the others for comparison."
     )
     energy: word("kept", "lost") | None = Field(
