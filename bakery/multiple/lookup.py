@@ -16,12 +16,13 @@ from scipy.interpolate import CubicSpline
 
 from bakery.multiple import frame
 from bakery.multiple.frame import CORE, SKEW
-from bakery.multiple.table import Table, margins
+from bakery.multiple.table import RINGS, Table, margins
 
 UPSAMPLED = 3  # of the basis by splines; between these points linear
 _OVERLAP = 8  # points beyond an end that a spline sees
 GAUSS = 5  # points of a piece of an integral
 _PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
+_TURN = 0.125  # share of an order of the directions that the pieces follow
 _SHORT = 0.5  # at least, beside the ends of a segment
 END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
 _INSIDE = 0.5  # of the extent: from there on coefficients go as 1/m
@@ -38,6 +39,7 @@ class Ready(NamedTuple):
     k0: float
     power: float  # 1, or 0 where nothing scatters
     stretch: float  # u of a place = arsinh(m / CORE) stretch
+    turn: float  # how fast lobes turn as a beam is passed: 1 as soon as it does
     grid: np.ndarray  # (U + 2, V + 2, K + 1) float32, a_0 .. a_K with margins
     basis: np.ndarray  # (A, B, K + 1) float32, B_0 .. B_K
 
@@ -49,8 +51,9 @@ def ready(table: Table) -> Ready:
         grid, basis = np.zeros((4, 4, 1)), np.zeros((2, 2, 1))
     else:
         grid, basis = margins(table.coefficients()), _upsampled(table.functions())
+    turn = _TURN * max(2 * (table.basis.shape[1] - RINGS), 0)
     return Ready(table.kind, float(table.length), float(table.extent), float(table.k0), float(len(table.corner) > 0), stretch,
-                 np.ascontiguousarray(grid, np.float32), np.ascontiguousarray(basis, np.float32))
+                 turn, np.ascontiguousarray(grid, np.float32), np.ascontiguousarray(basis, np.float32))
 
 
 def _upsampled(functions):
@@ -91,18 +94,15 @@ def _interpolated(table, m, v, a):
             a[k] += f0 * grid[i + n, j, k] + f1 * grid[i + n, j + 1, k] + f2 * grid[i + n, j + 2, k] + f3 * grid[i + n, j + 3, k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def value(table, rho, z, x, y, along, a, b):
-    """The source at (rho, z) into the direction (x along rho, y across, along z).
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def at(table, rho, z, a, b):
+    """The part of a look-up that all directions share: a_0 .. a_K into a; what stands before the exponential, and the axis.
 
     a, b : (K + 1,) float32, overwritten
     """
-    rho = max(rho, frame.CLOSEST)
-    m, tangent, singular, sine, cosine = frame.place(table.kind, table.length, rho, z)
-    s, t = frame.direction(sine, cosine, x, y, along)
+    m, tangent, singular, sine, cosine = frame.place(table.kind, table.length, max(rho, frame.CLOSEST), z)
     beyond = max(m - table.extent, 0.0)
     m -= beyond
-    basis = table.basis
     v = (2 / math.pi) * math.atan(SKEW[table.kind] * tangent)
     _interpolated(table, m, v, a)
     if beyond > 0:
@@ -112,17 +112,40 @@ def value(table, rho, z, x, y, along, a, b):
         share = np.float32(beyond / (m + beyond) * _INSIDE / (1 - _INSIDE))
         for k in range(len(a)):
             a[k] += share * (a[k] - b[k])
+    return table.power * singular * math.exp(-table.k0 * beyond), sine, cosine
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def into(table, a, sine, cosine, x, y, along):
+    """The rest of it: the exponential, for a direction (x along rho, y across, along z)."""
+    basis = table.basis
+    s, t = frame.direction(sine, cosine, x, y, along)
     s *= basis.shape[0] - 1
     t *= basis.shape[1] - 1
     i, j = min(int(s), basis.shape[0] - 2), min(int(t), basis.shape[1] - 2)
     s, t = s - i, t - j
     f0, f1, f2, f3 = np.float32((1 - s) * (1 - t)), np.float32((1 - s) * t), np.float32(s * (1 - t)), np.float32(s * t)
-    for k in range(len(b)):
-        b[k] = f0 * basis[i, j, k] + f1 * basis[i, j + 1, k] + f2 * basis[i + 1, j, k] + f3 * basis[i + 1, j + 1, k]
-    total = a[0] + b[0]
+    total = a[0] + (f0 * basis[i, j, 0] + f1 * basis[i, j + 1, 0] + f2 * basis[i + 1, j, 0] + f3 * basis[i + 1, j + 1, 0])
     for k in range(1, len(a)):
-        total += a[k] * b[k]
-    return table.power * singular * math.exp(total - table.k0 * beyond)
+        total += a[k] * (f0 * basis[i, j, k] + f1 * basis[i, j + 1, k] + f2 * basis[i + 1, j, k] + f3 * basis[i + 1, j + 1, k])
+    return math.exp(total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def value(table, rho, z, x, y, along, a, b):
+    """The source at (rho, z) into a direction; arguments as of `at` and `into`."""
+    factor, sine, cosine = at(table, rho, z, a, b)
+    return factor * into(table, a, sine, cosine, x, y, along)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def piece(turn, t):
+    """Longest piece of t = arsinh(distance along a line / distance from the source) for one Gauss rule.
+
+    The smoother the farther: lobes turn as fast as the source is passed.  At g = 0.9 pieces of 2 were 3.7 % off beside a beam,
+    at worst 13 %; these are 0.01 %, at worst 0.05 %.
+    """
+    return 3.0 / (1 + turn / math.cosh(max(abs(t) - 1.0, 0.0)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -164,17 +187,17 @@ def _beam(points, start, end, rho, z, x, y, along, a, b):
     # s - z = close sinh(t): the source falls off as 1/cosh(t), however close the segment is; beside an end, where a forward peak
     # is cut off, pieces are short where the angle to the beam turns
     close = max(rho, frame.CLOSEST)
-    at, last = math.asinh((start - z) / close), math.asinh((end - z) / close)
+    t, last = math.asinh((start - z) / close), math.asinh((end - z) / close)
     shortest = _SHORT if _touches(rho, z - start, end - start) else _PIECE
     total = 0.0
-    while at < last:
-        step = min(_PIECE, max(shortest, 0.5 * abs(at)), last - at)
+    while t < last:
+        step = min(_PIECE, max(shortest, 0.5 * abs(t)), piece(points.turn, t), last - t)
         for n in range(GAUSS):
-            t = at + X[n] * step
-            away = close * math.sinh(t)
-            there = value(points, rho, -away, x, y, along, a, b)
-            total += WEIGHT[n] * step * close * math.cosh(t) * math.exp(-(z + away)) * there
-        at = last if last - at <= step else at + step
+            there = t + X[n] * step
+            away = close * math.sinh(there)
+            found = value(points, rho, -away, x, y, along, a, b)
+            total += WEIGHT[n] * step * close * math.cosh(there) * math.exp(-(z + away)) * found
+        t = last if last - t <= step else t + step
     return total
 
 
@@ -202,7 +225,7 @@ def segment(points: Ready, segments: Ready, rho, z, theta, phi, length=None):
     """The same for a beam of power 1 along z from 0 to `length` (mfp, broadcast; that of the table if not given; inf will do).
 
     Exact in the length but for the tables: whole tiles of the tabulated segment, attenuated by what lies before each, and the
-    rest as an integral of the point table (within 1e-4, at worst 3e-3 of a value close to the beam).
+    rest as an integral of the point table (within 2e-4, at worst 1e-3 of a value close to the beam).
     """
     length = segments.length if length is None else length
     arrays, out = _broadcast(rho, z, theta, phi, length)

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from bakery.multiple import frame, lookup
-from bakery.multiple.lookup import GAUSS, WEIGHT, Ready, X, any_length, scratch, value
+from bakery.multiple.lookup import GAUSS, WEIGHT, Ready, X, any_length, piece, scratch, value
 
 _PIECE = 1.0  # of arsinh, for one Gauss rule
 _STRIDE = 3.0  # mfp, the same where the source is far
@@ -136,7 +136,7 @@ def _to_segment(points, segments, beam, origin, direction, eye, view, length, di
         low, high = math.asinh(-middle / close), math.asinh((far - middle) / close)
         total = 0.0
         while low < high:
-            step = min(_PIECE, math.asinh(math.sinh(low) + _STRIDE / close) - low)
+            step = min(_PIECE, piece(points.turn, low), math.asinh(math.sinh(low) + _STRIDE / close) - low)
             step = max(min(step, high - low), 1e-9)
             for i in range(GAUSS):
                 at = low + X[i] * step

@@ -32,6 +32,7 @@ INTERPOLATION = (
     "then linear; beyond the extent, with m = r or b, "
     "a_k + k0 m at k = 0 and a_k else go on as c + d / m through their values at extent / 2 and extent")
 ARRAYS = ("node_bounds", "node_child", "corner", "offset", "coefficient", "coefficient_scale", "basis", "basis_scale")
+RINGS = 24  # of directions of a basis, and one more for every second order
 MOST_EXTENT = 200.0  # mfp
 OUTSIDE = 1e-5  # share of the light beyond which no table goes
 LENGTH = 2.0  # mfp of the tabulated segment
@@ -198,7 +199,7 @@ def coefficients(medium, kind, length, rho, z, threads=1):
 
 def shape(order):
     """Rings and half meridians of the directions of a basis."""
-    rings = min(24 + order // 2, 80)
+    rings = min(RINGS + order // 2, 80)
     return rings, int(0.42 * rings) | 1
 
 

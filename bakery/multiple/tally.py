@@ -32,7 +32,7 @@ from bakery.multiple.fourier import decay
 from bakery.multiple.frame import CORE, POINT
 
 BLOCKS = 32  # random streams of a batch; even ones make one half of the sums, odd ones the other
-_MORE = 3  # boxes beyond it
+_MORE = 3  # boxes beyond the extent
 _BINS = 56  # of an angle
 _NARROW, RESOLUTION = 0.05, 0.1  # rad: a peak that has halved before is spread over a cone so wide, at the ends of paths
 _PART = 0.02  # rad, of a bin that is averaged over

@@ -342,7 +342,7 @@ _FEW, _MANY = 0.3, 120.0  # seconds of one core for a table: at g up to 0.5; tim
 
 STAGE = Stage(
     name="multiple",
-    version=2,
+    version=3,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),

@@ -1,4 +1,4 @@
-"""What an asset's tables answer: the same light by coordinates, in space and along lines of sight, in the medium's mean free paths."""
+"""What an asset's tables answer by coordinates, in space and along lines of sight, in the medium's mean free paths."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_what_no_solver_reaches_is_refused_or_left_to_photons(bake, tmp_path):
 def test_photons_check_the_solver(bake):
     """The same recipe by both methods: within what both state."""
     made = [bake(options=f"{{method: {method}, sources: [point], extent: 12, tolerance: 10%}}")
-            for method in ("solver", "photons")]
+            for method in ("solver", "photons, photons: 60000")]
     assert "photons" in made[1].multiple["point/w0"] and "photons" not in made[0].multiple["point/w0"]
     stated = sum(asset.multiple.attributes["achieved_error"] for asset in made)
     assert multiple.measures(*(asset.tree["multiple"] for asset in made))["error"] < stated < 0.11
