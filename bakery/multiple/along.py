@@ -79,13 +79,12 @@ def _along(points, length, rho, z, sine, cosine, towards, aside, out):
             for k in range(lookup.GAUSS):
                 at = t + lookup.X[k] * step
                 away = close * math.sinh(at)
-                factor, up, forth = lookup.at(points, close, -away, a, b)
-                factor *= lookup.WEIGHT[k] * step * close * math.cosh(at) * math.exp(-(z[n] + away))
+                factor = lookup.WEIGHT[k] * step * close * math.cosh(at) * math.exp(-(z[n] + away))
                 for i in range(len(sine)):
                     for j in range(len(towards)):
                         side = sine[i] * towards[j]
-                        out[n, i, j] += factor * lookup.into(points, a, up, forth, cosine[i] * outwards - side * along,
-                                                       sine[i] * aside[j], cosine[i] * along + side * outwards)
+                        out[n, i, j] += factor * lookup.value(points, close, -away, cosine[i] * outwards - side * along,
+                                                              sine[i] * aside[j], cosine[i] * along + side * outwards, a, b)
             t = last if last - t <= step else t + step
 
 

@@ -94,15 +94,18 @@ def _interpolated(table, m, v, a):
             a[k] += f0 * grid[i + n, j, k] + f1 * grid[i + n, j + 1, k] + f2 * grid[i + n, j + 2, k] + f3 * grid[i + n, j + 3, k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def at(table, rho, z, a, b):
-    """The part of a look-up that all directions share: a_0 .. a_K into a; what stands before the exponential, and the axis.
+@njit(cache=True, nogil=True, error_model="numpy")
+def value(table, rho, z, x, y, along, a, b):
+    """The source at (rho, z) into the direction (x along rho, y across, along z).
 
     a, b : (K + 1,) float32, overwritten
     """
-    m, tangent, singular, sine, cosine = frame.place(table.kind, table.length, max(rho, frame.CLOSEST), z)
+    rho = max(rho, frame.CLOSEST)
+    m, tangent, singular, sine, cosine = frame.place(table.kind, table.length, rho, z)
+    s, t = frame.direction(sine, cosine, x, y, along)
     beyond = max(m - table.extent, 0.0)
     m -= beyond
+    basis = table.basis
     v = (2 / math.pi) * math.atan(SKEW[table.kind] * tangent)
     _interpolated(table, m, v, a)
     if beyond > 0:
@@ -112,30 +115,17 @@ def at(table, rho, z, a, b):
         share = np.float32(beyond / (m + beyond) * _INSIDE / (1 - _INSIDE))
         for k in range(len(a)):
             a[k] += share * (a[k] - b[k])
-    return table.power * singular * math.exp(-table.k0 * beyond), sine, cosine
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def into(table, a, sine, cosine, x, y, along):
-    """The rest of it: the exponential, for a direction (x along rho, y across, along z)."""
-    basis = table.basis
-    s, t = frame.direction(sine, cosine, x, y, along)
     s *= basis.shape[0] - 1
     t *= basis.shape[1] - 1
     i, j = min(int(s), basis.shape[0] - 2), min(int(t), basis.shape[1] - 2)
     s, t = s - i, t - j
     f0, f1, f2, f3 = np.float32((1 - s) * (1 - t)), np.float32((1 - s) * t), np.float32(s * (1 - t)), np.float32(s * t)
-    total = a[0] + (f0 * basis[i, j, 0] + f1 * basis[i, j + 1, 0] + f2 * basis[i + 1, j, 0] + f3 * basis[i + 1, j + 1, 0])
+    for k in range(len(b)):
+        b[k] = f0 * basis[i, j, k] + f1 * basis[i, j + 1, k] + f2 * basis[i + 1, j, k] + f3 * basis[i + 1, j + 1, k]
+    total = a[0] + b[0]
     for k in range(1, len(a)):
-        total += a[k] * (f0 * basis[i, j, k] + f1 * basis[i, j + 1, k] + f2 * basis[i + 1, j, k] + f3 * basis[i + 1, j + 1, k])
-    return math.exp(total)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def value(table, rho, z, x, y, along, a, b):
-    """The source at (rho, z) into a direction; arguments as of `at` and `into`."""
-    factor, sine, cosine = at(table, rho, z, a, b)
-    return factor * into(table, a, sine, cosine, x, y, along)
+        total += a[k] * b[k]
+    return table.power * singular * math.exp(total - table.k0 * beyond)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
