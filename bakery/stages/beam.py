@@ -32,6 +32,7 @@ OUTPUTS = (
 )
 _REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
 _NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
+_TOGETHER = 4
 _WANTED, _LEAST, _MOST = 50, 20_000, 1_000_000  # photons: times the squared tolerance, at least, at most
 
 
@@ -68,11 +69,12 @@ def compute(inputs: dict, context) -> Result:
         raise StageError(f"narrow beams: {fault}") from None
     nodes = table.grid(inputs["depth"], min(widths))
     photons = inputs["photons"] or int(np.clip(_WANTED / context.tolerance**2, _LEAST, _MOST))
+    tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, photons, context.seed + k)
+             for k in range(count)]
     found = []
-    for k in range(count):
-        found += context.map(tabulated, [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, photons,
-                                          context.seed + k)])
-        context.report((k + 1) / count)
+    for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
+        found += context.map(tabulated, tasks[start:start + _TOGETHER])
+        context.report(len(found) / count)
     z = nodes[0]
     values = {"depth": z, "ratio": nodes[1], "photons": np.array([photons]),
               "model": np.array([MODELS.index(model) for _, model, _, _ in found], np.int8),
