@@ -16,6 +16,7 @@ from pathlib import Path
 
 import bakery
 from bakery.errors import AssetError, BakeryError, StageError, StoreError, UsageError
+from bakery.machine import free_memory
 from bakery.plan import REUSE, RUN, Plan, Step, make
 from bakery.run import resources
 from bakery.run.cache import Cache
@@ -357,7 +358,7 @@ def _touch(path: Path) -> None:
 def _refuse_too_large(plan: Plan) -> None:
     from bakery.store.files import free_space
 
-    free = resources.free_memory()
+    free = free_memory()
     needed = plan.memory - plan.loaded
     if free is not None and needed > SHARE_OF_MEMORY * free:
         raise UsageError(f"{plan.recipe.path}: the bake needs about {resources.in_words(needed)} of memory, of which "

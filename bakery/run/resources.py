@@ -25,17 +25,6 @@ def jobs(wanted: int | None = None) -> int:
     return wanted or processors()
 
 
-def free_memory() -> float | None:
-    """Bytes that a new allocation can have, or None where the system does not say."""
-    try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return float(line.split()[1]) * 1024
-    except OSError:
-        pass
-    return None
-
-
 def reset_peak() -> None:
     """Start a new peak; without Linux's /proc the peak is that of the whole process."""
     try:

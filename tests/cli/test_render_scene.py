@@ -281,3 +281,10 @@ def test_the_street_is_what_its_script_writes(tmp_path):
     (tmp_path / "night_street.py").write_bytes((SCENES / "night_street.py").read_bytes())
     subprocess.run([sys.executable, str(tmp_path / "night_street.py")], check=True)
     assert (tmp_path / "night_street.xml").read_bytes() == (SCENES / "night_street.xml").read_bytes()
+
+
+def test_a_picture_larger_than_the_memory_is_refused_before_it_is_rendered(place, monkeypatch, capfd):
+    monkeypatch.setattr(picture, "free_memory", lambda: 1e5)
+    assert status_of(["render", str(place / "s.yaml"), "-o", str(place / "big.png")]) == 2
+    assert "32 x 18 pixels" in (err := capfd.readouterr().err) and "million pixels" in err
+    assert not (place / "big.png").exists()

@@ -17,7 +17,7 @@ MAY = {
     "plan": {"recipe", "stages", "store.tree"},
     "stages": PHYSICS | {"store.tree", "recipe"},
     "trade": {"plan", "recipe", "report", "run", "stages", "store"},
-    "run": {"plan", "recipe", "stages", "store", "__version__"},
+    "run": {"machine", "plan", "recipe", "stages", "store", "__version__"},
     "store": set(),
     "report": {"__version__", "asset", "beam", "medium", "multiple", "packing", "stages", "store", "recipe.units"},
     "export": {"asset", "medium", "report", "store"},
@@ -84,7 +84,7 @@ def test_renderers_see_assets_only():
     for path in modules("renderers"):
         for name in imports(path):
             if name.startswith("bakery"):
-                allowed = name in {"bakery", "bakery.open"} or name.startswith(("bakery.errors", "bakery.llvm"))
+                allowed = name in {"bakery", "bakery.open"} or name.startswith(("bakery.errors", "bakery.llvm", "bakery.machine"))
                 allowed = allowed or (str(path.relative_to(ROOT)) in SCENES and name.startswith("bakery.recipe."))
                 assert allowed, f"{path} imports {name}"
 

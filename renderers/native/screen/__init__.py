@@ -73,14 +73,15 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     outside, energy = values.filter.outside or outside, values.filter.energy or energy
     angle = picture.camera.angle(height, width)
     result = screen_filter.fogged(picture.rgb - ambient, distance, angle, column, lever, medium, energy=energy, outside=outside,
-                                  cut_off=values.filter.cut_off, threads=threads)
+                                  cut_off=values.filter.cut_off, threads=threads,
+                                  progress=progress and (lambda done: progress(0.5 + 0.4 * done, None)))
     through = np.exp(-depth)
     if ambient.any():
         # where nearer things absorb less than a pixel's own way the sum is too small: no less than what comes straight
         result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
     clock("filter")
     if progress:
-        progress(0.75)
+        progress(0.9)
     added = _sunlight(scene, asset, medium, density, origin, rays, distance)
     clock("sun")
     result = result + added

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -35,7 +36,8 @@ _FINE = 2048  # steps of the squared distance for a band's weight
 OUTSIDE, ENERGY = ("edge", "black"), ("kept", "lost")
 
 
-def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, threads=None):
+def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, threads=None,
+           progress=None):
     """A picture seen through fog, without light from elsewhere.
 
     Parameters
@@ -51,6 +53,7 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
     energy : lost, scattered light has the power that transport gives it; kept, what went back past the camera is added
     cut_off : lengths (kernels.Fog.width) beyond which a kernel is cut and renormalised, or None
     threads : None for all processors; the result does not depend on it
+    progress : function of the share that is done, or None
 
     Returns
     -------
@@ -70,13 +73,19 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
     sums = np.zeros((height, width, 5, p.channels))
     if not p.power.any():  # nothing is scattered
         return p.finished(sums)
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+    levels = 1 + max(math.ceil(math.log2(math.hypot(height, width) / INNER)), 0)
+    with _workers(threads) as pool:
+        done = 0
 
         def rows(function, *arguments):
+            nonlocal done
             tasks = [pool.submit(function, low, min(low + _ROWS, height), p.z, p.column, p.lever, p.u, *arguments, sums)
                      for low in range(0, height, _ROWS)]
             for task in tasks:
                 task.result()
+                done += 1
+                if progress:
+                    progress(done / (levels * len(tasks)))
 
         reach = np.hypot(*p.offsets.T)
         rows(_filter.nearest_rows, p.light, p.depth_of, p.means, p.taps, (1 - _rise(reach / INNER)).astype(np.float32))
@@ -126,7 +135,7 @@ def direct(image, distance, angle, column, lever, medium, *, outside="edge", ene
     offset = np.full((side, side), -1)
     for o, (dy, dx) in enumerate(p.offsets):
         offset[dy, dx] = offset[dx, dy] = o
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+    with _workers(threads) as pool:
         tasks = [pool.submit(_filter.every_pair, wanted[k:k + _SOME], farthest, p.z, p.column, p.lever, p.u, p.light, p.depth_of,
                              p.shape, p.means, offset, kernels.STEP, outside == "black", sums[k:k + _SOME])
                  for k in range(0, len(wanted), _SOME)]
@@ -134,6 +143,16 @@ def direct(image, distance, angle, column, lever, medium, *, outside="edge", ene
             task.result()
     done = p.finished(sums, wanted)
     return done.reshape(*p.z.shape, p.channels) if pixels is None else done
+
+
+@contextmanager
+def _workers(threads):
+    """Threads that leave what has not begun when they are interrupted."""
+    pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 class _Prepared:

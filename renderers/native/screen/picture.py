@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import UsageError
+from bakery.machine import free_memory
 
+_BYTES = 1000.0  # a pixel, of all that rendering holds at once
 _ALPHA = 1 - 1e-6
 
 
@@ -101,7 +103,9 @@ def from_files(color, depth, *, origin, target, up, fov, layer=None, channel=Non
     ------
     UsageError : a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance
     """
-    rgb, raw = read_color(color, layer), read_depth(depth, channel)
+    rgb = read_color(color, layer)
+    _refuse_too_large(color, *rgb.shape[:2])
+    raw = read_depth(depth, channel)
     if rgb.shape[:2] != raw.shape:
         raise UsageError(f"{depth}: found {_size(raw)} pixels; {color} has {_size(rgb)}")
     distance = raw * float(unit)
@@ -226,6 +230,14 @@ def library():
     return mi
 
 
+def _refuse_too_large(path, height, width):
+    """Now rather than when the system runs out of memory, minutes later."""
+    needed, free = _BYTES * height * width, free_memory()
+    if free is not None and needed > free:
+        raise UsageError(f"{path}: found {width} x {height} pixels, which need some {needed / 1e9:.3g} GB of memory; "
+                         f"{free / 1e9:.3g} GB are free, enough for {free / _BYTES / 1e6:.3g} million pixels")
+
+
 # ---- from a Mitsuba scene
 
 
@@ -253,6 +265,7 @@ def from_mitsuba(path, *, samples=None, unit=1.0, quality="preview", variant=Non
     scene, chosen, reason = load(path, variant=variant)
     sensor = scene.sensors()[0]
     width, height = (int(n) for n in sensor.film().crop_size())
+    _refuse_too_large(path, height, width)
     camera = _sensor_camera(mi, sensor, path, width, height)
     samples = max(1, round(QUALITY[quality] * (samples or sensor.sampler().sample_count())))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed, progress=progress)
