@@ -291,7 +291,7 @@ def test_extremes(tmp_path, spread):
             for options in ({}, {"outside": "black"}, {"energy": "lost"}, {"cut_off": 2.0}):
                 found = screen.fogged(image, z, angle, deep, lever, fog, **options)
                 assert np.isfinite(found).all() and (found >= 0).all()
-                assert found.max() <= image.max() * (1 + 1e-3)  # light and shares of a block have two centres
+                assert found.max() <= image.max() * (1 + 2e-4)  # light and shares of a block have two centres: 6e-5
             assert found[..., 2] == pytest.approx(np.exp(-deep * fog.sigma_t[2]) * image[..., 2], rel=1e-12)
         if spread == 0.1 and tau <= 1:  # narrower than a pixel: nothing is blurred
             assert screen.fogged(image, z, 0.1, deep, z, fog)[..., 0] == pytest.approx(image[..., 0], abs=0.03 * image.max())
