@@ -146,10 +146,10 @@ def status_of(args: list[str] | None = None) -> int:
         _complain(f"bake: {error.format_message()}")
         return 2
     except (KeyboardInterrupt, click.Abort):
-        _complain("interrupted; finished stages are in the cache")
+        _complain("interrupted; nothing is half written, finished stages of a bake are in the cache")
         return INTERRUPTED
     except _Terminated:
-        _complain("terminated; finished stages are in the cache")
+        _complain("terminated; nothing is half written, finished stages of a bake are in the cache")
         return TERMINATED
     except RecipeError as error:
         if "--json" in (sys.argv[1:] if args is None else args):
