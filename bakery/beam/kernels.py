@@ -32,15 +32,6 @@ def erf_kernel(alpha, beta, r):
     return alpha / r * G(np.divide(r, beta))
 
 
-def erf_within(x):
-    """Share of the error-function kernel within r = x beta: 0.791 at 1, 0.979 at 2, 0.999 at 3.
-
-    sqrt(2 pi) x G(x) + 1 - e^(-x^2/2); for small x it is sqrt(pi/2) x.
-    """
-    x = np.asarray(x, float)
-    return math.sqrt(2 * math.pi) * x * G(x) - np.expm1(-x * x / 2)
-
-
 def single_kernel(depth, sigma_s, tau, B, r):
     """Light scattered once by a Gaussian phase function at small angles: sigma_s e^-tau/(2 sqrt(pi B) r) G(r/(z sqrt(2 B)))."""
     B = np.asarray(B, float)

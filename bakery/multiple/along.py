@@ -50,8 +50,8 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
     table = lookup.lobes(lookup.ready(made), rho_t, z_t, fit.test_polar, fit.test_azimuth)
     own, noise = fit.share((table - exact) ** 2, exact), fit.share((apart[0] - apart[1]) ** 2, exact) / 4
     worst = math.hypot(float(np.sqrt((own + noise).max())), inherited)
-    made = replace(made, error=math.hypot(uniform.upper(own), inherited), worst=worst,
-                   error_with_solver=math.hypot(uniform.upper(own + noise), inherited))
+    made = replace(made, error=math.hypot(tables.upper(own), inherited), worst=worst,
+                   error_with_solver=math.hypot(tables.upper(own + noise), inherited))
     errors = np.zeros(len(rho))
     _deviations(ready, length, np.ascontiguousarray(deviations), rho, z, errors)
     return made, np.minimum(errors, 1.0)

@@ -71,7 +71,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=tables.LE
     """
     medium = tally.medium(albedo, theta, phase, extent)
     if albedo == 0:
-        made = {kind: uniform.empty(kind, float(length) if kind == SEGMENT else 0.0, medium) for kind in kinds}
+        made = {kind: tables.empty(kind, float(length) if kind == SEGMENT else 0.0, medium.extent, medium.k0) for kind in kinds}
         return Counted(made, {kind: np.zeros(0) for kind in kinds}, 0.0, 0, 0)
     sums = tally.follow(medium, min(_PILOT, photons or _PILOT), seed, 0)
     most = photons or MOST_FLIGHTS / sums.flights * sums.photons
@@ -172,8 +172,8 @@ def _measured(medium, sums, fit, made, variants):
     bias = (fit.share((halves[0] - fine[0]) * (halves[1] - fine[1]), table)
             + _SECOND**2 * fit.share((fine[0] - coarse[0]) * (fine[1] - coarse[1]), table))
     noise = fit.share((halves[0] - halves[1]) ** 2, table).mean(axis=1) / 4
-    ahead, bias = uniform.upper(bias[:, 0]), bias.mean(axis=1)
-    return replace(made, error=uniform.upper(bias), error_with_solver=uniform.upper(bias + noise, noise),
+    ahead, bias = tables.upper(bias[:, 0]), bias.mean(axis=1)
+    return replace(made, error=tables.upper(bias), error_with_solver=tables.upper(bias + noise, noise),
                    worst=float(np.sqrt(np.maximum(bias + noise, noise).max()))), ahead
 
 

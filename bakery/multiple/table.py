@@ -9,6 +9,7 @@ level, so that a look-up finds a uniform grid: the tree is a matter of the file 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -234,7 +235,7 @@ def build(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
     if kind == SEGMENT and not 0.1 <= length <= 10:
         raise ValueError(f"the tabulated segment is {length:g} mean free paths long; 0.1 to 10 will do")
     if medium.albedo == 0:
-        return _empty(kind, length, extent, medium.k0)
+        return empty(kind, length, extent, medium.k0)
     extent = min(float(extent), extent_needed(medium, OUTSIDE), _SOLVED * float(np.exp(medium.log_r[-1])))
     return _Build(solution, kind, length, extent, tolerance, most, finest, seed, threads).run()
 
@@ -296,7 +297,7 @@ class _Build:
         logs, weight = np.log(lobe), bases.weights(lobe, self.solid_angle)
         first = bases.start(logs, weight, self.most)
         for count in [k for k in COUNTS if k <= self.most]:
-            self.found = _quantised(bases.improved(first[:count + 1], logs, weight))
+            self.found = quantised(bases.improved(first[:count + 1], logs, weight))
             a = bases.coefficients(logs, weight, self.found)
             error = near * bases.distance(logs - self.found[0], a, weight, self.found)
             if np.sqrt((error**2).mean()) < self.tolerance / 2:
@@ -368,7 +369,7 @@ class _Build:
         whole = np.rint(a[:, 1:] / scale.astype(np.float32)).astype(np.int16)
         stored = np.exp(self.found[0] + bases.combine(whole * scale.astype(np.float32).astype(float), self.found[1:]))
         offset = a[:, 0] - np.log((stored * self.solid_angle).sum(axis=1))
-        basis_scale = _scales(self.found)
+        basis_scale = scales(self.found)
         bounds = np.array(self.bounds) / np.repeat(self.size, 2)
         return Table(self.kind, self.length, self.extent, self.medium.k0, bounds.astype(np.float32),
                      np.array(self.child, np.int32), corner.astype(np.int16), offset.astype(np.float32), whole,
@@ -381,8 +382,8 @@ class _Build:
         error = _errors(table, self.medium.order, rho, z, c)
         nearest = np.clip(z, 0, self.length)
         r, angle = np.hypot(rho, z - nearest), np.arctan2(rho, z - nearest)
-        solver = self.solution.error(r, angle)
-        return replace(table, error=_upper(error), error_with_solver=_upper(np.hypot(error, solver)), worst=float(error.max()))
+        both = np.hypot(error, self.solution.error(r, angle))
+        return replace(table, error=upper(error**2), error_with_solver=upper(both**2), worst=float(error.max()))
 
 
 def places(kind, length, extent, random):
@@ -423,21 +424,25 @@ def _errors(table, order, rho, z, c):
     return np.sqrt((weight * (found - exact) ** 2).sum(axis=(1, 2)) / (weight * exact**2).sum(axis=(1, 2)))
 
 
-def _upper(error):
-    square = error**2
-    return float(np.sqrt(square.mean() + 3 * square.std() / np.sqrt(len(square))))
+def upper(square, least=0.0):
+    """Root of a mean over places, plus three of its standard errors; the mean is at least that of `least`."""
+    mean = max(float(np.mean(square)), float(np.mean(least)))
+    return math.sqrt(max(mean + 3 * float(np.std(square)) / math.sqrt(len(square)), 0.0))
 
 
-def _scales(found):
+def scales(found):
+    """Of the functions of a basis, so that int16 holds them."""
     return np.maximum(np.abs(found).max(axis=1) / _STEPS, 1e-30).astype(np.float32)
 
 
-def _quantised(found):
-    scale = _scales(found).astype(float)[:, None]
+def quantised(found):
+    """The functions of a basis as int16 holds them."""
+    scale = scales(found).astype(float)[:, None]
     return np.rint(found / scale) * scale
 
 
-def _empty(kind, length, extent, k0):
+def empty(kind, length, extent, k0) -> Table:
+    """The table of a medium that scatters nothing."""
     none = np.zeros((0, 2))
     roots = np.array([[0, 1, 0, 0.5], [0, 1, 0.5, 1]], np.float32)
     return Table(kind, length, float(extent), k0, roots, np.array([-1, -1], np.int32),

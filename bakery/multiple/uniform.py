@@ -7,8 +7,6 @@ leave over, noise has the mean 0.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from bakery.multiple import basis as bases
@@ -34,7 +32,6 @@ class Fit:
 
     Attributes
     ----------
-    order : Legendre orders that the phase function has
     shape, solid_angle, polar, azimuth : of the directions of the basis, D = A B in all
     test_polar, test_azimuth, test_weight : other directions, (A',), (B',), (A', B'), for errors
     """
@@ -42,7 +39,7 @@ class Fit:
     def __init__(self, medium, tolerance, random):
         p = legendre.moments(medium.theta, medium.phase, _ORDERS[1])
         order = int(np.flatnonzero(np.abs(p) > _ORDERS[0])[-1])
-        self.order, self.tolerance, self.random = order, min(tolerance, _COARSEST), random
+        self.tolerance, self.random = min(tolerance, _COARSEST), random
         self.shape = tables.shape(order)
         self.solid_angle = frame.solid_angles(self.shape).ravel()
         self.polar, self.azimuth = frame.polar(np.linspace(0, 1, self.shape[0])), np.linspace(0, np.pi, self.shape[1])
@@ -94,9 +91,7 @@ class Fit:
         logs, apart, weight = logs[sample], apart[sample], weight[sample]
         best = np.inf, first[:1]
         for count in tables.COUNTS:
-            found = bases.improved(first[:count + 1], logs, weight * of_row[:, None])
-            scale = _scales(found).astype(float)[:, None]
-            found = np.rint(found / scale) * scale
+            found = tables.quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
             a, more = _in_basis(logs, apart, weight, found)
             rest = logs - found[0] - bases.combine(a, _with_one(found))
             left = apart - bases.combine(more, _with_one(found))
@@ -113,7 +108,7 @@ class Fit:
         corner = np.argwhere(np.ones((2**DEPTH + 1, ASPECT * 2**DEPTH + 1)))
         scale = (np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / _STEPS).astype(np.float32)
         whole = np.rint(a[:, 1:] / scale).astype(np.int16)
-        basis_scale = _scales(found)
+        basis_scale = tables.scales(found)
         basis = np.rint(found / basis_scale[:, None].astype(float)).astype(np.int16)
         functions = basis * basis_scale[:, None].astype(float)
         stored = np.exp(functions[0] + bases.combine(whole * scale.astype(float), functions[1:]))
@@ -135,18 +130,11 @@ def changed(ready: lookup.Ready, made: Table, change) -> lookup.Ready:
     return ready._replace(grid=np.ascontiguousarray(grid, np.float32))
 
 
-def empty(kind, length, medium) -> Table:
-    """The table of a medium that scatters nothing."""
-    none = np.zeros((0, 2), np.int16)
-    return Table(kind, length, medium.extent, medium.k0, *_tree(0), none, np.zeros(0, np.float32), np.zeros((0, 0), np.int16),
-                 np.zeros(0, np.float32), np.zeros((1, 2, 2), np.int16), np.zeros(1, np.float32))
-
-
-def _tree(depth=DEPTH):
-    """Bounds and children of a tree of this depth everywhere."""
+def _tree():
+    """Bounds and children of the tree of that depth everywhere."""
     bounds, child = [(0.0, 1.0, i / ASPECT, (i + 1) / ASPECT) for i in range(ASPECT)], [-1] * ASPECT
     leaves = range(ASPECT)
-    for _ in range(depth):
+    for _ in range(DEPTH):
         first = len(bounds)
         for leaf in leaves:
             left, right, low, high = bounds[leaf]
@@ -166,13 +154,3 @@ def _with_one(found):
     regressors = found.copy()
     regressors[0] = 1.0
     return regressors
-
-
-def _scales(found):
-    return np.maximum(np.abs(found).max(axis=1) / _STEPS, 1e-30).astype(np.float32)
-
-
-def upper(square, least=0.0):
-    """Root of a mean over places, plus three of its standard errors; the mean is at least that of `least`."""
-    mean = max(float(np.mean(square)), float(np.mean(least)))
-    return math.sqrt(max(mean + 3 * float(np.std(square)) / math.sqrt(len(square)), 0.0))

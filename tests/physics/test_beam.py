@@ -99,8 +99,6 @@ def test_the_error_function_kernel_has_the_moments_it_was_made_from():
         total = integrate.quad(lambda r, n=power: 2 * math.pi * r ** (n + 1) * kernels.erf_kernel(alpha, beta, r), 0,
                                20 * beta)[0]
         assert total == pytest.approx(moment, rel=1e-8)
-    assert kernels.erf_within(np.array([1, 2, 3])) == pytest.approx([0.791, 0.979, 0.999], abs=5e-4)
-    assert kernels.erf_within(1e-12) == pytest.approx(math.sqrt(math.pi / 2) * 1e-12, rel=1e-9)
 
 
 def test_the_other_kernels_hold_the_power():

@@ -11,6 +11,7 @@ import pytest
 import bakery
 from bakery.beam import photons
 from bakery.errors import UsageError
+from benchmarks.screen import scene
 from renderers.native.screen import filter as screen
 from renderers.native.screen import kernels
 
@@ -38,20 +39,6 @@ def asset(tmp_path_factory):
 @pytest.fixture(scope="module")
 def fog(asset):
     return kernels.fog_of(asset)
-
-
-def scene(height, width, seed=1):
-    """A wall at 60 m, a floor, boxes, lamps; uneven fog."""
-    random = np.random.default_rng(seed)
-    y, x = (np.mgrid[0:height, 0:width] + 0.5) / np.array([height, width])[:, None, None]
-    z = np.minimum(60.0, 2 / np.maximum(y - 0.55, 1e-3))
-    for cx, cy, r, d in random.uniform((0, 0.2, 0.03, 4), (1, 0.8, 0.12, 40), (8, 4)):
-        z = np.where((abs(x - cx) < r) & (abs(y - cy) < r), np.minimum(z, d), z)
-    image = np.stack([0.2 + 0.3 * np.sin(20 * x + c) ** 2 + 0.3 * (np.sin(37 * y + 3 * c) > 0.3) for c in range(3)], -1)
-    image *= (0.4 + 0.6 * np.sin(3 * z) ** 2)[..., None]
-    image[random.random((height, width)) < 20 / (height * width)] = 20.0
-    column = z * (1 + 0.6 * np.sin(6 * x + 2 * y) * np.cos(9 * y) + 0.3 * np.sin(31 * x * y))
-    return image, z, np.full(z.shape, 0.8 / width), column, z * (1 + 0.4 * np.sin(8 * x - 5 * y))
 
 
 def rms(found, expected):

@@ -29,12 +29,18 @@ def _place(value, last):
     return min(max(value, 0.0), last)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _four(t, v, factor):
+    """Nodes before a place (t, v) and the weights of the four around it, times a factor."""
+    i, j = int(t), int(v)
+    f, g = t - i, v - j
+    return i, j, (1 - f) * (1 - g) * factor, (1 - f) * g * factor, f * (1 - g) * factor, f * g * factor
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _profile(table, t, v, factor, out):
     """table[t, v + n] for n = 0, 1, ..., linear in both, times a factor."""
-    i, j = int(t), int(v)
-    f, g = t - i, v - j
-    a, b, c, d = (1 - f) * (1 - g) * factor, (1 - f) * g * factor, f * (1 - g) * factor, f * g * factor
+    i, j, a, b, c, d = _four(t, v, factor)
     for n in range(len(out)):
         out[n] = a * table[i, j + n] + b * table[i, j + n + 1] + c * table[i + 1, j + n] + d * table[i + 1, j + n + 1]
 
@@ -42,9 +48,7 @@ def _profile(table, t, v, factor, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _means(table, t, v, factor, out):
     """The same for means over pixels: table[t, v, o]."""
-    i, j = int(t), int(v)
-    f, g = t - i, v - j
-    a, b, c, d = (1 - f) * (1 - g) * factor, (1 - f) * g * factor, f * (1 - g) * factor, f * g * factor
+    i, j, a, b, c, d = _four(t, v, factor)
     for n in range(len(out)):
         out[n] = a * table[i, j, n] + b * table[i, j + 1, n] + c * table[i + 1, j, n] + d * table[i + 1, j + 1, n]
 
