@@ -13,6 +13,7 @@ from bakery.recipe import load
 from bakery.run.executors import Context, threads
 from bakery.stages import effective, exemplars, grains
 from bakery.store.tree import Dataset, Group
+from bakery.verify import verify
 
 RECIPE = """\
 bakery: 1
@@ -43,7 +44,9 @@ def recipe(tmp_path, components, tolerance="10%", fraction=0.63, packing="", mor
 @pytest.fixture
 def bake(tmp_path):
     def run(components, **settings):
-        return bakery.open(bakery.bake(recipe(tmp_path, components, **settings), output=tmp_path / "packed.h5"))
+        path = bakery.bake(recipe(tmp_path, components, **settings), output=tmp_path / "packed.h5")
+        assert not verify(path)
+        return bakery.open(path)
 
     return run
 
