@@ -91,15 +91,18 @@ def filtered(halves, variance, features=None, radius=7, patch=2, strength=0.7, c
     return tuple((total / weight[..., None]).astype(float) for total, weight in zip(sums, weights))
 
 
-def output_pair(output):
-    """Paths (PNG, EXR) beside each other for `X.png` or `X.exr`; raises UsageError where they cannot be written."""
+def output_pair(output, inputs=(), overwrite=False):
+    """Paths (PNG, EXR) beside each other for `X.png` or `X.exr`.
+
+    Raises UsageError where they cannot be written, where one is a file of `inputs`, and, but for `overwrite`, where what stands
+    there is no such picture.
+    """
+    from bakery.store.outputs import by_suffix, check_outputs
+
     output = Path(output)
     if output.suffix.lower() not in (".png", ".exr"):
         raise UsageError(f"{output}: a picture's name ends in .png or .exr (both are written, beside each other)")
     pair = output.with_suffix(".png"), output.with_suffix(".exr")
-    for path in pair:
-        if path.is_dir():
-            raise UsageError(f"{path}: is a folder; give the name of a picture")
     if not output.parent.is_dir():
         raise UsageError(f"{output}: there is no folder {output.parent}; make it first")
     try:
@@ -107,6 +110,7 @@ def output_pair(output):
             pass
     except OSError as error:
         raise UsageError(f"{output}: cannot write in {output.parent}: {error.strerror}") from None
+    check_outputs(by_suffix(pair), inputs, overwrite)
     return pair
 
 

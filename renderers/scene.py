@@ -23,6 +23,7 @@ from bakery.recipe.problems import distinct, places, translate
 from bakery.recipe.section import Section
 from bakery.recipe.text import Mapping, Node, Sequence
 from bakery.recipe.units import ANGLE, NUMBER_ONLY, Quantity, Wrong
+from renderers.inputs import files_of
 
 FORMAT = 1
 SUFFIXES = (".yaml", ".yml")
@@ -111,6 +112,17 @@ class Scene:
     def picture(self) -> Path:
         """Where the picture goes unless the user says."""
         return self.path.parent / f"{self.values.name}.png"
+
+    @property
+    def inputs(self) -> list[Path]:
+        """The scene and every file that it is made of."""
+        found = [self.path]
+        for key in import_module(f"{self.renderer}.scene").FILES:
+            value = self.values
+            for step in key.split("."):
+                value = getattr(value, step, None)
+            found += files_of(self.file(value)) if value is not None else []
+        return found
 
     def file(self, name: str) -> Path:
         """A file that the scene names."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
-from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option, with_scene
+from bakery.cli.options import (json_option, overwrite_option, print_json, print_paths, quiet_option, recipe_options, settings_of,
+                                verbose_option, with_scene)
 from bakery.errors import RecipeError, UsageError
-from bakery.report.text import write
 
 
 @click.command(
@@ -22,20 +24,23 @@ from bakery.report.text import write
 @click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 @click.option("--depfile", metavar="FILE", help="Write the files that the asset depends on, in Make's syntax.")
+@overwrite_option
 @json_option
 @quiet_option
 @verbose_option
-def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, cluster, force, dry_run, depfile, as_json,
-            quiet, verbose):
+def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, cluster, force, dry_run, depfile, overwrite,
+            as_json, quiet, verbose):
     """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise.
 
-    Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset.
+    Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset,
+    and nothing else, on standard output.
     """
     from pathlib import Path
 
-    from bakery.run import execute, prepare
+    from bakery.run import execute, files_of, prepare
     from bakery.run.cache import Cache
-    from bakery.run.progress import choose
+    from bakery.run.progress import Named, choose
+    from bakery.store.outputs import ASSET, DEPFILE, check_outputs
 
     if len(recipes) > 1 and output and not output.endswith("/"):
         raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each NAME.h5 into a folder')
@@ -49,34 +54,39 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
         for recipe in recipes:
             try:
                 plans.append(prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force,
-                                     cache=cache, jobs=jobs))
+                                     cache=cache, jobs=jobs, overwrite=overwrite))
             except RecipeError as error:
                 problems += error.problems
         if problems:
             raise RecipeError(problems)
-        targets = [plan.output.absolute() for plan in plans]
+        targets = [os.path.realpath(plan.output) for plan in plans]
         for i, target in enumerate(targets):
             if target in targets[:i]:
                 raise UsageError(f"{recipes[targets.index(target)]} and {recipes[i]} would both become {plans[i].output}; "
                                  "give each its own name or bake them apart")
+        check_outputs([(plan.output, ASSET) for plan in plans] + ([(depfile, DEPFILE)] if depfile else []),
+                      [file for plan in plans for file in files_of(plan.recipe)] + ([scene] if scene else []), overwrite)
         if dry_run:
             from bakery.cli.plan import show
 
             show(plans, as_json, verbose)
             return
         reports = []
-        for plan in plans:
-            baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=progress)
+        for recipe, plan in zip(recipes, plans, strict=True):
+            told = Named(progress, recipe) if len(plans) > 1 else progress
+            baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=told)
             if depfile:
                 from bakery.run import depfile as rules
 
                 rules.write(Path(depfile), str(plan.output), [str(file) for file in baked.files])
             if verbose:
                 for step in baked.steps:
-                    progress.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
+                    told.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
             reports.append(baked.as_dict())
             if not as_json:
-                write(f"{baked.output}" + ("\n" if baked.written else " is up to date\n"))
+                print_paths([baked.output])
+                if not baked.written:
+                    told.say(f"{baked.output} is up to date")
             for wish in baked.missed:
                 click.echo(f"{baked.output}: {wish}", err=True)
         if as_json:

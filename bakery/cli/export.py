@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from bakery.cli.options import json_option, print_json
+from bakery.cli.options import json_option, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError, UsageError
 
 LATER = ("pbrt",)
@@ -25,11 +25,13 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
               help="Folder of the files.  Default: NAME-FORMAT beside the asset.")
 @click.option("--each-wavelength", is_flag=True,
               help="mitsuba: one file a wavelength, instead of one in colour with a mean table.")
+@overwrite_option
 @json_option
-def command(asset, target, output, each_wavelength, as_json):
-    """Write ASSET for other software.  Prints the files and what was lost on the way."""
+def command(asset, target, output, each_wavelength, overwrite, as_json):
+    """Write ASSET for other software.  Prints the files on standard output, what was lost on the way on standard error."""
     import bakery
     from bakery.report.files import folder_for
+    from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 
     if target not in FORMATS:
@@ -49,6 +51,7 @@ def command(asset, target, output, each_wavelength, as_json):
     else:
         files, lost, lines = _mitsuba(opened, stem, each_wavelength)
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
+    check_outputs(by_suffix(folder / name for name in files), [asset], overwrite)
     paths = [str(put(folder / name, content)) for name, content in files.items()]
     if as_json:
         print_json({"files": paths, "lost": lost})
@@ -85,17 +88,18 @@ def _forms(asset, target: str):
 
 
 def _print(paths, lines) -> None:
-    """Paths, each with what belongs to its file where `lines` is a list of such lists, and what belongs to all."""
-    from bakery.report.text import say
+    """Paths; on standard error what belongs to each file, where `lines` is a list of such lists, and what belongs to all."""
+    from bakery.report.text import remark
 
+    print_paths(paths)
     own = [line for line in lines if isinstance(line, list)]
-    for i, path in enumerate(paths):
-        say(path)
-        for line in own[i] if own else ():
-            say(line)
+    for path, about in zip(paths, own):
+        remark(path)
+        for line in about:
+            remark(line)
     for line in lines:
         if not isinstance(line, list):
-            say(line)
+            remark(line)
 
 
 def _mitsuba(asset, stem: str, each: bool):

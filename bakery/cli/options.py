@@ -11,6 +11,8 @@ from bakery.report.text import write
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
+overwrite_option = click.option("--overwrite", is_flag=True,
+                                help="Replace also a file of another kind that stands where an output goes.")
 verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on standard error.")
 
 
@@ -55,6 +57,11 @@ def with_scene(recipe, settings: dict[str, str], scene) -> dict[str, str]:
     for name in missing:
         click.echo(f"{recipe}: {name}, because {scene} needs it", err=True)
     return {SECTIONS[name]: "{}" for name in missing} | settings
+
+
+def print_paths(paths) -> None:
+    """What a command wrote, on standard output: one path a line and nothing else, for `$(bake fog.yaml)`."""
+    write("".join(f"{path}\n" for path in paths))
 
 
 def print_json(value) -> None:

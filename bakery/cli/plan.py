@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, recipe_options, settings_of, verbose_option, with_scene
+from bakery.cli.options import json_option, overwrite_option, print_json, recipe_options, settings_of, verbose_option, with_scene
 from bakery.report.text import say
 
 
@@ -14,14 +14,16 @@ from bakery.report.text import say
 @recipe_options
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
 @click.option("--force", is_flag=True, help="Plan to compute every stage again.")
+@overwrite_option
 @json_option
 @verbose_option
-def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, force, as_json, verbose):
+def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, force, overwrite, as_json, verbose):
     """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing."""
     from bakery.run import prepare
 
     values = settings_of(quality, tolerance, seed, settings)
-    show([prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force, jobs=jobs)
+    show([prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force, jobs=jobs,
+                  overwrite=overwrite)
           for recipe in recipes], as_json, verbose)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bakery.cli.options import json_option, print_json
+from bakery.cli.options import json_option, overwrite_option, print_json, print_paths
 from bakery.errors import AssetError
 
 
@@ -14,8 +14,9 @@ from bakery.errors import AssetError
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR",
               help="Folder of the pictures.  Default: NAME-plots beside the asset.")
+@overwrite_option
 @json_option
-def command(asset, output, as_json):
+def command(asset, output, overwrite, as_json):
     """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation, grains, tiles.
 
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
@@ -23,7 +24,7 @@ def command(asset, output, as_json):
     import bakery
     from bakery.report.figures import drawn, pictures
     from bakery.report.files import csv_text, folder_for
-    from bakery.report.text import say
+    from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 
     root = bakery.open(asset).tree
@@ -32,12 +33,14 @@ def command(asset, output, as_json):
         raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
     stem = Path(asset).stem
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-plots"))
+    check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in found for form in ("png", "svg", "csv")),
+                  [asset], overwrite)
     written = []
     for picture in found:
         files = drawn(picture) | {"csv": csv_text(picture.columns)}
         paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
         written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})
-        for path in [] if as_json else paths.values():
-            say(path)
+        if not as_json:
+            print_paths(paths.values())
     if as_json:
         print_json(written)

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, quiet_option, settings_of
+from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of
 from bakery.errors import UsageError
-from bakery.report.text import say
 
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
 @click.argument("source", metavar="SCENE|ASSET")
 @click.option("-o", "--output", metavar="IMAGE", help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
-@click.option("--quality", metavar="draft|preview|final", help="Noise of Mitsuba's pictures against time.  [default: preview]")
+@click.option("--quality", metavar="draft|preview|final", help="Noise of Mitsuba's pictures against time.  [default: preview; what it asks for of a Mitsuba scene]")
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")
+@overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
-    In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
+    In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.  Prints the paths of both
+    pictures; how they were made is said on standard error.
     """
     from pathlib import Path
 
@@ -32,7 +33,7 @@ def command(source, output, quality, variant, seed, settings, as_json, quiet):
     if not path.is_file():
         raise UsageError(f'found "{source}", which is no file; a scene (.yaml or .xml) or an asset (.h5) would do')
     values = settings_of(None, None, None, settings)
-    options = {"quality": quality, "variant": variant, "seed": seed}
+    options = {"quality": quality, "variant": variant, "seed": seed, "overwrite": overwrite}
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
@@ -44,7 +45,7 @@ def command(source, output, quality, variant, seed, settings, as_json, quiet):
     else:
         import renderers.mitsuba as renderer
 
-        options = {"quality": quality or "preview", "variant": variant, "seed": seed or 0}
+        options |= {"quality": quality or ("final" if suffix == ".xml" else "preview"), "seed": seed or 0}
         draw, target, name = renderer.preview, output or path.with_suffix(".png"), path.name
         if suffix == ".xml":
             draw, options["parameters"] = renderer.render_scene, values
@@ -59,5 +60,6 @@ def command(source, output, quality, variant, seed, settings, as_json, quiet):
     if as_json:
         print_json(report)
         return
+    print_paths(report["files"])
     for line in renderer.describe(report):
-        say(line)
+        progress.say(line)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json, quiet_option, recipe_options, settings_of, verbose_option, with_scene
+from bakery.cli.options import (json_option, overwrite_option, print_json, quiet_option, recipe_options, settings_of,
+                                verbose_option, with_scene)
 from bakery.errors import Interrupted
 
 
@@ -18,10 +19,11 @@ from bakery.errors import Interrupted
 @recipe_options
 @click.option("--measure", metavar="NAME", help="Error that ranks the settings.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
+@overwrite_option
 @json_option
 @quiet_option
 @verbose_option
-def command(recipe, output, stage, scene, quality, tolerance, seed, settings, measure, budget, as_json, quiet, verbose):
+def command(recipe, output, stage, scene, quality, tolerance, seed, settings, measure, budget, overwrite, as_json, quiet, verbose):
     """Measure true error against time over the knobs of each stage of RECIPE.
 
     Prints the settings that are worth their time, the cheapest one for the wished tolerance, and where draft, preview and final
@@ -36,7 +38,7 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
     try:
         found = trade(recipe, output, stages=stage, quality=quality,
                       settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
-                      budget=budget, progress=progress, verbose=verbose)
+                      budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
     finally:

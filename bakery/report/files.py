@@ -10,6 +10,8 @@ from bakery.errors import UsageError
 
 def folder_for(path: Path) -> Path:
     """The folder, made if it is missing."""
+    if str(path) == "-":
+        raise UsageError("-: outputs go into a folder, not to standard output; name one with -o")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError:

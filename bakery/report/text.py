@@ -44,6 +44,14 @@ def write(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def remark(line: str) -> None:
+    """One line on standard error: what is no result; a terminal wraps it."""
+    try:
+        print(line, file=sys.stderr)
+    except (OSError, ValueError):
+        pass  # standard error is full or closed: the results are written all the same
+
+
 def plain(out=None) -> bool:
     """Whether standard output cannot show lines and dots beyond ASCII."""
     try:

@@ -76,24 +76,31 @@ def target_of(output: str | os.PathLike | None, name: str) -> Path:
     return Path(text) / f"{name}.h5" if text.endswith("/") else Path(text)
 
 
+def files_of(recipe) -> tuple[Path, ...]:
+    """Every file that a recipe was read from, itself first."""
+    return (recipe.path, *(file.path for file in recipe.files))
+
+
 def prepare(
     recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
+    overwrite: bool = False,
 ) -> Plan:
     """Read and check a recipe and plan its bake; runs nothing and writes nothing.
 
     Raises
     ------
     RecipeError : with every problem of the recipe
-    UsageError : the output cannot be written, or the bake is larger than this machine
+    UsageError : the output cannot be written, is an input or (but for `overwrite`) no asset, or the bake is larger than this
+        machine
     """
     from bakery.recipe import load
-    from bakery.store.write import check_target
+    from bakery.store.outputs import ASSET, check_outputs
 
     cache = cache or Cache()
     recipe = load(recipe_path, dict(settings or {}))
     target = target_of(output, recipe.name)
-    check_target(target)
+    check_outputs([(target, ASSET)], files_of(recipe), overwrite)
     standing = _standing(target)
     previous, current, same = _known(standing, recipe)
     workers = resources.jobs(jobs)
@@ -129,7 +136,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     cache.sweep()
     sweep(os.path.dirname(os.path.realpath(plan.output)))
     workers = resources.jobs(jobs)
-    files = tuple([plan.recipe.path] + [file.path for file in plan.recipe.files])
+    files = files_of(plan.recipe)
     standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
@@ -154,7 +161,7 @@ def bake(
     recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
     settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
-    cluster: str | None = None, force: bool = False, progress: Progress | None = None,
+    cluster: str | None = None, force: bool = False, progress: Progress | None = None, overwrite: bool = False,
 ) -> Path:
     """Bake a recipe into one asset; what `bake RECIPE` does.
 
@@ -171,6 +178,7 @@ def bake(
     cluster : address of a Dask scheduler
     force : compute every stage again
     progress : from `bakery.run.progress`; silent by default
+    overwrite : replace what stands at `output` also where it is no asset
 
     Returns
     -------
@@ -187,7 +195,7 @@ def bake(
     """
     cache = Cache(say=progress.say if progress else lambda text: None)
     plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
-                   cache=cache, jobs=jobs)
+                   cache=cache, jobs=jobs, overwrite=overwrite)
     baked = execute(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress)
     if baked.missed:
         raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))
@@ -300,7 +308,7 @@ def _now() -> str:
 
 
 def _standing(path: Path) -> Group | None:
-    """The intact asset that stands at the output path, or None: a damaged or foreign file is replaced, not read."""
+    """The intact asset that stands at the output path, or None: a damaged one is replaced, not read."""
     from bakery.store.read import read
 
     if not path.is_file():

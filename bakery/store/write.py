@@ -57,6 +57,8 @@ def check_target(path: str | os.PathLike) -> None:
     shown = os.fspath(path)
     if not shown or "\0" in shown:
         raise UsageError(f"{shown!r}: not the name of a file")
+    if shown == "-":
+        raise UsageError("-: outputs are files, not standard output; name one")
     target = os.path.realpath(shown)
     folder = os.path.dirname(target)
     try:

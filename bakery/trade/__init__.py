@@ -41,7 +41,7 @@ class Trade:
 def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
           quality: str | None = None, tolerance: str | float | None = None, seed: str | int | None = None,
           settings: Mapping[str, str] | None = None, budget: float = BUDGET, progress: Progress | None = None,
-          measure: str | None = None, verbose: bool = False) -> Trade:
+          measure: str | None = None, verbose: bool = False, overwrite: bool = False) -> Trade:
     """Measure error against time over the knobs of a recipe's stages, and write a table, a picture a stage, and all figures.
 
     Parameters
@@ -53,6 +53,7 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     measure : name of the error that ranks settings and meets tolerances; the first of each stage by default
     budget : minutes, for all stages together
     progress, verbose : who is told what happens, and whether of each run
+    overwrite : replace also files of other kinds that stand where the results go
 
     Raises
     ------
@@ -62,8 +63,9 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     """
     from bakery.recipe import load
     from bakery.report.files import folder_for
-    from bakery.run import QUALITY, overrides
+    from bakery.run import QUALITY, files_of, overrides
     from bakery.run.progress import Progress
+    from bakery.store.outputs import by_suffix, check_outputs
     from bakery.trade.settings import Job, text_of
     from bakery.trade.sweep import Sweeper
 
@@ -78,6 +80,8 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     checked = load(recipe, base)
     chosen = _with_knobs(checked, stages)
     folder = folder_for(Path(output) if output else Path(f"{checked.name}.trade"))
+    names = ("trade.json", "trade.csv", *(f"{stage.name}.png" for stage in chosen))
+    check_outputs(by_suffix(folder / name for name in names), files_of(checked), overwrite)
     for part in ("runs", "reference"):
         folder_for(folder / part)
     progress = progress or Progress()

@@ -16,11 +16,12 @@ def main(arguments=None) -> int:
     parser.add_argument("--variant")
     parser.add_argument("--spp", type=int)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--overwrite", action="store_true", help="replace also files of other kinds")
     options = parser.parse_args(arguments)
     try:
         from renderers.mitsuba import preview, render_scene
 
-        common = {"variant": options.variant, "spp": options.spp, "seed": options.seed,
+        common = {"variant": options.variant, "spp": options.spp, "seed": options.seed, "overwrite": options.overwrite,
                   "progress": _show if sys.stderr.isatty() else None}
         if options.source.lower().endswith(".xml"):
             report = render_scene(options.source, options.output, **common)

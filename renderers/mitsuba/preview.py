@@ -55,7 +55,7 @@ def block_edge(asset, packed=False) -> tuple[float, str]:
 
 
 def preview(asset_path, output_path, *, quality="preview", width=None, spp=None, tolerance=None, time_limit=None, variant=None,
-            seed=0, denoise=True, progress=None) -> dict:
+            seed=0, denoise=True, progress=None, overwrite=False) -> dict:
     """Renders the standard preview to a PNG and an EXR file beside each other.
 
     An asset of packed grains has two panels side by side: its exemplar grains, and a block of the medium that stands for them.
@@ -72,6 +72,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     variant : of Mitsuba; default the best that the machine can run
     denoise : whether the PNG shows the filtered picture; the EXR never does
     progress : function of (fraction 0 to 1, noise so far or None), called after each wavelength of each pass
+    overwrite : replace also files that are no such pictures
 
     Returns
     -------
@@ -89,7 +90,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     begin = time.monotonic()
     if quality not in QUALITY:
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
-    png, exr = images.output_pair(output_path)
+    png, exr = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
     held = [name for name in ("grains", "medium") if name in asset.stages]
     edge, words = block_edge(asset, "grains" in held) if "medium" in held else (0.0, "")

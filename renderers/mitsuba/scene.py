@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import AssetError, BakeryError, UsageError
-from renderers import images
+from renderers import images, inputs
 from renderers.mitsuba import passes, variants
 
 # Share of the scene's own samples.
@@ -50,8 +50,7 @@ def load(path, *, colour="rgb", variant=None, parameters=None):
 
 
 def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=None, spp=None, tolerance=0.0,
-                 time_limit=None, seed=0,
-                 parameters=None, progress=None) -> dict:
+                 time_limit=None, seed=0, parameters=None, progress=None, overwrite=False) -> dict:
     """Renders an XML scene to a PNG and an EXR file beside each other.
 
     Parameters
@@ -64,6 +63,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     spp : samples a pixel, instead
     tolerance, time_limit, seed, progress : as in `passes.render`
     parameters : dict, `$name` in the scene -> value
+    overwrite : replace also files that are no such pictures; never one that the scene reads
 
     Returns
     -------
@@ -82,7 +82,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
     if not scene_path.is_file():
         raise UsageError(f"{scene_path}: there is no such scene")
-    png, exr = images.output_pair(output)
+    png, exr = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters)
     samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,

@@ -19,8 +19,8 @@ def test_bake_writes_and_says_where(call, milk, tmp_path, monkeypatch):
     status, out, err = call("milk.yaml")
     assert status == 0 and out == "milk.h5\n", err
     assert "medium: " in err
-    status, out, _ = call("milk.yaml")
-    assert status == 0 and out == "milk.h5 is up to date\n"
+    status, out, err = call("milk.yaml")
+    assert status == 0 and out == "milk.h5\n" and err == "milk.h5 is up to date\n"
 
 
 def test_where_the_asset_goes(call, milk, tmp_path, monkeypatch):
@@ -35,7 +35,7 @@ def test_where_the_asset_goes(call, milk, tmp_path, monkeypatch):
 
 
 def test_a_link_is_kept_and_its_target_replaced(call, milk, tmp_path):
-    (tmp_path / "real.h5").write_bytes(b"old")
+    (tmp_path / "real.h5").write_bytes(b"bakery-asset 1, and damaged")
     (tmp_path / "link.h5").symlink_to("real.h5")
     assert call(milk, "-o", tmp_path / "link.h5")[0] == 0
     assert (tmp_path / "link.h5").is_symlink() and read(tmp_path / "real.h5").attributes["name"] == "milk"
@@ -43,8 +43,10 @@ def test_a_link_is_kept_and_its_target_replaced(call, milk, tmp_path):
 
 def test_several_recipes(call, milk, drops, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    status, out, _ = call(milk, drops, "-o", "./")
+    status, out, err = call(milk, drops, "-o", "./")
     assert status == 0 and out == "milk.h5\ndrops.h5\n"
+    assert [line.split(": ")[:2] for line in err.splitlines()] == [[str(milk), "medium"], [str(drops), "optics"],
+                                                                   [str(drops), "medium"]]
     assert call(milk, drops, "-o", "one.h5")[0] == 2
     assert "both become" in call(milk, milk)[2]
     assert call(milk, drops, "--depfile", "d")[0] == 2
@@ -186,7 +188,7 @@ def test_make_rebuilds_only_what_changed(drops, tmp_path):
     assert "drops.h5" in make()
     assert "up to date" in make()
     os.utime(tmp_path / "drops.yaml")  # touched, not changed: one bake that does nothing, then peace
-    assert "drops.h5 is up to date" in make()
+    assert "python" in make()
     assert "is up to date" in make() and "python" not in make()
     assert "water.csv" in (tmp_path / "drops.d").read_text()
 

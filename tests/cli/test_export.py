@@ -111,8 +111,9 @@ def fog(tmp_path_factory, root):
 
 
 def test_csv_holds_every_number(call, fog, root, tmp_path):
-    status, out, _ = call("export", fog, "--to", "csv", "-o", tmp_path / "t")
-    assert status == 0 and "nothing is lost" in out
+    status, out, err = call("export", fog, "--to", "csv", "-o", tmp_path / "t")
+    assert status == 0 and "nothing is lost" in err
+    assert sorted(out.splitlines()) == sorted(str(path) for path in (tmp_path / "t").iterdir())
     found = {}
     for path in (tmp_path / "t").glob("*.csv"):
         with open(path, newline="") as file:
@@ -160,8 +161,8 @@ def test_mitsuba_fragment(call, fog, root, tmp_path):
     g = root["medium/g"].data
     for row, own in zip(report["lost"][0]["wavelengths"], g, strict=True):
         assert row["g"] == pytest.approx(sigma_s @ g / sigma_s.sum() - own, abs=1e-5)
-    said = call("export", fog, "--to", "mitsuba", "-o", tmp_path)[1]
-    assert all(word in said for word in ("mean error", "largest error", "error of g", "forward peak cut", "at 0.465 um"))
+    status, out, said = call("export", fog, "--to", "mitsuba", "-o", tmp_path)
+    assert out == f"{tmp_path / 'fog.xml'}\n" and all(word in said for word in ("mean error", "largest error", "error of g", "forward peak cut", "at 0.465 um"))
 
 
 def test_stock_mitsuba_loads_it(call, fog, root, tmp_path):
@@ -217,22 +218,22 @@ def test_colour_in_stock_mitsuba(call, root, tmp_path):
 
 @pytest.fixture(scope="module")
 def lobes(tmp_path_factory, root):
-    """A small asset whose recipe says that it is water in air, and its lobes: path, folder, standard output."""
+    """A small asset whose recipe says that it is water in air, and its lobes: folder, standard output, standard error."""
     from bakery.cli import status_of
 
     recipe = ("bakery: 1\nparticles:\n  host: air\n  components:\n    - {name: droplets, material: water, "
               "size: {distribution: single, radius: 5 um}}\n")
     folder = tmp_path_factory.mktemp("lobes")
     write(folder / "fog.h5", with_member(root, "recipe", text(recipe, "the recipe's text")))
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         assert status_of(["export", str(folder / "fog.h5"), "--to", "hg"]) == 0
-    return folder / "fog-hg", out.getvalue()
+    return folder / "fog-hg", out.getvalue(), err.getvalue()
 
 
 def test_lobes_as_json_tell_what_their_formula_gives(lobes, root):
     """A reader who knows the JSON only: the formula in it, by the trapezoid, misdirects what is stated and has the g stated."""
-    folder, _ = lobes
+    folder, _, _ = lobes
     found = json.loads((folder / "fog_lobes.json").read_text())
     assert found["content_hash"] and [row["wavelength"] for row in found["wavelengths"]] == [0.61, 0.465]
     theta = np.union1d(np.geomspace(1e-6, math.pi, 20000), np.linspace(0, math.pi, 20000))
@@ -257,7 +258,7 @@ def test_lobes_as_json_tell_what_their_formula_gives(lobes, root):
 
 
 def test_lobes_as_csv_are_the_same(lobes):
-    folder, out = lobes
+    folder, out, err = lobes
     found = json.loads((folder / "fog_lobes.json").read_text())
     with open(folder / "fog_lobes.csv", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -270,8 +271,8 @@ def test_lobes_as_csv_are_the_same(lobes):
         assert (row["g 2 [1]"] == "") == (len(fit["lobes"]) == 1)
         assert float(row["misdirected [1]"]) == fit["error"]["misdirected"] and float(row["error of g [1]"]) == fit["error"]["g"]
     assert (folder / "fog_lobes.png").read_bytes().startswith(b"\x89PNG")
-    assert out.splitlines()[:3] == [str(folder / f"fog_lobes.{form}") for form in ("json", "csv", "png")]
-    assert "HG + Draine, published for 4.9 um" in out and "0.61 um: g 0.8000" in out and "misdirected" in out
+    assert out.splitlines() == [str(folder / f"fog_lobes.{form}") for form in ("json", "csv", "png")]
+    assert "HG + Draine, published for 4.9 um" in err and "0.61 um: g 0.8000" in err and "misdirected" in err
 
 
 def test_lobes_load_in_stock_mitsuba():

@@ -154,7 +154,8 @@ def test_a_mitsuba_scene_and_its_picture_again(call, place):
     (place / "m.yaml").write_text(text)
     status, out, err = call("render", place / "m.yaml", "-o", place / "m.exr", "--quality", "draft", "--seed", "3")
     assert status == 0, err
-    assert "without a surface" in out and "optical depth" in out and (place / "m.png").stat().st_size > 100
+    assert out == f"{place / 'm.png'}\n{place / 'm.exr'}\n"
+    assert "without a surface" in err and "optical depth" in err and (place / "m.png").stat().st_size > 100
     first = layers(place / "m.exr")
     assert list(first)[:3] == ["R", "G", "B"] and np.isinf(first["distance"][0, 0])
     # the camera is at (0, -12, 1.7), the ball of radius 2 at the origin
@@ -167,6 +168,40 @@ def test_a_mitsuba_scene_and_its_picture_again(call, place):
     assert np.allclose(rgb(place / "night.exr"), rgb(place / "m.exr"), rtol=0.01)
     status, _, err = call("render", place / "again.yaml", "--quality", "draft")
     assert status == 2 and "comes from files" in err
+
+
+def test_a_scene_takes_its_own_samples_unless_told(call, place):
+    (place / "m.yaml").write_text(SCENE.replace("camera: {origin: [0, -12, 1.7] m, target: [0, 0, 2] m, fov: 40 deg}\n", "").replace(
+        "{color: clear.exr, depth: depth.npy, measure: distance}", "{mitsuba: street.xml, samples: 16, far: 100 m}"))
+    for told, scene, own in (((), 32, 16), (("--quality", "preview"), 8, 4)):
+        assert json.loads(call("render", place / "street.xml", "--json", *told)[1])["samples"] == scene
+        assert json.loads(call("render", place / "m.yaml", "--json", *told)[1])["picture"]["samples"] == own
+
+
+def test_pictures_are_not_written_over_what_a_scene_reads(call, place):
+    """Whatever the name; a file of another kind neither, unless told.  Asked before anything is rendered."""
+    ball = '<shape type="sphere"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">' \
+           '<string name="filename" value="$what.exr"/></texture></bsdf></shape>'
+    (place / "deep").mkdir()
+    (place / "deep" / "ball.xml").write_text(f'<scene version="3.0.0"><default name="what" value="bark"/>{ball}</scene>')
+    (place / "deep" / "bark.exr").write_bytes((place / "clear.exr").read_bytes())
+    (place / "wood.xml").write_text(XML.replace("</scene>", '<include filename="deep/ball.xml"/></scene>'))
+    (place / "w.yaml").write_text(SCENE[:SCENE.index("camera:")] + "picture: {mitsuba: wood.xml, far: 9 m}\n"
+                                  "fog: {density: {type: uniform}}\n")
+    (place / "linked.exr").hardlink_to(place / "clear.exr")
+    (place / "notes.png").write_text("what I saw")
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    for scene, output, said in (("s.yaml", "clear.png", "clear.exr: is read by this very call"),
+                                ("s.yaml", "linked.png", "under the name"), ("s.yaml", "notes.exr", "not a PNG picture"),
+                                ("w.yaml", "deep/bark.png", "bark.exr: is read by this very call"),
+                                ("wood.xml", "deep/bark.exr", "bark.exr: is read by this very call"),
+                                ("fog.h5", "notes.png", "not a PNG picture")):
+        status, out, err = call("render", place / scene, "-o", place / output)
+        assert status == 2 and said in err and not out, err
+        assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
+    assert call("render", place / "s.yaml", "-o", place / "notes.png", "--overwrite", "--quiet")[0] == 0
+    assert call("render", place / "s.yaml", "-o", place / "notes.png", "--quiet") == \
+        (0, f"{place / 'notes.png'}\n{place / 'notes.exr'}\n", "")
 
 
 def test_parameters_of_a_mitsuba_scene(call, place):

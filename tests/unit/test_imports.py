@@ -84,7 +84,8 @@ def test_renderers_see_assets_only():
     for path in modules("renderers"):
         for name in imports(path):
             if name.startswith("bakery"):
-                allowed = name in {"bakery", "bakery.open"} or name.startswith(("bakery.errors", "bakery.llvm", "bakery.machine"))
+                allowed = name in {"bakery", "bakery.open"} or name.startswith(("bakery.errors", "bakery.llvm", "bakery.machine",
+                                                                                          "bakery.store.outputs"))
                 allowed = allowed or (str(path.relative_to(ROOT)) in SCENES and name.startswith("bakery.recipe."))
                 assert allowed, f"{path} imports {name}"
 

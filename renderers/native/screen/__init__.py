@@ -8,7 +8,8 @@ import time
 _ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a surface are taken to lie; 2e-3 from infinity
 
 
-def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None) -> dict:
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None,
+           overwrite=False) -> dict:
     """Renders a scene file to a PNG and an EXR file beside each other.
 
     Parameters
@@ -19,6 +20,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     quality, variant, seed : of the Mitsuba scene, if the picture comes from one; as in `renderers.mitsuba.render_scene`
     progress : function of (fraction 0 to 1, noise or None)
     threads : as many as the process may use if None; the pictures do not depend on it
+    overwrite : replace also files that are no such pictures; never one that the scene reads
 
     Returns
     -------
@@ -47,7 +49,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     if not isinstance(scene, scenes.Scene):
         scene = scenes.load(scene, overrides)
     values, clock = scene.values, _Clock()
-    png, exr = images.output_pair(output or scene.picture)
+    png, exr = images.output_pair(output or scene.picture, scene.inputs, overwrite)
     threads = threads or len(os.sched_getaffinity(0))
     asset = bakery.open(scene.file(values.asset))
     try:
@@ -160,7 +162,7 @@ def _picture(scene, quality, variant, seed, progress):
     section, camera = scene.values.picture, scene.values.camera
     if hasattr(section, "mitsuba"):
         return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, unit=section.unit, variant=variant,
-                                    quality=quality or "preview", seed=seed or 0, progress=progress)
+                                    quality=quality or "final", seed=seed or 0, progress=progress)
     if not (quality is None and variant is None and seed is None):
         raise UsageError(f"{scene.path}: found a quality, variant or seed, which are those of Mitsuba scenes; none would do, "
                          "as this picture comes from files")

@@ -241,7 +241,7 @@ def _refuse_too_large(path, height, width):
 # ---- from a Mitsuba scene
 
 
-def from_mitsuba(path, *, samples=None, unit=1.0, quality="preview", variant=None, seed=0, progress=None):
+def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None, seed=0, progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
     Parameters

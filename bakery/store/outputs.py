@@ -1,0 +1,101 @@
+"""Where a command may write: not over what it reads, not over another of its outputs, not over a file of another kind.
+
+The kind of a file is told by its first bytes, never by its name.  Asked before anything is computed, by every command that writes.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from bakery.errors import UsageError
+from bakery.store.container import FORMAT
+from bakery.store.write import check_target
+
+HEAD = 1 << 16  # bytes that tell a file's kind
+ASSET, PAGE, DEPFILE = "asset", "HTML page", "depfile"
+
+
+def _text(pattern: str):
+    """Whether a file begins as text in which a pattern is found."""
+    known = re.compile(pattern.encode(), re.MULTILINE)
+    return lambda head: b"\0" not in head and known.search(head) is not None
+
+
+# kind -> whether a file that begins so is one.  A damaged asset is an asset: it may be baked again.
+KINDS = {
+    ASSET: lambda head: head.startswith(FORMAT.encode() + b" "),
+    PAGE: lambda head: head.lower().startswith(b"<!doctype html"),
+    DEPFILE: _text(r"\A[^\n]+: \\\n  [^\n]"),  # as bakery writes it: one file a line
+    "PNG picture": lambda head: head.startswith(b"\x89PNG\r\n\x1a\n"),
+    "EXR picture": lambda head: head.startswith(b"\x76\x2f\x31\x01"),
+    "SVG drawing": _text(r"<svg\b"),
+    "CSV table": _text(r"\A[^\n]*(,|\]\r?$)"),
+    "JSON file": _text(r"\A\s*[\[{]"),
+    "PLY file": lambda head: head.startswith(b"ply\n"),
+    "OBJ file": _text(r"^[ov] "),
+    "XYZ file": _text(r"\A\d+\n"),
+    "Mitsuba scene": _text(r"<scene\b"),
+    "recipe": _text(r"^bakery\s*:"),
+    "text": _text(r""),
+}
+_BY_SUFFIX = {".html": PAGE, ".png": "PNG picture", ".exr": "EXR picture", ".svg": "SVG drawing", ".csv": "CSV table",
+              ".json": "JSON file", ".ply": "PLY file", ".obj": "OBJ file", ".xyz": "XYZ file", ".xml": "Mitsuba scene",
+              ".yaml": "recipe", ".txt": "text"}
+
+
+def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str]], inputs: Iterable[str | os.PathLike] = (),
+                  overwrite: bool = False) -> None:
+    """UsageError unless each output may be written.
+
+    Parameters
+    ----------
+    outputs : paths, each with the kind of file that goes there (a key of `KINDS`)
+    inputs : every file that the command reads
+    overwrite : the user wishes files of other kinds replaced; inputs never are
+    """
+    inputs, before = list(inputs), []
+    for path, kind in outputs:
+        check_target(path)
+        shown = os.fspath(path)
+        for other in inputs:
+            if same_file(path, other):
+                name = "" if os.fspath(other) == shown else f", under the name {os.fspath(other)}"
+                raise UsageError(f"{shown}: is read by this very call{name}, so it is not written over; name another output")
+        for other in before:
+            if same_file(path, other):
+                raise UsageError(f"{shown}: two outputs of this call would be this one file; give each its own name")
+        if not overwrite and not _may_replace(path, kind):
+            article = "an" if kind[0] in "aeHSX" else "a"
+            raise UsageError(f"{shown}: a file stands there that is not {article} {kind}, so it is not replaced; "
+                             "name another output, or say --overwrite")
+        before.append(path)
+
+
+def by_suffix(paths: Iterable[str | os.PathLike]) -> list[tuple[str | os.PathLike, str]]:
+    """Paths with the kinds that their endings stand for: of files whose names bakery chooses."""
+    return [(path, _BY_SUFFIX[Path(path).suffix.lower()]) for path in paths]
+
+
+def same_file(a: str | os.PathLike, b: str | os.PathLike) -> bool:
+    """Whether two paths name one file, by whatever links."""
+    if os.path.realpath(a) == os.path.realpath(b):
+        return True
+    try:
+        return os.path.samefile(a, b)
+    except OSError:
+        return False  # one of them is not there
+
+
+def _may_replace(path: str | os.PathLike, kind: str) -> bool:
+    """Whether nothing is there, nothing is in it, or it is of this kind."""
+    try:
+        with open(path, "rb") as file:
+            head = file.read(HEAD)
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False  # what cannot be looked at is not ours to replace
+    return not head or KINDS[kind](head)
