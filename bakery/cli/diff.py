@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 
 import click
@@ -14,8 +13,9 @@ from bakery.errors import UsageError
 @click.command(name="diff", short_help="compare the values of two assets")
 @click.argument("a", type=click.Path(), metavar="A")
 @click.argument("b", type=click.Path(), metavar="B")
-@click.option("--rtol", type=float, default=0.0, show_default=True, metavar="X",
-              help="Largest relative difference that passes; 0 asks for equal numbers, which two bakes of one recipe have.")
+@click.option("--rtol", default="0", show_default=True, metavar="X",
+              help="Largest relative difference that passes, such as 1e-6 or 5%; 0 asks for equal numbers, which two bakes of one "
+                   "recipe have.")
 @json_option
 def command(a, b, rtol, as_json):
     """Compare the values, shapes and units of two assets; provenance and hashes do not count.
@@ -24,8 +24,7 @@ def command(a, b, rtol, as_json):
     """
     from bakery.compare import compare
 
-    if not rtol >= 0 or math.isinf(rtol):
-        raise UsageError(f"--rtol: found {rtol:g}; a number from 0 would do, such as 1e-6")
+    rtol = _fraction(rtol)
     for asset in (a, b):
         if not os.path.exists(asset):
             raise UsageError(f"{asset}: there is no such file; the path of a baked asset would do")
@@ -35,6 +34,19 @@ def command(a, b, rtol, as_json):
     else:
         _print(a, b, rtol, found)
     return int(bool(found))
+
+
+def _fraction(text: str) -> float:
+    """`0.05` or `5%`."""
+    from bakery.recipe.units import FRACTION, Wrong, parse
+
+    try:
+        value = parse(text, FRACTION)
+    except Wrong:
+        value = -1.0
+    if value < 0:
+        raise UsageError(f'--rtol: found "{text}"; a number from 0 would do, such as 1e-6 or 5%')
+    return value
 
 
 def _plain(row) -> dict:

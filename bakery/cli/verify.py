@@ -7,7 +7,7 @@ import os
 import click
 
 from bakery.cli.options import json_option, print_json
-from bakery.errors import UsageError
+from bakery.errors import StoreError
 
 
 @click.command(name="verify", short_help="check an asset's integrity and physics")
@@ -16,28 +16,37 @@ from bakery.errors import UsageError
 def command(assets, as_json):
     """Check every byte (checksums) and the physics (normalisation, energy, ranges) of each ASSET.
 
-    Exit status 1 if a rule is broken, 2 if a file is missing.
+    Each has its verdict, whatever the others are.  Exit status 1 if a rule is broken, 2 if a file is missing, 3 if the system would
+    not read one; the largest of them.
     """
-    from bakery.verify import verify
-
-    missing = [asset for asset in assets if not os.path.exists(asset)]
-    if missing:
-        raise UsageError("\n".join(f"{asset}: there is no such file; the path of a baked asset would do" for asset in missing))
     found = []
     for asset in assets:
-        found.append((asset, verify(asset)))
+        found.append((asset, *_verdict(asset)))
         if not as_json:
-            _print(*found[-1])
+            _print(*found[-1][:3])
     if as_json:
-        print_json([{"file": asset, "ok": not broken, "broken": broken} for asset, broken in found])
-    return int(any(broken for _, broken in found))
+        print_json([{"file": asset, "ok": not broken, "broken": broken} for asset, _, broken, _ in found])
+    return max(status for *_, status in found)
 
 
-def _print(asset: str, broken: list[str]) -> None:
+def _verdict(asset: str) -> tuple[str, list[str], int]:
+    """A word, what is wrong, and the exit status that this asset alone would give."""
+    from bakery.verify import verify
+
+    if not os.path.exists(asset):
+        return "missing", ["there is no such file; the path of a baked asset would do"], 2
+    try:
+        broken = verify(asset)
+    except StoreError as error:
+        return "unread", [str(error).removeprefix(f"{asset}: ")], error.exit_status
+    return ("broken", broken, 1) if broken else ("ok", [], 0)
+
+
+def _print(asset: str, word: str, broken: list[str]) -> None:
     from bakery.report.text import clean, say
 
     if broken:
-        say(f"broken  {clean(asset)}")
+        say(f"{word:<7} {clean(asset)}")
         for rule in broken:
             say(f"        {clean(rule)}")
         return

@@ -55,7 +55,11 @@ def test_each_asset_has_its_verdict(call, milk, scaled, tmp_path):
 
 def test_what_is_no_asset(call, milk, tmp_path):
     status, out, err = call("verify", milk, tmp_path / "none.h5")
-    assert status == 2 and not out and "none.h5: there is no such file" in err
+    assert status == 2 and out.splitlines() == [
+        f"ok      {milk}  checksums, format and physics hold", f"missing {tmp_path / 'none.h5'}",
+        "        there is no such file; the path of a baked asset would do"]
+    status, out, _ = call("verify", tmp_path / "none.h5", milk, tmp_path, "--json")
+    assert status == 2 and [row["ok"] for row in json.loads(out)] == [False, True, False]
     (tmp_path / "text.h5").write_text("hello")
     status, out, _ = call("verify", tmp_path / "text.h5")
     assert status == 1 and "not a bakery asset" in out
@@ -93,6 +97,26 @@ def test_differences_by_dataset(call, tmp_path):
     # a tolerance lets numbers pass, never structure
     assert "medium/g" not in call("diff", a, b, "--rtol", "1e-8")[1]
     assert call("diff", a, b, "--rtol", "1")[0] == 1
+
+
+def test_one_that_the_system_will_not_read_does_not_hide_the_others(call, milk, monkeypatch):
+    import bakery.store.read
+
+    def refused(path, files):
+        raise PermissionError(13, "Permission denied", path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bakery.store.read, "slurp", refused)
+        status, out, _ = call("verify", milk)
+    assert status == 3 and out.startswith(f"unread  {milk}\n        cannot be read")
+
+
+def test_a_tolerance_in_per_cent(call, tmp_path):
+    root = small_asset()
+    write(tmp_path / "a.h5", root)
+    write(tmp_path / "b.h5", with_member(root, "medium/g", replace(root["medium/g"], data=1.04 * root["medium/g"].data)))
+    assert call("diff", tmp_path / "a.h5", tmp_path / "b.h5", "--rtol", "5%")[0] == 0
+    assert call("diff", tmp_path / "a.h5", tmp_path / "b.h5", "--rtol", "3%")[0] == 1
 
 
 def test_wrong_calls(call, milk, tmp_path):

@@ -73,7 +73,7 @@ def test_signals_leave_nothing_behind(tmp_path, number, status):
     # large drops at 0.3 %: some 20 s of one core, so the signal meets the bake in the middle
     recipe.write_text(DROPS.format(name="slow", tolerance="0.3%", radius="30 um").replace(", max: 3 um", ""))
     output = tmp_path / "out.h5"
-    output.write_bytes(b"what stood here before")
+    output.write_bytes(b"bakery-asset 1 that stood here before")
     process = start(recipe, output)
     time.sleep(2.0)
     process.send_signal(number)
@@ -82,7 +82,7 @@ def test_signals_leave_nothing_behind(tmp_path, number, status):
         pytest.fail("the bake ended before the signal came: this test needs a longer one")
     assert process.returncode == status
     assert "Traceback" not in message
-    assert output.read_bytes() == b"what stood here before"
+    assert output.read_bytes() == b"bakery-asset 1 that stood here before"
     assert no_parts(tmp_path)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bakery.compare import compare
+from bakery.medium.phase import cumulative
 from bakery.store.hashes import seal
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
@@ -92,6 +94,63 @@ def test_kinds(other, path, kind):
         found = compare(a, b)
         assert [(d.path, d.kind) for d in found] == [(path, kind)]
         assert str(found[0]).startswith(f"{path}: {kind}: ")
+
+
+def on_grid(root: Group, drop: slice, scale: float = 1.0) -> Group:
+    """The medium on fewer angles: the same interpolant where the angles that are left out lay on its lines."""
+    theta = root["medium/theta"].data
+    keep = np.ones(theta.size, bool)
+    keep[drop] = False
+    for name in ("theta", "phase", "phase_error", "cdf"):
+        member = root[f"medium/{name}"]
+        factor = scale if name == "phase" else 1.0
+        root = with_member(root, f"medium/{name}", replace(member, data=factor * member.data[..., keep]))
+    return root
+
+
+def straight() -> Group:
+    """The small asset with a phase function that is linear in cos theta from 90 degrees on."""
+    root = small_asset()
+    theta, phase = root["medium/theta"].data, root["medium/phase"].data
+    bent = np.where(theta > np.pi / 2, phase[:, -1:] * (1 - 0.5 * np.cos(theta)), phase)
+    root = with_member(root, "medium/phase", replace(root["medium/phase"], data=bent))
+    root = with_member(root, "medium/phase_error", replace(root["medium/phase_error"], data=1e-3 * bent))
+    return with_member(root, "medium/cdf", replace(root["medium/cdf"], data=cumulative(theta, bent)))
+
+
+def test_other_angles_are_compared_by_value():
+    """Half of the backward angles left out of a table that is linear there: the same values at every angle."""
+    root = straight()
+    back = np.flatnonzero(root["medium/theta"].data > np.pi / 2)
+    other = on_grid(root, back[1:-1:2])
+    assert compare(root, other, rtol=1e-9) == []
+    found = compare(root, other)  # without a tolerance the grids differ, and rounding shows
+    assert ("medium/theta", "grid") in [(d.path, d.kind) for d in found] and not any(d.kind == "shape" for d in found)
+    assert f"{root['medium/theta'].data.size} angles in A, {other['medium/theta'].data.size} in B" in str(found[0])
+    # 1 % more: a difference of 1 %, in ten standard errors over the root of two, wherever one looks
+    (more,) = compare(root, on_grid(root, back[1:-1:2], 1.01), rtol=1e-9)[:1]
+    assert more.path == PHASE and more.relative == pytest.approx(0.01 / 1.01, rel=1e-6) and "deg: " in more.text
+    assert compare(root, on_grid(root, back[1:-1:2], 1.01), rtol=0.0101) == []
+
+
+def test_other_angles_between_which_values_differ():
+    """As many angles, other ones: a forward peak that was cut shows at the angle where it is missing."""
+    root = small_asset()
+    found = compare(root, on_grid(root, slice(200, 300)), rtol=0.01)
+    assert PHASE in [d.path for d in found] and all(d.kind == "value" for d in found)
+    theta = root["medium/theta"].data
+    shifted = np.concatenate([[0.0], np.sqrt(theta[1:-1] * theta[2:]), [np.pi]])
+    same = with_member(root, "medium/theta", replace(root["medium/theta"], data=shifted))
+    assert PHASE in [d.path for d in compare(root, same, rtol=0.01)]
+
+
+def test_angles_that_are_no_grid_are_compared_as_they_stand():
+    """Not ascending, not to pi: nothing is interpolated."""
+    root = small_asset()
+    for wrong in (lambda theta: theta[::-1], lambda theta: 0.9 * theta, lambda theta: theta * np.nan):
+        theta = root["medium/theta"]
+        other = with_member(root, "medium/theta", replace(theta, data=np.ascontiguousarray(wrong(theta.data))))
+        assert ("medium/theta", "value") in [(d.path, d.kind) for d in compare(root, other, rtol=0.01)]
 
 
 def test_recipe_is_named_beside_a_difference_that_counts():
