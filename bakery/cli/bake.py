@@ -17,13 +17,14 @@ from bakery.errors import RecipeError, UsageError
     epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
 )
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
-@click.option("-o", "--output", metavar="FILE or DIR/", help="Asset to write; DIR/ puts NAME.h5 into a folder.")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset to write; DIR/ puts NAME.h5 into a folder.")
 @recipe_options
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads; all processors by default (or BAKERY_JOBS).")
 @click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
 @click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
-@click.option("--depfile", metavar="FILE", help="Write the files that the asset depends on, in Make's syntax.")
+@click.option("--depfile", type=click.Path(), metavar="FILE",
+              help="Write the files that the asset depends on, in Make's syntax.")
 @overwrite_option
 @json_option
 @quiet_option

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from bakery.cli import offers
 from bakery.cli.options import json_option, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError, UsageError
 
@@ -19,7 +20,7 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
 
 @click.command(name="export", short_help="hand an asset to other software")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
-@click.option("--to", "target", required=True, metavar="FORMAT",
+@click.option("--to", "target", required=True, metavar="FORMAT", shell_complete=offers.among(FORMATS),
               help="; ".join(f"{name}: {text}" for name, text in FORMATS.items()))
 @click.option("-o", "--output", type=click.Path(), metavar="DIR",
               help="Folder of the files.  Default: NAME-FORMAT beside the asset.")

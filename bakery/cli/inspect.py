@@ -6,13 +6,14 @@ import os
 
 import click
 
+from bakery.cli import offers
 from bakery.cli.options import json_option, print_json
 from bakery.errors import UsageError
 
 
 @click.command(name="inspect", short_help="print the tree of an asset")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
-@click.argument("path", metavar="[PATH]", default="")
+@click.argument("path", metavar="[PATH]", default="", shell_complete=offers.members)
 @json_option
 def command(asset, path, as_json):
     """Print what ASSET holds (or only what lies below PATH): names, shapes, ranges with units, bytes, errors, provenance."""

@@ -6,6 +6,7 @@ import json
 
 import click
 
+from bakery.cli import offers
 from bakery.errors import UsageError
 from bakery.report.text import write
 
@@ -19,9 +20,12 @@ verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on
 def recipe_options(command):
     """The options that choose stages and override recipe values."""
     for option in reversed((
-        click.option("--stage", multiple=True, metavar="NAME", help="Only this stage and what it needs; repeatable."),
-        click.option("--scene", metavar="FILE", help="Bake also what this scene needs and the recipe does not ask for."),
-        click.option("--quality", metavar="draft|preview|final", help="10 or 3 % of all light, or the recipe as it stands."),
+        click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
+                     help="Only this stage and what it needs; repeatable."),
+        click.option("--scene", type=click.Path(), metavar="FILE",
+                     help="Bake also what this scene needs and the recipe does not ask for."),
+        click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
+                     help="10 or 3 % of all light, or the recipe as it stands."),
         click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
         click.option("--seed", metavar="N", help="Seed of every random stream."),
         click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."),

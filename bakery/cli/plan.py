@@ -10,7 +10,7 @@ from bakery.report.text import say
 
 @click.command(name="plan", short_help="say what a bake would run, why, and what it will cost")
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
-@click.option("-o", "--output", metavar="FILE or DIR/", help="Asset that the bake would write.")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset that the bake would write.")
 @recipe_options
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
 @click.option("--force", is_flag=True, help="Plan to compute every stage again.")

@@ -6,6 +6,7 @@ import difflib
 
 import click
 
+from bakery.cli import offers
 from bakery.cli.inspect import not_found
 from bakery.cli.options import json_option, print_json
 from bakery.errors import UsageError
@@ -13,7 +14,7 @@ from bakery.errors import UsageError
 
 @click.command(name="query", short_help="print one baked value")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
-@click.argument("path", metavar="PATH")
+@click.argument("path", metavar="PATH", shell_complete=offers.datasets)
 @click.argument("arguments", nargs=-1, metavar="[key=value …]")
 @json_option
 def command(asset, path, arguments, as_json):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import click
 
+from bakery.cli import offers
 from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of
 from bakery.errors import UsageError
 
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
-@click.argument("source", metavar="SCENE|ASSET")
-@click.option("-o", "--output", metavar="IMAGE", help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
-@click.option("--quality", metavar="draft|preview|final", help="Noise of Mitsuba's pictures against time.  [default: preview; what it asks for of a Mitsuba scene]")
+@click.argument("source", type=click.Path(), metavar="SCENE|ASSET")
+@click.option("-o", "--output", type=click.Path(), metavar="IMAGE",
+              help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
+@click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
+              help="Noise of Mitsuba's pictures against time.  [default: preview; what it asks for of a Mitsuba scene]")
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")

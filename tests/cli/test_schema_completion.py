@@ -11,7 +11,10 @@ import sys
 import pytest
 
 from bakery.cli import COMMANDS
+from bakery.run import QUALITY
+from bakery.store.write import write
 from tests.conftest import ROOT
+from tests.samples import small_asset
 
 
 def test_schema_knows_the_sections_of_recipes(call):
@@ -46,9 +49,22 @@ def complete(*words: str) -> list[str]:
         "PYTHONPATH": str(ROOT), "_BAKE_COMPLETE": "bash_complete", "COMP_WORDS": " ".join(words),
         "COMP_CWORD": str(len(words) - 1)})
     assert not done.stderr
-    return [line.partition(",")[2] for line in done.stdout.splitlines()]
+    return [line.partition(",")[2] for line in done.stdout.splitlines() if line]
 
 
 def test_commands_and_options_are_completed():
     assert complete("bake", "p") == [name for name in COMMANDS if name.startswith("p")]
     assert "--each-wavelength" in complete("bake", "export", "--e")
+
+
+def test_values_are_completed(tmp_path):
+    """Formats, qualities, stages, what is in an asset; nothing, and no complaint, where there is no asset to look into."""
+    write(tmp_path / "a.h5", small_asset())
+    assert complete("bake", "export", str(tmp_path / "a.h5"), "--to", "c") == ["csv"]
+    assert complete("bake", "render", "--quality", "") == complete("bake", "fog.yaml", "--quality", "") == list(QUALITY)
+    assert complete("bake", "fog.yaml", "--stage", "m") == ["medium", "multiple"]
+    assert complete("bake", "query", str(tmp_path / "a.h5"), "medium/s") == [
+        "medium/sigma_t", "medium/sigma_s", "medium/sigma_a", "medium/sigma_t_reduced", "medium/sigma_tr"]
+    assert complete("bake", "inspect", str(tmp_path / "a.h5"), "op")[:2] == ["optics", "optics/theta"]
+    (tmp_path / "notes.h5").write_text("not an asset")
+    assert complete("bake", "query", str(tmp_path / "notes.h5"), "") == complete("bake", "query", "none.h5", "m") == []

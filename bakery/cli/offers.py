@@ -1,0 +1,47 @@
+"""What shells are offered for values: formats, qualities, stages, paths inside of an asset."""
+
+from __future__ import annotations
+
+from click.shell_completion import CompletionItem
+
+QUALITIES = {"draft": "10 % of all light", "preview": "3 % of all light", "final": "the recipe or scene as it stands"}
+
+
+def among(known: dict[str, str]):
+    """Completes names, each with its meaning."""
+    return lambda ctx, param, incomplete: _items(known, incomplete)
+
+
+def stages(_ctx, _param, incomplete):
+    """Names of stages, in the order in which a plan runs them."""
+    from bakery.stages import all_stages
+
+    return _items({stage.name: stage.title for stage in all_stages()}, incomplete)
+
+
+def datasets(ctx, _param, incomplete):
+    """Paths of the datasets of the asset that is named before."""
+    from bakery.store.tree import Dataset
+
+    return _items({path: member.description for path, member in _members(ctx) if isinstance(member, Dataset)}, incomplete)
+
+
+def members(ctx, _param, incomplete):
+    """Paths of its groups, too."""
+    return _items({path: getattr(member, "description", "") for path, member in _members(ctx)}, incomplete)
+
+
+def _members(ctx) -> list:
+    from bakery.errors import BakeryError
+    from bakery.store.read import read
+
+    try:
+        return list(read(ctx.params["asset"]).walk())
+    except (BakeryError, KeyError, TypeError):
+        return []  # no asset yet, or none that can be read: the command will say so
+
+
+def _items(known: dict[str, str], incomplete: str) -> list[CompletionItem]:
+    # descriptions may come from strangers, and a line break would be taken for the next word
+    return [CompletionItem(name, help=said if said.isprintable() else None)
+            for name, said in known.items() if name.startswith(incomplete)]
