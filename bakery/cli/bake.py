@@ -6,8 +6,17 @@ import os
 
 import click
 
-from bakery.cli.options import (json_option, overwrite_option, print_json, print_paths, quiet_option, recipe_options, settings_of,
-                                verbose_option, with_scene)
+from bakery.cli.options import (
+    json_option,
+    overwrite_option,
+    print_json,
+    print_paths,
+    quiet_option,
+    recipe_options,
+    settings_of,
+    verbose_option,
+    with_scene,
+)
 from bakery.errors import RecipeError, UsageError
 
 
@@ -17,7 +26,8 @@ from bakery.errors import RecipeError, UsageError
     epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
 )
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
-@click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset to write; DIR/ puts NAME.h5 into a folder.")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
+              help="Asset to write; DIR/ puts NAME.h5 into a folder.")
 @recipe_options
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads; all processors by default (or BAKERY_JOBS).")
 @click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")

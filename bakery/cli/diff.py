@@ -14,8 +14,8 @@ from bakery.errors import UsageError
 @click.argument("a", type=click.Path(), metavar="A")
 @click.argument("b", type=click.Path(), metavar="B")
 @click.option("--rtol", default="0", show_default=True, metavar="X",
-              help="Largest relative difference that passes, such as 1e-6 or 5%; 0 asks for equal numbers, which two bakes of one "
-                   "recipe have.")
+              help="Largest relative difference that passes, such as 1e-6 or 5%; 0 asks for equal numbers, which two bakes of "
+                   "one recipe have.")
 @json_option
 def command(a, b, rtol, as_json):
     """Compare the values, shapes and units of two assets; provenance and hashes do not count.

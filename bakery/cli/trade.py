@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import (json_option, overwrite_option, print_json, quiet_option, recipe_options, settings_of,
-                                verbose_option, with_scene)
+from bakery.cli.options import (
+    json_option,
+    overwrite_option,
+    print_json,
+    quiet_option,
+    recipe_options,
+    settings_of,
+    verbose_option,
+    with_scene,
+)
 from bakery.errors import Interrupted
 
 
@@ -23,7 +31,8 @@ from bakery.errors import Interrupted
 @json_option
 @quiet_option
 @verbose_option
-def command(recipe, output, stage, scene, quality, tolerance, seed, settings, measure, budget, overwrite, as_json, quiet, verbose):
+def command(recipe, output, stage, scene, quality, tolerance, seed, settings, measure, budget, overwrite, as_json, quiet,
+            verbose):
     """Measure true error against time over the knobs of each stage of RECIPE.
 
     Prints the settings that are worth their time, the cheapest one for the wished tolerance, and where draft, preview and final

@@ -1,6 +1,7 @@
 """Where a command may write: not over what it reads, not over another of its outputs, not over a file of another kind.
 
-The kind of a file is told by its first bytes, never by its name.  Asked before anything is computed, by every command that writes.
+The kind of a file is told by its first bytes, never by its name.  Asked by every command that writes, before anything
+is computed.
 """
 
 from __future__ import annotations
