@@ -148,6 +148,25 @@ def test_small_angle_tables_hold_the_moments():
         assert np.sum(2 * math.pi * kernel * (z[:, None] * ratio) ** 4, axis=1) * step == pytest.approx(M2, rel=5e-4)
 
 
+@pytest.mark.parametrize(("albedo", "depth"), [(0.8, 3.0), (0.5, 10.0)])
+def test_kernels_whose_longer_paths_are_absorbed_have_the_moments_of_their_events(albedo, depth):
+    """Event by event: sech x of the light is left, and n events spread it by 4 B n z^2/3 times 3 (x - tanh x)/x^3."""
+    n = np.arange(1, 120)
+    chance = np.exp(n * math.log(albedo * depth) - albedo * depth - special.gammaln(n + 1) - (1 - albedo) * depth)
+    x = np.sqrt(2 * B30 * n * (1 - albedo) * depth)
+    power = np.sum(chance / np.cosh(x))
+    square = np.sum(chance / np.cosh(x) * 4 / 3 * B30 * n * depth**2 * 3 * (x - np.tanh(x)) / x**3)
+    z, ratio = table.grid(20.0, math.sqrt(B30))
+    plain = small_angle.homogeneous(planar.gaussian(B30), albedo, z, ratio)
+    named_kernel = named.Kernels(albedo, *gaussian(30), B30, False,
+                                 lambda name: table.Table(z, ratio, plain * z[:, None] ** 2 * ratio))
+    r, step = depth * ratio, math.log(ratio[1] / ratio[0])
+    for kernel in (small_angle.homogeneous(planar.gaussian(B30), albedo, depth, ratio, absorb=True)[0],
+                   named_kernel.kernel(depth, r, "small_angle_absorbing")):
+        assert np.sum(2 * math.pi * kernel * r**2) * step == pytest.approx(power, rel=1e-3)
+        assert np.sum(2 * math.pi * kernel * r**4) * step == pytest.approx(square, rel=2e-3)
+
+
 def test_a_phase_table_is_its_closed_transform_where_angles_are_small():
     q = np.geomspace(1, 3e4, 30)
     narrow = planar.table(*gaussian(1))

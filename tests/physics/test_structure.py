@@ -293,6 +293,37 @@ def test_errors_of_chords_are_those_of_repeats():
     assert 0.6 < ratio.mean() < 1.6
 
 
+def test_error_of_the_spread_is_that_of_its_moments():
+    """Covariance of the first two moments of the chords, through the slope of <z^2>/(2 <z>^2) by differences."""
+    from bakery.packing import _chords
+
+    radii = np.ones(20)
+    centers, cell = inserted(radii, 7.0, 8)
+    found = structure.chord_lengths(centers, radii, cell, 0.5, stream, most=1 << 18)
+    m = np.array([2, 2, 2])
+    grid = (*_chords.lists(centers, radii, cell, m), found.edges, 1000 * found.exact)
+    uniform = np.concatenate([stream(k).random((1 << 15, 5)) for k in range(8)])
+    z = _chords.chords(uniform, centers, radii, np.arange(1, 21) / 20, cell, m, *grid)[1] / found.lines
+    assert found.lines == len(uniform) and found.mean == pytest.approx(z[0], rel=1e-12)
+    covariance = np.array([[z[1] - z[0] ** 2, z[2] - z[0] * z[1]], [z[2] - z[0] * z[1], z[3] - z[1] ** 2]]) / found.lines
+    h = 1e-5
+
+    def spread(first, second):
+        return second / (2 * first**2)
+
+    slope = np.array([spread(z[0] + h, z[1]) - spread(z[0] - h, z[1]), spread(z[0], z[1] + h) - spread(z[0], z[1] - h)]) / (2 * h)
+    assert found.spread == pytest.approx(spread(*z[:2]), rel=1e-12)
+    assert found.spread_error == pytest.approx(math.sqrt(slope @ covariance @ slope), rel=1e-6)
+
+
+def test_errors_between_octants():
+    """The variance of the sum of eight sums that differ from their mean as independent numbers do."""
+    rng = np.random.default_rng(3)
+    values, octant = rng.random((50, 2)), rng.integers(0, 8, 50)
+    sums = np.array([[np.sum(column[octant == k] - column.mean()) for k in range(8)] for column in values.T])
+    assert structure._between_octants(values, octant) == pytest.approx(np.sqrt(8 * np.var(sums, axis=1, ddof=1)) / 50, rel=1e-12)
+
+
 def test_one_task_or_many_give_the_same_chords():
     radii = np.ones(40)
     centers, cell = inserted(radii, 9.0, 9)
