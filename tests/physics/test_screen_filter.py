@@ -163,6 +163,13 @@ def test_powers_of_a_model_for_comparison(power):
     x = np.array([0.01, 0.05, 0.1, 0.2])
     tau = fog.depth[np.searchsorted(fog.depth, 3.0)]
     assert fog.look(0, tau, x) == pytest.approx(x * np.exp(-x * x / (0.02 * tau)) / (0.02 * math.pi * tau), rel=0.01)
+    # beyond the deepest table that shape is stretched, and with it the length that a cut-off counts in
+    deep = np.searchsorted(fog.depth, 100.0)
+    for c, albedo in enumerate((0.5, 1.0)):
+        far, last = kernels._spread(0.02, albedo, np.array([fog.depth[deep], 12.0]))
+        square = 0.02 * 12 * far / last
+        assert fog.look(c, fog.depth[deep], x) == pytest.approx(x * np.exp(-x * x / square) / (math.pi * square), rel=0.01)
+        assert fog.width[c, deep] == pytest.approx(math.sqrt(2 * square), rel=1e-3)
 
 
 @pytest.mark.parametrize("albedo, tau", [(0.9, 0.05), (0.9, 3.0), (0.5, 30.0), (0.8, 300.0)])
