@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import integrate, interpolate, special
+from scipy import integrate, interpolate, linalg, special
 
 from bakery.beam import build, kernels, layers, moments, named, photons, planar, single, small_angle, table, transport
 from bakery.medium import analytic
@@ -108,6 +108,21 @@ def test_the_other_kernels_hold_the_power():
         assert integrate.quad(lambda r: 2 * math.pi * r * kernel(r), 0, 30)[0] == pytest.approx(M0, rel=1e-7)
     both = integrate.quad(lambda r: 2 * math.pi * r**3 * kernels.single_and_gaussian(2.0, 0.9, 0.1, B30, r), 0, 30)[0]
     assert both == pytest.approx(M2, rel=1e-7)
+
+
+@pytest.mark.parametrize(("albedo", "depth"), [(1.0, 2.0), (0.9, 5.0), (0.5, 10.0)])
+def test_the_path_integrals_width_is_that_of_paths_on_a_lattice(albedo, depth):
+    """Angles along a path: random steps of 2 B sigma_s a depth, none at both ends, a loss of theta^2/2; its place is their sum."""
+    n = 4000
+    step = depth / n
+    stiff, loss = 1 / (2 * B30 * albedo * step), (1 - albedo) * step
+    bands = np.array([np.full(n - 1, -stiff), np.full(n - 1, 2 * stiff + loss)])
+    variance = step**2 * linalg.solveh_banded(bands, np.ones(n - 1)).sum()
+    r = np.array([0.1, 0.5, 2.0])
+    expected = np.exp(-r * r / (2 * variance)) / (2 * math.pi * variance)
+    assert kernels.path_integral(depth, albedo, 1 - albedo, B30, 1.0, r) == pytest.approx(expected, rel=1e-4)
+    if albedo == 1:
+        assert kernels.elek(depth, albedo, B30, 1.0, r) == pytest.approx(expected, rel=1e-4)
 
 
 # the small-angle model

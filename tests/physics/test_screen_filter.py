@@ -172,6 +172,19 @@ def test_powers_of_a_model_for_comparison(power):
         assert fog.width[c, deep] == pytest.approx(math.sqrt(2 * square), rel=1e-3)
 
 
+def test_what_arrives_goes_from_the_slab_to_the_share_of_the_integral():
+    """Of 0.9 in a plane: 0.5 passes shallow slabs, 5/8 arrives for the first time deep, their geometric mean in between."""
+    held = np.array([1e-9, 5.0, 1e3])
+
+    def slab(tau):
+        return np.full_like(tau, 0.5), None, np.where(tau < 2e3, 0.8, 1.0)
+
+    expected = np.array([0.5, 0.5 ** math.exp(-1) * (0.9 * 0.625) ** (1 - math.exp(-1)), 0.9 * 0.625])
+    assert kernels._arriving(slab, 0.9, held, held) == pytest.approx(expected, rel=1e-8)
+    # deeper than the tables it changes as the share does
+    assert kernels._arriving(slab, 0.9, held, held + 3e3) == pytest.approx(expected * 0.8, rel=1e-8)
+
+
 @pytest.mark.parametrize("albedo, tau", [(0.9, 0.05), (0.9, 3.0), (0.5, 30.0), (0.8, 300.0)])
 def test_spread_solves_the_moments_of_small_angles(albedo, tau):
     """Covariance of angle and place under scattering, and the loss on longer ways: Riccati's equation, step by step."""
