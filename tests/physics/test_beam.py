@@ -112,7 +112,7 @@ def test_the_other_kernels_hold_the_power():
 
 @pytest.mark.parametrize(("albedo", "depth"), [(1.0, 2.0), (0.9, 5.0), (0.5, 10.0)])
 def test_the_path_integrals_width_is_that_of_paths_on_a_lattice(albedo, depth):
-    """Angles along a path: random steps of 2 B sigma_s a depth, none at both ends, a loss of theta^2/2; its place is their sum."""
+    """Angles along a path: random steps of 2 B sigma_s a depth, none at the ends, a loss of theta^2/2; its place is their sum."""
     n = 4000
     step = depth / n
     stiff, loss = 1 / (2 * B30 * albedo * step), (1 - albedo) * step
