@@ -20,7 +20,8 @@ from bakery.machine import free_memory
 from bakery.plan import REUSE, RUN, Plan, Step, make
 from bakery.run import resources
 from bakery.run.cache import Cache
-from bakery.run.executors import Context, cluster, threads
+from bakery.run.dask import cluster
+from bakery.run.executors import Context, threads
 from bakery.run.progress import Progress
 from bakery.stages.declaration import Cost, Stage
 from bakery.store.tree import Dataset, Group

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import integrate, interpolate, special
+from scipy import integrate, interpolate, linalg, special
 
 from bakery.beam import build, kernels, layers, moments, named, photons, planar, single, small_angle, table, transport
 from bakery.medium import analytic
@@ -110,6 +110,21 @@ def test_the_other_kernels_hold_the_power():
     assert both == pytest.approx(M2, rel=1e-7)
 
 
+@pytest.mark.parametrize(("albedo", "depth"), [(1.0, 2.0), (0.9, 5.0), (0.5, 10.0)])
+def test_the_path_integrals_width_is_that_of_paths_on_a_lattice(albedo, depth):
+    """Angles along a path: random steps of 2 B sigma_s a depth, none at the ends, a loss of theta^2/2; its place is their sum."""
+    n = 4000
+    step = depth / n
+    stiff, loss = 1 / (2 * B30 * albedo * step), (1 - albedo) * step
+    bands = np.array([np.full(n - 1, -stiff), np.full(n - 1, 2 * stiff + loss)])
+    variance = step**2 * linalg.solveh_banded(bands, np.ones(n - 1)).sum()
+    r = np.array([0.1, 0.5, 2.0])
+    expected = np.exp(-r * r / (2 * variance)) / (2 * math.pi * variance)
+    assert kernels.path_integral(depth, albedo, 1 - albedo, B30, 1.0, r) == pytest.approx(expected, rel=1e-4)
+    if albedo == 1:
+        assert kernels.elek(depth, albedo, B30, 1.0, r) == pytest.approx(expected, rel=1e-4)
+
+
 # the small-angle model
 
 
@@ -146,6 +161,25 @@ def test_small_angle_tables_hold_the_moments():
         assert made.within(z, np.inf) == pytest.approx(M0, rel=5e-4)
         step = math.log(ratio[1] / ratio[0])
         assert np.sum(2 * math.pi * kernel * (z[:, None] * ratio) ** 4, axis=1) * step == pytest.approx(M2, rel=5e-4)
+
+
+@pytest.mark.parametrize(("albedo", "depth"), [(0.8, 3.0), (0.5, 10.0)])
+def test_kernels_whose_longer_paths_are_absorbed_have_the_moments_of_their_events(albedo, depth):
+    """Event by event: sech x of the light is left, and n events spread it by 4 B n z^2/3 times 3 (x - tanh x)/x^3."""
+    n = np.arange(1, 120)
+    chance = np.exp(n * math.log(albedo * depth) - albedo * depth - special.gammaln(n + 1) - (1 - albedo) * depth)
+    x = np.sqrt(2 * B30 * n * (1 - albedo) * depth)
+    power = np.sum(chance / np.cosh(x))
+    square = np.sum(chance / np.cosh(x) * 4 / 3 * B30 * n * depth**2 * 3 * (x - np.tanh(x)) / x**3)
+    z, ratio = table.grid(20.0, math.sqrt(B30))
+    plain = small_angle.homogeneous(planar.gaussian(B30), albedo, z, ratio)
+    named_kernel = named.Kernels(albedo, *gaussian(30), B30, False,
+                                 lambda name: table.Table(z, ratio, plain * z[:, None] ** 2 * ratio))
+    r, step = depth * ratio, math.log(ratio[1] / ratio[0])
+    for kernel in (small_angle.homogeneous(planar.gaussian(B30), albedo, depth, ratio, absorb=True)[0],
+                   named_kernel.kernel(depth, r, "small_angle_absorbing")):
+        assert np.sum(2 * math.pi * kernel * r**2) * step == pytest.approx(power, rel=1e-3)
+        assert np.sum(2 * math.pi * kernel * r**4) * step == pytest.approx(square, rel=2e-3)
 
 
 def test_a_phase_table_is_its_closed_transform_where_angles_are_small():

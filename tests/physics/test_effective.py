@@ -190,6 +190,43 @@ def test_a_mixture_is_what_a_joint_measurement_finds():
     assert found.forward_delta[0] > 0.1 and np.all(found.errors["phase"] == 0)
 
 
+def test_missed_chords_of_a_round_silhouette():
+    """A ball of half the bounding radius in its middle: chords 2 sqrt(1 - p^2) of rays at distance p, uniform in p^2."""
+    p2 = 0.25 + 0.75 * (np.arange(100_000) + 0.5) / 100_000
+    chord = 2 * np.sqrt(1 - p2)
+    ball = Means(0.25, chord.mean(), *(np.ones(1) for _ in range(5)), errors={"lambda_delta": 1e-6})
+    value, error = ball.figure("missed_square")
+    assert value == pytest.approx((chord**2).mean(), rel=1e-6)
+    assert error == pytest.approx(1.125 * ((chord.mean() + 1e-6) ** 2 - chord.mean() ** 2), rel=1e-5)
+
+
+def test_errors_of_mixtures_are_those_of_their_parts_to_first_order():
+    """Each figure of each part moved by its error, one by one: squares add up."""
+    tiny = {"hit_probability": 1e-6, "lambda_delta": 3e-6, "missed_square": 2e-6, "albedo": np.array([4e-6]),
+            "lambda_s": np.array([2e-6]), "mean_square": np.array([5e-6]), "g": np.array([1e-6]),
+            "forward_delta": np.array([3e-6]), "phase": np.array([[2e-6, 1e-6]])}
+
+    def part(*values):
+        made = [np.full(np.shape(error), value) for value, error in zip(values, tiny.values(), strict=True)]
+        return {name: float(v) if v.ndim == 0 else v for name, v in zip(tiny, made)}
+
+    parts = [part(0.7, 0.9, 1.0, 0.6, 0.5, 1.1, 0.3, 0.1, 0.05), part(0.5, 1.2, 1.6, 0.9, 0.8, 1.9, 0.6, 0.3, 0.09)]
+
+    def mixture(given, errors):
+        return mixed([Means(**values, errors=errors) for values in given], (2, 1), (1.0, 1.5))
+
+    found, squares = mixture(parts, tiny), dict.fromkeys(tiny, 0.0)
+    for k in range(2):
+        for name, error in tiny.items():
+            moved = [dict(values) for values in parts]
+            moved[k][name] = moved[k][name] + error
+            other = mixture(moved, {})
+            for figure in squares:
+                squares[figure] = squares[figure] + (getattr(other, figure) - getattr(found, figure)) ** 2
+    for figure, square in squares.items():
+        assert found.errors[figure] == pytest.approx(np.sqrt(square), rel=1e-4), figure
+
+
 def test_mixtures_of_one_and_of_nothing():
     glass = replace(GLASS, errors={"lambda_s": np.array([0.01]), "hit_probability": 1e-3, "phase": GLASS.errors["phase"]})
     for parts, weights, radii in (([glass], [5], [3.0]), ([glass, CUBE, glass], [2, 0, 2], [3.0, 1.0, 3.0])):

@@ -235,6 +235,70 @@ def test_slabs_keep_energy():
         assert not np.any(less[0])
 
 
+def scaled_by_hand(albedo, g, peak):
+    """Delta scaling by what it keeps: absorption, and scattering outside of the peak with its whole cosine."""
+    absorbed, scattered = 1 - albedo, albedo * (1 - peak)
+    factor = absorbed + scattered
+    return scattered / factor, (albedo * g - albedo * peak) / scattered if scattered else 0.0, factor
+
+
+SCALED = [(0.9, 0.5, 0.25), (0.6, 0.85, 0.7225), (0.99, 0.77, 0.46), (0.3, 0.9, 0.6)]
+
+
+@pytest.mark.parametrize("albedo, g, peak", SCALED)
+def test_scaling_keeps_absorption_and_transport(albedo, g, peak):
+    left, asymmetry, factor = _columns.scaled(albedo, g, peak)
+    assert (left, asymmetry, factor) == pytest.approx(scaled_by_hand(albedo, g, peak), rel=1e-13)
+    assert factor * (1 - left) == pytest.approx(1 - albedo, rel=1e-12)
+    assert factor * (1 - left * asymmetry) == pytest.approx(1 - albedo * g, rel=1e-12)  # similarity
+
+
+@pytest.mark.parametrize("albedo, g, peak", SCALED)
+def test_slab_is_the_column_that_is_left(albedo, g, peak):
+    """The scaled medium's diffuse light, and what the peak took out of the direct light."""
+    left, asymmetry, factor = scaled_by_hand(albedo, g, peak)
+    for tau in (1e-3, 0.5, 3.0, 20.0):
+        phi, flux = _columns.diffuse(left, asymmetry, np.array([0, factor * tau]), factor * tau)
+        straight = math.exp(-factor * tau) - math.exp(-tau)
+        endless = _columns.diffuse(left, asymmetry, factor * tau, 1e7)
+        expected = straight + phi[1] / 4 + flux[1] / 2, phi[0] / 4 - flux[0] / 2, straight + endless[0] / 4 + endless[1] / 2
+        assert np.array(_columns.slab(albedo, g, peak, tau)) == pytest.approx(np.array(expected), rel=1e-8)
+
+
+@pytest.mark.parametrize("albedo, g, peak", SCALED)
+def test_source_term_by_term(albedo, g, peak):
+    """Direct light, P1's diffuse light, and light in the peak as a sum over numbers of events, one by one."""
+    before, behind, sigma_t, mu, irradiance, single = 3.0, 5.0, 0.4, 0.7, 2.0, 0.3
+    turn, cosine = math.radians(25), -0.3
+    left, asymmetry, factor = scaled_by_hand(albedo, g, peak)
+    true, q = before * sigma_t, (1 + g) / 2
+    whole = factor * (before + behind) * sigma_t
+    phi, flux = _columns.diffuse(left, asymmetry, factor * true, whole, mu=mu, irradiance=irradiance)
+    m = albedo * peak * true / mu
+    chance = [math.exp(-m) * m**n / math.factorial(n) for n in range(1, 60)]
+    forward = g * sum(p * q**n for n, p in enumerate(chance, 1)) / sum(chance)
+    c = math.cos(turn)
+    lobe = (1 - forward**2) / (4 * math.pi * (1 + forward**2 - 2 * forward * c) ** 1.5)
+    near = irradiance * (math.exp(-factor * true / mu) - math.exp(-true / mu)) * lobe
+    expected = albedo * (single * math.exp(-true / mu) + (phi + 3 * g * cosine * flux) / (4 * math.pi) + near)
+    for diffuse, value in ((True, expected), (False, albedo * single * math.exp(-true / mu))):
+        out = np.ones((1, 1))
+        columns = (np.array([x]) for x in (before, behind))
+        channels = (np.array([x]) for x in (sigma_t, albedo, g, peak))
+        _columns.source(*columns, np.array([[single]]), np.array([c]), np.array([cosine]), *channels, mu,
+                        np.array([irradiance]), diffuse, out)
+        assert out[0, 0] - 1 == pytest.approx(value, rel=1e-9)
+
+
+def test_moments_of_phase_functions():
+    """Henyey-Greenstein: g and g^2; Rayleigh: 0 and 1/10; backward ones have no peak."""
+    g = np.array([0.0, 0.3, 0.85, -0.5])
+    mean, peak = _columns.moments(hg(g))
+    assert mean == pytest.approx(g, abs=1e-5) and peak == pytest.approx([0, 0.09, 0.7225, 0], abs=1e-5)
+    mean, peak = _columns.moments(lambda theta: 3 / (16 * math.pi) * (1 + np.cos(theta[None]) ** 2))
+    assert mean == pytest.approx([0], abs=1e-9) and peak == pytest.approx([0], abs=1e-9)
+
+
 def photons(albedo, g, depth, views, count, seed):
     """Radiance of a slab that light of irradiance 1 enters along +z, in directions of travel (V, 3), by next-event estimation;
     and reflected and diffusely transmitted shares.  Literal."""

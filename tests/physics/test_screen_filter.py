@@ -128,6 +128,75 @@ def test_powers(fog):
     assert (kept <= straight * (1 + 1e-6)).all()  # scattered ways are longer than the straight one
 
 
+class Gaussians:
+    """An asset whose beams are Gaussians of known power and width: of two wavelengths one absorbs half, the other nothing."""
+
+    albedo, B, wavelength = np.array([0.5, 1.0]), np.array([0.02, 0.02]), np.array([0.6, 0.5])
+    depth = np.geomspace(1e-3, 12, 200)
+
+    def __init__(self, power=1.0):
+        self.power, self.beam = power, self
+        self.medium = type("Medium", (dict,), {"phase": lambda _, theta: np.full((2, *np.shape(theta)), 1 / (4 * math.pi))})(
+            sigma_t=np.array([0.1, 0.2]), albedo=self.albedo)
+
+    def __getitem__(self, name):
+        width = np.sqrt(2 * self.B[:, None] * self.depth) * self.depth
+        return {"depth": self.depth, "gaussian_b": self.B, "model": np.zeros(2), "beta": width}[name]
+
+    def kernel(self, depth, r, name):
+        own = (np.broadcast_to(a, (2, *np.shape(a)[-2:])) for a in (depth, r))
+        depth, r = (np.asarray(a, float) for a in own)
+        a = self.albedo[:, None, None]
+        width = depth**3 * self.B[:, None, None]
+        return self.power * np.exp(-(1 - a) * depth) * -np.expm1(-a * depth) * np.exp(-r * r / width) / (math.pi * width)
+
+
+@pytest.mark.parametrize("power", [1.0, 0.8])
+def test_powers_of_a_model_for_comparison(power):
+    """Power times e^-tau_a (1 - e^-tau_s), inside of the tables to their trapezoids, 1e-3, and beyond, down to 1e-20."""
+    fog = kernels.fog_of(Gaussians(power), channels=2, kernel="small_angle")
+    tau = np.array([0.01, 0.3, 3.0, 11.0, 30.0, 90.0])
+    for c, albedo in enumerate((0.5, 1.0)):
+        found = fog.powers(tau / fog.sigma_t[c], "lost")[0][:, c]
+        assert found == pytest.approx(power * np.exp(-(1 - albedo) * tau) * -np.expm1(-albedo * tau), rel=2e-3)
+    # the shape is the Gaussian's, whatever its power
+    x = np.array([0.01, 0.05, 0.1, 0.2])
+    tau = fog.depth[np.searchsorted(fog.depth, 3.0)]
+    assert fog.look(0, tau, x) == pytest.approx(x * np.exp(-x * x / (0.02 * tau)) / (0.02 * math.pi * tau), rel=0.01)
+    # beyond the deepest table that shape is stretched, and with it the length that a cut-off counts in
+    deep = np.searchsorted(fog.depth, 100.0)
+    for c, albedo in enumerate((0.5, 1.0)):
+        far, last = kernels._spread(0.02, albedo, np.array([fog.depth[deep], 12.0]))
+        square = 0.02 * 12 * far / last
+        assert fog.look(c, fog.depth[deep], x) == pytest.approx(x * np.exp(-x * x / square) / (math.pi * square), rel=0.01)
+        assert fog.width[c, deep] == pytest.approx(math.sqrt(2 * square), rel=1e-3)
+
+
+def test_what_arrives_goes_from_the_slab_to_the_share_of_the_integral():
+    """Of 0.9 in a plane: 0.5 passes shallow slabs, 5/8 arrives for the first time deep, their geometric mean in between."""
+    held = np.array([1e-9, 5.0, 1e3])
+
+    def slab(tau):
+        return np.full_like(tau, 0.5), None, np.where(tau < 2e3, 0.8, 1.0)
+
+    expected = np.array([0.5, 0.5 ** math.exp(-1) * (0.9 * 0.625) ** (1 - math.exp(-1)), 0.9 * 0.625])
+    assert kernels._arriving(slab, 0.9, held, held) == pytest.approx(expected, rel=1e-8)
+    # deeper than the tables it changes as the share does
+    assert kernels._arriving(slab, 0.9, held, held + 3e3) == pytest.approx(expected * 0.8, rel=1e-8)
+
+
+@pytest.mark.parametrize("albedo, tau", [(0.9, 0.05), (0.9, 3.0), (0.5, 30.0), (0.8, 300.0)])
+def test_spread_solves_the_moments_of_small_angles(albedo, tau):
+    """Covariance of angle and place under scattering, and the loss on longer ways: Riccati's equation, step by step."""
+    from scipy.integrate import solve_ivp
+
+    B, loss = 0.1, 1 - albedo
+    made = solve_ivp(lambda z, v: (2 * B * albedo - loss * v[0] ** 2, v[0] - loss * v[0] * v[1], 2 * v[1] - loss * v[1] ** 2),
+                     (0, tau), (0.0, 0.0, 0.0), rtol=1e-9, atol=1e-14, method="LSODA")
+    square = 2 * made.y[2, -1] / tau**2
+    assert kernels._spread(B, albedo, np.array([tau]))[0] == pytest.approx(square / (1 + square), rel=1e-5)
+
+
 # ---- the filter
 
 

@@ -212,6 +212,56 @@ def test_chords_against_brute_force():
         assert _chords.first_hit(o.copy(), d, cell, m, *grid, 15.0) == pytest.approx(expected, abs=1e-9)
 
 
+def test_rays_that_start_on_or_in_a_sphere():
+    """On the surface that is left, or a rounding inside: passed over.  In a sphere whose centre lies ahead: met at once."""
+    from bakery.packing import _chords
+
+    cell, m = np.array([6.0, 6.0, 6.0]), np.array([3, 3, 3])
+    grid = _chords.lists(np.array([[3.0, 3.0, 3.0]]), np.ones(1), cell, m)
+
+    def way(x, y=3.0, turn=1.0):
+        return _chords.first_hit(np.array([x, y, 3.0]), np.array([turn, 0.0, 0.0]), cell, m, *grid, 1e4)
+
+    for start in (4.0, 4.0 - 1e-12, 3.5, 3.01):
+        assert way(start) == pytest.approx(8 - start, rel=1e-12)  # of the next image
+    assert [way(start) for start in (2.99, 2.5, 2.0 + 1e-12)] == [0, 0, 0]
+    assert way(1.99) == pytest.approx(0.01, rel=1e-9) and way(1.5, turn=-1.0) == pytest.approx(3.5, rel=1e-12)
+    # near the rim: met 0.99 of the radius off the centre, missed at 1.01
+    assert way(1.5, y=3.99) == pytest.approx(1.5 - math.sqrt(1 - 0.99**2), rel=1e-12) and way(1.5, y=4.01) == 1e4
+
+
+def test_chords_start_on_spheres_and_end_at_the_next():
+    """The law of starts and every sum: each line by itself against all images, touching spheres among them."""
+    from bakery.packing import _chords
+
+    rng = np.random.default_rng(11)
+    cell, radii = np.array([4.0, 5.0, 4.5]), np.array([1.0, 0.5, 0.7])
+    centers = np.array([[1.0, 1.0, 1.0], [2.5, 1.0, 1.0], [1.0, 3.2, 2.9]])  # the first two touch
+    share, m, limit = np.cumsum(radii**2) / np.sum(radii**2), np.array([3, 4, 3]), 12.0
+    edges, uniform = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0]), rng.random((300, 5))
+    found = _chords.chords(uniform, centers, radii, share, cell, m, *_chords.lists(centers, radii, cell, m), edges, limit)
+    shifts = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 3, indexing="ij"), -1).reshape(-1, 3) * cell
+    images, sizes = (centers[:, None] + shifts).reshape(-1, 3), np.repeat(radii, len(shifts))
+
+    def unit(a, b):
+        return np.array([math.sqrt(1 - (2 * a - 1) ** 2) * f(2 * math.pi * b) for f in (math.cos, math.sin)] + [2 * a - 1])
+
+    lengths = []
+    for which, *pairs in uniform:
+        i = int(np.argmax(which < share))
+        normal = unit(*pairs[:2])
+        start, way = centers[i] + radii[i] * normal, normal + unit(*pairs[2:])
+        way /= np.linalg.norm(way)
+        along = (images - start) @ way
+        inside = sizes**2 - np.sum((images - start - along[:, None] * way) ** 2, axis=1)
+        met = (inside > 0) & (along > 0)
+        lengths.append(min(np.min(along[met] - np.sqrt(inside[met]), initial=limit), limit))
+    lengths = np.maximum(lengths, 0)
+    assert (found[0] == np.histogram(np.minimum(lengths, 7.9), edges)[0]).all()
+    assert found[1] == pytest.approx([np.sum(lengths**k) for k in range(1, 5)], rel=1e-9)
+    assert found[2] == pytest.approx(lengths.max(), rel=1e-12) and found[3] == np.sum(lengths >= limit)
+
+
 @pytest.mark.parametrize("radii, edge", [(np.ones(200), 14.0), (lognormal(1.4, 200), 16.0)])
 def test_mean_chord_is_four_volumes_over_surface(radii, edge):
     """Exact for any arrangement; the sampled mean within 5 standard errors (odds 6e-7), all bins add up, the error as asked."""
@@ -241,6 +291,37 @@ def test_errors_of_chords_are_those_of_repeats():
     bins = np.array([run.density for run in runs])[:, :20]
     ratio = np.var(bins, axis=0, ddof=1) / np.mean([run.density_error[:20] ** 2 for run in runs], axis=0)
     assert 0.6 < ratio.mean() < 1.6
+
+
+def test_error_of_the_spread_is_that_of_its_moments():
+    """Covariance of the first two moments of the chords, through the slope of <z^2>/(2 <z>^2) by differences."""
+    from bakery.packing import _chords
+
+    radii = np.ones(20)
+    centers, cell = inserted(radii, 7.0, 8)
+    found = structure.chord_lengths(centers, radii, cell, 0.5, stream, most=1 << 18)
+    m = np.array([2, 2, 2])
+    grid = (*_chords.lists(centers, radii, cell, m), found.edges, 1000 * found.exact)
+    uniform = np.concatenate([stream(k).random((1 << 15, 5)) for k in range(8)])
+    z = _chords.chords(uniform, centers, radii, np.arange(1, 21) / 20, cell, m, *grid)[1] / found.lines
+    assert found.lines == len(uniform) and found.mean == pytest.approx(z[0], rel=1e-12)
+    covariance = np.array([[z[1] - z[0] ** 2, z[2] - z[0] * z[1]], [z[2] - z[0] * z[1], z[3] - z[1] ** 2]]) / found.lines
+    h = 1e-5
+
+    def spread(first, second):
+        return second / (2 * first**2)
+
+    slope = np.array([spread(z[0] + h, z[1]) - spread(z[0] - h, z[1]), spread(z[0], z[1] + h) - spread(z[0], z[1] - h)]) / (2 * h)
+    assert found.spread == pytest.approx(spread(*z[:2]), rel=1e-12)
+    assert found.spread_error == pytest.approx(math.sqrt(slope @ covariance @ slope), rel=1e-6)
+
+
+def test_errors_between_octants():
+    """The variance of the sum of eight sums that differ from their mean as independent numbers do."""
+    rng = np.random.default_rng(3)
+    values, octant = rng.random((50, 2)), rng.integers(0, 8, 50)
+    sums = np.array([[np.sum(column[octant == k] - column.mean()) for k in range(8)] for column in values.T])
+    assert structure._between_octants(values, octant) == pytest.approx(np.sqrt(8 * np.var(sums, axis=1, ddof=1)) / 50, rel=1e-12)
 
 
 def test_one_task_or_many_give_the_same_chords():
