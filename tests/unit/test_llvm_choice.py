@@ -113,4 +113,4 @@ def test_missing_mitsuba_names_the_extra():
             "except Exception as error:\n    from bakery.errors import BakeryError\n"
             "    print(isinstance(error, BakeryError), isinstance(error, ImportError), error)\n")
     done = run("none", code)
-    assert done.stdout.startswith("True True") and 'pip install "bakery[mitsuba,llvm]"' in done.stdout, done.stderr
+    assert done.stdout.startswith("True True") and 'pip install ".[mitsuba,llvm]"' in done.stdout, done.stderr
