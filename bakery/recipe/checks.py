@@ -20,6 +20,7 @@ from bakery.recipe.fields import nearest
 from bakery.recipe.files import DataFile, Folder, materials
 from bakery.recipe.model import Index
 from bakery.recipe.schema import NAMED_WAVELENGTHS, NOT_YET, SOURCES
+from bakery.recipe.section import given, meant
 from bakery.recipe.text import Mapping, Node, Sequence, owner, show
 from bakery.recipe.units import Wrong
 
@@ -158,11 +159,11 @@ class Checker:
                         "expected method: photons or auto")
 
     def _particles(self, section: Mapping) -> None:
-        amounts = [name for name in ("number_density", "volume_fraction") if name in section]
+        amounts = given(section, "number_density", "volume_fraction")
         if not amounts:
             self.report_section(section, "found neither number_density nor volume_fraction", "expected one of them")
         elif len(amounts) == 2:
-            self.report_section(section[amounts[1]], f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
+            self.report_section(section.get(amounts[1], section), f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
         host = self.host(section, "air")
         for part in self.components(section, "fraction"):
             self.index(part, "material")
@@ -188,6 +189,8 @@ class Checker:
         return parts
 
     def _shares(self, node: Sequence, name: str, parts: list[Mapping], default: float | None) -> None:
+        if any(name in meant(part) for part in parts):
+            return
         shares = [self.value(part, name) if name in part else default for part in parts]
         if None not in shares and abs(math.fsum(shares) - 1) > _SHARES:
             self.report_section(node, f"found {name}s that add up to {math.fsum(shares):.7g}", "expected 1")
@@ -255,13 +258,10 @@ class Checker:
             )
 
     def _medium(self, section: Mapping) -> None:
-        first, second = (
-            [n for n in ("albedo", "mean_free_path") if n in section],
-            [n for n in ("sigma_s", "sigma_a") if n in section],
-        )
+        first, second = given(section, "albedo", "mean_free_path"), given(section, "sigma_s", "sigma_a")
         want = "expected albedo and mean_free_path, or sigma_s and sigma_a"
         if first and second:
-            self.report_section(section[second[0]], f"found {' and '.join(second)} beside {' and '.join(first)}", want)
+            self.report_section(section.get(second[0], section), f"found {' and '.join(second)} beside {' and '.join(first)}", want)
         elif len(first or second) < 2:
             self.report_section(
                 section, f"found only {(first or second)[0]}" if first or second else "found no coefficients", want

@@ -216,8 +216,8 @@ class Recipe:
     places: Mapping[str, str] = field(repr=False)
 
     def where(self, key: str) -> str:
-        """`fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""
+        """`recipes/fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""
         while key and key not in self.places:
             cut = max(key.rfind("."), key.rfind("["))
             key = key[:cut] if cut > 0 else ""
-        return self.places.get(key, self.path.name)
+        return self.places.get(key, str(self.path))

@@ -15,6 +15,7 @@ from bakery.recipe.fields import (
     ComponentName,
     Flag,
     Format,
+    GeometricDeviation,
     Length,
     Name,
     Path,
@@ -49,7 +50,7 @@ class SingleSize(Section):
 class LognormalSize(_Cut):
     distribution: word("lognormal") = Field(description="ln r is normally distributed.")
     radius: Length = Field(description="Geometric mean (= median) radius by number.")
-    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation, above 1.")
+    sigma: GeometricDeviation = Field(description="Geometric standard deviation, above 1.")
 
 
 class GammaSize(_Cut):
@@ -200,7 +201,7 @@ class RadiusShare(Section):
 
 class RadiusLaw(Section):
     distribution: word("lognormal") = Field(description="ln r is normally distributed.")
-    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation by number, above 1.")
+    sigma: GeometricDeviation = Field(description="Geometric standard deviation by number, above 1.")
 
 
 Radii = Annotated[

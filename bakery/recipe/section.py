@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from bakery.recipe.fields import Material, Path, numbers
+from bakery.recipe.fields import Material, Path, closest, numbers
 from bakery.recipe.text import Mapping, Scalar
 
 
@@ -21,6 +21,28 @@ class Section(BaseModel):
         if isinstance(data, Mapping):
             data.model = cls  # an unknown key is compared with the keys of this model
         return data
+
+
+SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts has its own word
+
+
+def likely(section: Mapping, name: str) -> str:
+    """The key that an unknown one seems to stand for, among those that the mapping lacks; "" where there is none."""
+    known = [field for field in section.model.model_fields if field not in section] if section.model else []
+    if name in SHARES:
+        return next((field for field in known if field in SHARES), "")
+    return closest(name, known)
+
+
+def meant(section: Mapping) -> set[str]:
+    """The keys that a mapping's unknown ones seem to stand for: what is said of those would be false."""
+    return {likely(section, name) for name in section if section.model and name not in section.model.model_fields} - {""}
+
+
+def given(section: Mapping, *names: str) -> list[str]:
+    """Which of the keys a mapping has, be it in another spelling."""
+    misspelt = meant(section)
+    return [name for name in names if name in section or name in misspelt]
 
 
 def pick(key: str, choices: tuple[str, ...]) -> Discriminator:
