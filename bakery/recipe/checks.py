@@ -20,11 +20,12 @@ from bakery.recipe.fields import nearest
 from bakery.recipe.files import DataFile, Folder, materials
 from bakery.recipe.model import Index
 from bakery.recipe.schema import NAMED_WAVELENGTHS, NOT_YET, SOURCES
-from bakery.recipe.section import given, meant
+from bakery.recipe.section import SMALLEST_N, given, meant
 from bakery.recipe.text import Mapping, Node, Sequence, owner, show
 from bakery.recipe.units import Wrong
 
 SMALLEST, LARGEST = 1e-8, 1e6  # size parameters that Lorenz-Mie sums cover
+STEEPEST = 1 - 1e-9  # largest |g| of a Henyey-Greenstein function: its lobe is narrower than that of any particle above
 CLEAR = 1e-3  # largest k of a host: above it, cross sections of a sphere in it are not defined by Lorenz-Mie theory
 _SHARES = 1e-6
 
@@ -248,7 +249,7 @@ class Checker:
         if host is None or self.wavelength is None:
             return
         scale = 2 * math.pi * host.n / np.array(self.wavelength)
-        low, high = radius * scale.min(), radius * scale.max()
+        low, high = radius * float(scale.min()), radius * float(scale.max())  # Python's floats overflow in silence
         if low < SMALLEST or high > LARGEST:
             x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
             self.report(
@@ -267,16 +268,17 @@ class Checker:
                 section, f"found only {(first or second)[0]}" if first or second else "found no coefficients", want
             )
         _, path, s, a = (self.one_each(section, name) for name in ("albedo", "mean_free_path", "sigma_s", "sigma_a"))
-        if s is not None and a is not None and not (s + a > 0).all():
+        if s is not None and a is not None and ((s == 0) & (a == 0)).any():
             self.report_section(section, "found sigma_s and sigma_a that are both 0", "expected a positive sum")
-        if s is not None and a is not None and not np.isfinite(s + a).all():
-            self.report_section(
-                section, "found sigma_s and sigma_a whose sum is beyond the range of numbers", "expected smaller coefficients"
-            )
+        elif s is not None and a is not None and not all(1e-24 < sum(pair) < 1e15 for pair in zip(s.tolist(), a.tolist())):
+            self.report_section(section, "found sigma_s and sigma_a with a sum that no medium has", "expected 1e-24 /m to 1e15 /m")
         if path is not None and not ((path > 1e-9) & (path < 1e30)).all():
             self.report(section["mean_free_path"], "found a mean free path that no medium has", "expected 1e-15 m to 1e24 m")
         for phase in _mappings(section.get("phase")):
-            self.one_each(phase, "g")
+            g = self.one_each(phase, "g")
+            if g is not None and np.abs(g).max() > STEEPEST:
+                steepest = float(g[np.abs(g).argmax()])
+                self.report(phase["g"], f"found g = {steepest!r}, a lobe too narrow for a table", "expected |g| up to 1 - 1e-9")
             if self.value(phase, "type") == "table":
                 self._phase_table(phase)
 
@@ -409,6 +411,9 @@ class Checker:
         k = table[2] if len(table) == 3 else np.zeros_like(n)
         if n.max() > 1000 or k.max() > 1000:
             self.report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", "expected at most 1000")
+            return None
+        if n.min() < SMALLEST_N:
+            self.report(node, f"found n down to {n.min():g} in the table", f"expected at least {SMALLEST_N:g}")
             return None
         outside = [w for w in self.wavelength if not wavelength[0] <= w <= wavelength[-1]]
         if outside:

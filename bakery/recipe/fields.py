@@ -53,11 +53,14 @@ def scalar(node: Any, expected: str) -> Scalar:
     return node
 
 
-class _Leaf:
-    """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function."""
+class Leaf:
+    """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function.
 
-    def __init__(self, read: Callable, json: dict):
-        self.read, self.json = read, json
+    `quantity` and `bounds` of a number tell tests its smallest and its largest value.
+    """
+
+    def __init__(self, read: Callable, json: dict, quantity: Quantity | None = None, bounds: Range | None = None):
+        self.read, self.json, self.quantity, self.bounds = read, json, quantity, bounds
 
     def __get_pydantic_core_schema__(self, source, handler):
         return core_schema.with_info_plain_validator_function(self.validate)
@@ -74,9 +77,9 @@ class _Leaf:
         return value
 
 
-def leaf(read, schema: dict):
+def leaf(read, schema: dict, quantity: Quantity | None = None, bounds: Range | None = None):
     """A field type: `read(node)` gives the value, which is noted under the node's key."""
-    return Annotated[Any, _Leaf(read, schema)]
+    return Annotated[Any, Leaf(read, schema, quantity, bounds)]
 
 
 class Range:
@@ -148,7 +151,7 @@ def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Ca
             raise Wrong(f"found {show(node.text)}", f"expected {what}" + nearest(node.text, words))
         return one(node.text, quantity, limits, node.quoted, words, hint)
 
-    return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)})
+    return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
 
 
 def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, **bounds):
@@ -181,7 +184,7 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
     }
     listed = Annotated[list[number(quantity, **bounds)], Field(min_length=1, max_length=most_entries)]
     return Annotated[
-        Annotated[leaf(read, text), Tag("text")] | Annotated[listed, Tag("list")],
+        Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")],
         Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else "text"),
     ]
 

@@ -55,10 +55,13 @@ def pick(key: str, choices: tuple[str, ...]) -> Discriminator:
     return Discriminator(tag, custom_error_type="choice", custom_error_message="|".join((key, *choices)))
 
 
+SMALLEST_N = 1e-3  # no material has less; size parameters and relative indices stay within range
+
+
 class NK(Section):
     """Optical constants n + ik, absolute (relative to vacuum)."""
 
-    n: numbers(above=0, most=1000) = Field(
+    n: numbers(least=SMALLEST_N, most=1000) = Field(
         description="Real part of the refractive index, relative to vacuum; one value, or one a wavelength."
     )
     k: numbers(least=0, most=1000) = Field(
@@ -69,7 +72,7 @@ class NK(Section):
 class HostIndex(Section):
     """A clear host."""
 
-    n: numbers(above=0, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
+    n: numbers(least=SMALLEST_N, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
 
 
 class MaterialFile(Section):

@@ -159,7 +159,7 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         (
             "wavelengths: rgb",
             "wavelengths: [0.5, -0.6]",
-            ['3: wavelengths[1]: found "-0.6"; expected a wavelength above 0 and at most 1e+06 um'],
+            ['3: wavelengths[1]: found "-0.6"; expected a wavelength at least 0.0001 and at most 1e+06 um'],
         ),
         ("wavelengths: rgb", "wavelengths: []", ["3: wavelengths: found 0 entries; expected at least 1"]),
         (
@@ -274,7 +274,7 @@ def test_particles(refuse, old, new, says):
         (
             "{type: hg, g: 0.7}",
             "{type: gaussian, spread: 200 deg}",
-            ['6: medium.phase.spread: found "200 deg"; expected an angle above 0 and at most 3.14159 rad'],
+            ['6: medium.phase.spread: found "200 deg"; expected an angle at least 1e-06 and at most 3.14159 rad'],
         ),
         ("{type: hg, g: 0.7}", "hg", ['6: medium.phase: found "hg"; expected a mapping such as {type: hg, …}']),
         (
