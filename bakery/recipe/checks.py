@@ -15,7 +15,7 @@ import numpy as np
 from bakery.errors import Problem
 from bakery.materials import Table
 from bakery.materials import index as constants
-from bakery.recipe import grain_checks, tables
+from bakery.recipe import grain_checks, tables, wavelengths
 from bakery.recipe.fields import nearest
 from bakery.recipe.files import DataFile, Folder, materials
 from bakery.recipe.model import Index
@@ -32,12 +32,13 @@ _SHARES = 1e-6
 
 @dataclass
 class Checker:
-    """Runs the checks; afterwards `problems`, `indices`, `columns`, `meshes` (by key) and `files` hold what was found."""
+    """Runs the checks; then `problems`, `warnings`, `files` and, by key, `indices`, `columns`, `meshes` hold what was found."""
 
     tree: Mapping
     values: dict
     folder: Folder
     problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
     files: list[DataFile] = field(default_factory=list)
     indices: dict[str, Index] = field(default_factory=dict)
     columns: dict[str, np.ndarray] = field(default_factory=dict)
@@ -59,6 +60,7 @@ class Checker:
             grain_checks.check(self, section)
         for section in _mappings(self.tree.get("packing")):
             self._packing(section)
+        self._unusual_wavelengths()
         for name in NOT_YET:
             if name in self.tree:
                 self.report_section(self.tree[name], f"{name} is not available yet", "particles, grains and medium are")
@@ -113,6 +115,17 @@ class Checker:
             double = next(w for i, w in enumerate(self.wavelength) if w in self.wavelength[:i])
             self.report(node, f"found {double:g} um more than once", "expected distinct wavelengths")
 
+    def _unusual_wavelengths(self) -> None:
+        """A warning for wavelengths far from what is seen; a table of the user's own that has them says that they are meant."""
+        far = wavelengths.far(self.wavelength or ())
+        if not far or any(file.key.endswith(("material.file", "host.file")) for file in self.files):
+            return
+        near = wavelengths.likely(far)
+        low, high = wavelengths.TABLES
+        self.warnings.append(self.tree["wavelengths"].place.problem(
+            f"found {wavelengths.listed(far)} um, far from what is seen (0.4 to 0.8 um) and from the tables of materials "
+            f"({low:g} to {high:g} um)", f"give the unit that is meant ({near}?)" if near else "is the unit right?"))
+
     def host(self, section: Mapping, default: str) -> Index | None:
         """Optical constants of what particles or grains lie in."""
         host = self.index(section, "host", default)
@@ -164,7 +177,8 @@ class Checker:
         if not amounts:
             self.report_section(section, "found neither number_density nor volume_fraction", "expected one of them")
         elif len(amounts) == 2:
-            self.report_section(section.get(amounts[1], section), f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
+            second = section.get(amounts[1], section)
+            self.report_section(second, f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
         host = self.host(section, "air")
         for part in self.components(section, "fraction"):
             self.index(part, "material")
@@ -262,7 +276,8 @@ class Checker:
         first, second = given(section, "albedo", "mean_free_path"), given(section, "sigma_s", "sigma_a")
         want = "expected albedo and mean_free_path, or sigma_s and sigma_a"
         if first and second:
-            self.report_section(section.get(second[0], section), f"found {' and '.join(second)} beside {' and '.join(first)}", want)
+            node = section.get(second[0], section)
+            self.report_section(node, f"found {' and '.join(second)} beside {' and '.join(first)}", want)
         elif len(first or second) < 2:
             self.report_section(
                 section, f"found only {(first or second)[0]}" if first or second else "found no coefficients", want
@@ -271,7 +286,9 @@ class Checker:
         if s is not None and a is not None and ((s == 0) & (a == 0)).any():
             self.report_section(section, "found sigma_s and sigma_a that are both 0", "expected a positive sum")
         elif s is not None and a is not None and not all(1e-24 < sum(pair) < 1e15 for pair in zip(s.tolist(), a.tolist())):
-            self.report_section(section, "found sigma_s and sigma_a with a sum that no medium has", "expected 1e-24 /m to 1e15 /m")
+            self.report_section(
+                section, "found sigma_s and sigma_a with a sum that no medium has", "expected 1e-24 /m to 1e15 /m"
+            )
         if path is not None and not ((path > 1e-9) & (path < 1e30)).all():
             self.report(section["mean_free_path"], "found a mean free path that no medium has", "expected 1e-15 m to 1e24 m")
         for phase in _mappings(section.get("phase")):
@@ -417,11 +434,11 @@ class Checker:
             return None
         outside = [w for w in self.wavelength if not wavelength[0] <= w <= wavelength[-1]]
         if outside:
-            shown = ", ".join(f"{w:g}" for w in outside[:8])
+            near, shown = wavelengths.likely(outside), wavelengths.listed(outside)
             self.report(
                 node,
                 f"found the wavelength{'s' * (len(outside) > 1)} {shown} um, for which {show(word)} has no data",
-                f"expected {wavelength[0]:g} to {wavelength[-1]:g} um",
+                f"expected {wavelength[0]:g} to {wavelength[-1]:g} um" + (f" ({near}?)" if near else ""),
             )
             return None
         return Index(word, *constants(Table(wavelength, n, k), self.wavelength))

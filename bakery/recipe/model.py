@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bakery.errors import Problem
 from bakery.recipe.files import DataFile
 
 
@@ -214,6 +215,7 @@ class Recipe:
     leaves: Mapping[str, str | int | float | bool]
     files: tuple[DataFile, ...]
     places: Mapping[str, str] = field(repr=False)
+    warnings: tuple[Problem, ...] = ()  # what is legal and probably not meant
 
     def where(self, key: str) -> str:
         """`recipes/fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""

@@ -65,7 +65,8 @@ def _unknown(node: Node) -> Iterator[Problem]:
         return  # reported as a merge key
     every = list(parent.model.model_fields) if parent.model else []
     near = likely(parent, name)
-    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}" + (f" ({near}?)" if near else ""))
+    hint = f" ({near}?)" if near else ""
+    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}{hint}")
 
 
 def _choice(node: Node, key: str, choices: list[str]) -> Problem:

@@ -159,7 +159,9 @@ class Rayleigh(Section):
 
 class Gaussian(Section):
     type: word("gaussian") = Field(description="A Gaussian lobe about the forward direction.")
-    spread: number(ANGLE, least=1e-6, most=3.141592653589794) = Field(description="Standard deviation of the angle, such as 30 deg.")
+    spread: number(ANGLE, least=1e-6, most=3.141592653589794) = Field(
+        description="Standard deviation of the angle, such as 30 deg."
+    )
 
 
 class PhaseTable(Section):
@@ -205,7 +207,9 @@ class RadiusLaw(Section):
 
 
 Radii = Annotated[
-    Annotated[word("equal"), Tag("word")] | Annotated[list[RadiusShare], Field(min_length=1, max_length=256), Tag("list")] | Annotated[RadiusLaw, Tag("law")],
+    Annotated[word("equal"), Tag("word")]
+    | Annotated[list[RadiusShare], Field(min_length=1, max_length=256), Tag("list")]
+    | Annotated[RadiusLaw, Tag("law")],
     Discriminator(lambda node: "list" if isinstance(node, Sequence) else "law" if isinstance(node, Mapping) else "word"),
 ]
 
@@ -275,7 +279,7 @@ class RecipeFile(Section):
     bakery: Format = Field(description="Recipe format.")
     name: Name = Field(description="The asset is NAME.h5 unless -o says otherwise.")
     description: Text = Field("", description="Free text.")
-    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, least=1e-4, most=1e6) = Field(
+    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, least=1e-9, most=1e6) = Field(
         NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."
     )
     seed: whole(0, 2**53) = Field(0, description="Every random stream derives from it.")

@@ -72,7 +72,9 @@ class NK(Section):
 class HostIndex(Section):
     """A clear host."""
 
-    n: numbers(least=SMALLEST_N, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
+    n: numbers(least=SMALLEST_N, most=1000) = Field(
+        description="Refractive index relative to vacuum; one value, or one a wavelength."
+    )
 
 
 class MaterialFile(Section):

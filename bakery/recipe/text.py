@@ -16,8 +16,8 @@ from bakery.errors import Problem, RecipeError
 
 MAX_BYTES, MAX_LINES, MAX_DEPTH, MAX_NODES = 1 << 20, 50_000, 32, 20_000
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]|[\u2028\u2029\ufeff]")
-# a list followed by one unit, `[0.84, 0.75, 0.68] mm` or `[1, 2, 3] 1/mm`: never valid YAML otherwise, because text cannot follow a
-# closing bracket
+# a list followed by one unit, `[0.84, 0.75, 0.68] mm` or `[1, 2] 1/mm`: never valid YAML otherwise, because text cannot follow
+# a closing bracket
 _LIST_WITH_UNIT = re.compile(
     r"""\[[^][{}"'#\0]*\][ \t]*(?:1?[ \t]*/[ \t]*)?"""
     r"""[^\s\d\0,:#'"&*!|>@`\[\]{}][^\s\0,:#'"\[\]{}]*(?=[ \t]*(?:[,\]}\n\r\0]|[ \t]#|$))"""

@@ -20,7 +20,8 @@ from bakery.recipe.fields import Leaf
 from bakery.recipe.section import Section
 from bakery.run import execute, prepare
 
-HEAD = {"bakery": 1, "name": "x", "wavelengths": [0.55, 0.6], "tolerance": 0.1, "seed": 0, "description": "", "measure": "pointwise"}
+HEAD = {"bakery": 1, "name": "x", "description": "", "wavelengths": [0.55, 0.6], "seed": 0, "tolerance": 0.1,
+        "measure": "pointwise"}
 DROP = {"name": "a", "material": "water", "fraction": 1.0, "size": {"distribution": "single", "radius": "1 um"}}
 WHITE = {"type": "diffuse", "reflectance": 0.5}
 GLASS = {"type": "dielectric", "material": {"n": 1.5, "k": 0.0}, "roughness": 0.1}
@@ -68,7 +69,7 @@ BASES = {
     "phase table": _medium({"type": "table", "file": "phase.csv"}),
     "tile": {"packing": {"fraction": [0.2], "count": 20, "cell": [1, 1, 1], "radii": "equal", "growth": 0.1, "equilibration": 1,
                          "seed": 0}},
-    "tile of two": {"packing": {"fraction": 0.2, "count": 20, "radii": [{"share": 0.5, "radius": 1}, {"share": 0.5, "radius": 2}]}},
+    "tile of two": {"packing": {"fraction": 0.2, "count": 20, "radii": [{"share": 0.5, "radius": size} for size in (1, 2)]}},
     "tile of many": {"packing": {"fraction": 0.2, "count": 20, "radii": {"distribution": "lognormal", "sigma": 1.2}}},
     "sphere": _grains({"type": "sphere"}, GLASS, interior={"absorption": "1 /mm"}) | {
         "scatterometer": {"tolerance": 0.1, "triangles": "coarse", "paths": 1000, "depth": 100, "engine": "numba"},

@@ -17,7 +17,7 @@ FOREIGN = re.compile(
     r"|\b(version|metadata|distribution|requires)\(\s*[\"']bakery[\"']"
 )
 TEXTS = sorted(path for name in ("bakery", "renderers", "docs", "recipes", "assets", "benchmarks", ".ci")
-               for path in (ROOT / name).rglob("*") if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".toml", ".csv"))
+               for path in (ROOT / name).rglob("*") if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".csv"))
 TEXTS += [ROOT / name for name in ("README.md", "Makefile", "pyproject.toml")]
 
 
