@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 MINIMUM = 19  # the oldest version that was tried and works; 17 and 18 were not tried and count as too old
-INSTALL = 'pip install "bakery[mitsuba,llvm]"'
+# from a checkout: there is no distribution of ours on the index, and `bakery` there is somebody else's
+INSTALL = 'pip install ".[mitsuba,llvm]" in the folder of bakery\'s sources'
 
 
 def find() -> str | None:

@@ -130,7 +130,7 @@ class Scene:
 
     def wrong(self, key: str, message) -> UsageError:
         """What to raise where the value of a key turns out to be wrong later than on reading."""
-        return UsageError(f"{self.places.get(key, self.path.name)}: {key}: {message}")
+        return UsageError(f"{self.places.get(key, text.label_of(self.path))}: {key}: {message}")
 
 
 def load(path, settings: MappingType[str, str] | None = None) -> Scene:
@@ -194,7 +194,7 @@ def needs(path) -> tuple[str, ...]:
 def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
     """Text and tree; what the grammar says of recipes holds for scenes."""
     try:
-        source = text.Source(text.label_of(path.name), text.decode(files.read_recipe(path), text.label_of(path.name)))
+        source = text.Source(text.label_of(path), text.decode(files.read_recipe(path), text.label_of(path)))
         tree = text.parse(source)
     except RecipeError as error:
         raise RecipeError(map(_of_scenes, error.problems)) from None

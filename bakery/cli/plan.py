@@ -35,6 +35,8 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
     from bakery.run.resources import duration, in_words
 
     for plan in plans:
+        for warning in plan.recipe.warnings:
+            click.echo(f"warning: {warning}", err=True)
         say(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
         for step in plan.steps:
             cost = (f"{duration(step.cost.seconds)}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")

@@ -67,7 +67,8 @@ class Plan:
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
         return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "seconds": self.seconds,
-                "memory": self.memory, "file": self.file, "steps": [step.as_dict() for step in self.steps]}
+                "memory": self.memory, "file": self.file, "steps": [step.as_dict() for step in self.steps],
+                "warnings": [warning.as_dict() for warning in self.recipe.warnings]}
 
 
 def chosen(recipe, only: Sequence[str] = ()) -> list[Stage]:
@@ -124,7 +125,7 @@ def make(
         if force:
             action, why = RUN, ["--force"]
         elif current.get(stage.name) == key:
-            action, why = REUSE, [f"unchanged in {output.name}"]
+            action, why = REUSE, [f"unchanged in {output}"]
         elif in_cache(stage.name, key):
             action, why = REUSE, ["in the cache"]
         else:
@@ -132,7 +133,7 @@ def make(
             before = (previous or {}).get(stage.name)
             why = differences(before, found) if before else []
             if not why:
-                why = [f"not in {output.name}" if previous is not None else f"no {output.name} yet", "not in the cache"]
+                why = [f"not in {output}" if previous is not None else f"no {output} yet", "not in the cache"]
         steps.append(Step(stage, key, found, action, tuple(why), price(stage, stage.cost(recipe))))
     held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
     return Plan(recipe, output, tuple(steps), write=not held, loaded=loaded)

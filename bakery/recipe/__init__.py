@@ -46,10 +46,10 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) ->
     from bakery.recipe.files import read_recipe
     from bakery.recipe.overrides import apply
 
-    path = Path(path)
-    source = text.Source(text.label_of(path.name), text.decode(read_recipe(path), text.label_of(path.name)))
+    label = text.label_of(path)
+    source = text.Source(label, text.decode(read_recipe(path), label))
     tree = text.parse(source)
-    return check(path, source, tree, *apply(source, tree, overrides or {}))
+    return check(Path(path), source, tree, *apply(source, tree, overrides or {}))
 
 
 def json_schema() -> dict:

@@ -100,6 +100,7 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.RecipeFile, che
         leaves=leaves,
         files=tuple(checker.files),
         places=where,
+        warnings=tuple(checker.warnings),
     )
 
 

@@ -15,27 +15,30 @@ import numpy as np
 from bakery.errors import Problem
 from bakery.materials import Table
 from bakery.materials import index as constants
-from bakery.recipe import grain_checks, tables
+from bakery.recipe import grain_checks, tables, wavelengths
 from bakery.recipe.fields import nearest
 from bakery.recipe.files import DataFile, Folder, materials
 from bakery.recipe.model import Index
 from bakery.recipe.schema import NAMED_WAVELENGTHS, NOT_YET, SOURCES
+from bakery.recipe.section import SMALLEST_N, given, meant
 from bakery.recipe.text import Mapping, Node, Sequence, owner, show
 from bakery.recipe.units import Wrong
 
 SMALLEST, LARGEST = 1e-8, 1e6  # size parameters that Lorenz-Mie sums cover
+STEEPEST = 1 - 1e-9  # largest |g| of a Henyey-Greenstein function: its lobe is narrower than that of any particle above
 CLEAR = 1e-3  # largest k of a host: above it, cross sections of a sphere in it are not defined by Lorenz-Mie theory
 _SHARES = 1e-6
 
 
 @dataclass
 class Checker:
-    """Runs the checks; afterwards `problems`, `indices`, `columns`, `meshes` (by key) and `files` hold what was found."""
+    """Runs the checks; then `problems`, `warnings`, `files` and, by key, `indices`, `columns`, `meshes` hold what was found."""
 
     tree: Mapping
     values: dict
     folder: Folder
     problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
     files: list[DataFile] = field(default_factory=list)
     indices: dict[str, Index] = field(default_factory=dict)
     columns: dict[str, np.ndarray] = field(default_factory=dict)
@@ -57,6 +60,7 @@ class Checker:
             grain_checks.check(self, section)
         for section in _mappings(self.tree.get("packing")):
             self._packing(section)
+        self._unusual_wavelengths()
         for name in NOT_YET:
             if name in self.tree:
                 self.report_section(self.tree[name], f"{name} is not available yet", "particles, grains and medium are")
@@ -111,6 +115,17 @@ class Checker:
             double = next(w for i, w in enumerate(self.wavelength) if w in self.wavelength[:i])
             self.report(node, f"found {double:g} um more than once", "expected distinct wavelengths")
 
+    def _unusual_wavelengths(self) -> None:
+        """A warning for wavelengths far from what is seen; a table of the user's own that has them says that they are meant."""
+        far = wavelengths.far(self.wavelength or ())
+        if not far or any(file.key.endswith(("material.file", "host.file")) for file in self.files):
+            return
+        near = wavelengths.likely(far)
+        low, high = wavelengths.TABLES
+        self.warnings.append(self.tree["wavelengths"].place.problem(
+            f"found {wavelengths.listed(far)} um, far from what is seen (0.4 to 0.8 um) and from the tables of materials "
+            f"({low:g} to {high:g} um)", f"give the unit that is meant ({near}?)" if near else "is the unit right?"))
+
     def host(self, section: Mapping, default: str) -> Index | None:
         """Optical constants of what particles or grains lie in."""
         host = self.index(section, "host", default)
@@ -158,11 +173,12 @@ class Checker:
                         "expected method: photons or auto")
 
     def _particles(self, section: Mapping) -> None:
-        amounts = [name for name in ("number_density", "volume_fraction") if name in section]
+        amounts = given(section, "number_density", "volume_fraction")
         if not amounts:
             self.report_section(section, "found neither number_density nor volume_fraction", "expected one of them")
         elif len(amounts) == 2:
-            self.report_section(section[amounts[1]], f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
+            second = section.get(amounts[1], section)
+            self.report_section(second, f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
         host = self.host(section, "air")
         for part in self.components(section, "fraction"):
             self.index(part, "material")
@@ -188,6 +204,8 @@ class Checker:
         return parts
 
     def _shares(self, node: Sequence, name: str, parts: list[Mapping], default: float | None) -> None:
+        if any(name in meant(part) for part in parts):
+            return
         shares = [self.value(part, name) if name in part else default for part in parts]
         if None not in shares and abs(math.fsum(shares) - 1) > _SHARES:
             self.report_section(node, f"found {name}s that add up to {math.fsum(shares):.7g}", "expected 1")
@@ -245,7 +263,7 @@ class Checker:
         if host is None or self.wavelength is None:
             return
         scale = 2 * math.pi * host.n / np.array(self.wavelength)
-        low, high = radius * scale.min(), radius * scale.max()
+        low, high = radius * float(scale.min()), radius * float(scale.max())  # Python's floats overflow in silence
         if low < SMALLEST or high > LARGEST:
             x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
             self.report(
@@ -255,28 +273,29 @@ class Checker:
             )
 
     def _medium(self, section: Mapping) -> None:
-        first, second = (
-            [n for n in ("albedo", "mean_free_path") if n in section],
-            [n for n in ("sigma_s", "sigma_a") if n in section],
-        )
+        first, second = given(section, "albedo", "mean_free_path"), given(section, "sigma_s", "sigma_a")
         want = "expected albedo and mean_free_path, or sigma_s and sigma_a"
         if first and second:
-            self.report_section(section[second[0]], f"found {' and '.join(second)} beside {' and '.join(first)}", want)
+            node = section.get(second[0], section)
+            self.report_section(node, f"found {' and '.join(second)} beside {' and '.join(first)}", want)
         elif len(first or second) < 2:
             self.report_section(
                 section, f"found only {(first or second)[0]}" if first or second else "found no coefficients", want
             )
         _, path, s, a = (self.one_each(section, name) for name in ("albedo", "mean_free_path", "sigma_s", "sigma_a"))
-        if s is not None and a is not None and not (s + a > 0).all():
+        if s is not None and a is not None and ((s == 0) & (a == 0)).any():
             self.report_section(section, "found sigma_s and sigma_a that are both 0", "expected a positive sum")
-        if s is not None and a is not None and not np.isfinite(s + a).all():
+        elif s is not None and a is not None and not all(1e-24 < sum(pair) < 1e15 for pair in zip(s.tolist(), a.tolist())):
             self.report_section(
-                section, "found sigma_s and sigma_a whose sum is beyond the range of numbers", "expected smaller coefficients"
+                section, "found sigma_s and sigma_a with a sum that no medium has", "expected 1e-24 /m to 1e15 /m"
             )
         if path is not None and not ((path > 1e-9) & (path < 1e30)).all():
             self.report(section["mean_free_path"], "found a mean free path that no medium has", "expected 1e-15 m to 1e24 m")
         for phase in _mappings(section.get("phase")):
-            self.one_each(phase, "g")
+            g = self.one_each(phase, "g")
+            if g is not None and np.abs(g).max() > STEEPEST:
+                steepest = float(g[np.abs(g).argmax()])
+                self.report(phase["g"], f"found g = {steepest!r}, a lobe too narrow for a table", "expected |g| up to 1 - 1e-9")
             if self.value(phase, "type") == "table":
                 self._phase_table(phase)
 
@@ -410,13 +429,16 @@ class Checker:
         if n.max() > 1000 or k.max() > 1000:
             self.report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", "expected at most 1000")
             return None
+        if n.min() < SMALLEST_N:
+            self.report(node, f"found n down to {n.min():g} in the table", f"expected at least {SMALLEST_N:g}")
+            return None
         outside = [w for w in self.wavelength if not wavelength[0] <= w <= wavelength[-1]]
         if outside:
-            shown = ", ".join(f"{w:g}" for w in outside[:8])
+            near, shown = wavelengths.likely(outside), wavelengths.listed(outside)
             self.report(
                 node,
                 f"found the wavelength{'s' * (len(outside) > 1)} {shown} um, for which {show(word)} has no data",
-                f"expected {wavelength[0]:g} to {wavelength[-1]:g} um",
+                f"expected {wavelength[0]:g} to {wavelength[-1]:g} um" + (f" ({near}?)" if near else ""),
             )
             return None
         return Index(word, *constants(Table(wavelength, n, k), self.wavelength))

@@ -8,8 +8,9 @@ context, so that the checks between keys (`checks.py`) can run even where anothe
 from __future__ import annotations
 
 import difflib
+import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag
@@ -52,11 +53,14 @@ def scalar(node: Any, expected: str) -> Scalar:
     return node
 
 
-class _Leaf:
-    """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function."""
+class Leaf:
+    """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function.
 
-    def __init__(self, read: Callable, json: dict):
-        self.read, self.json = read, json
+    `quantity` and `bounds` of a number tell tests its smallest and its largest value.
+    """
+
+    def __init__(self, read: Callable, json: dict, quantity: Quantity | None = None, bounds: Range | None = None):
+        self.read, self.json, self.quantity, self.bounds = read, json, quantity, bounds
 
     def __get_pydantic_core_schema__(self, source, handler):
         return core_schema.with_info_plain_validator_function(self.validate)
@@ -73,9 +77,9 @@ class _Leaf:
         return value
 
 
-def leaf(read, schema: dict):
+def leaf(read, schema: dict, quantity: Quantity | None = None, bounds: Range | None = None):
     """A field type: `read(node)` gives the value, which is noted under the node's key."""
-    return Annotated[Any, _Leaf(read, schema)]
+    return Annotated[Any, Leaf(read, schema, quantity, bounds)]
 
 
 class Range:
@@ -102,14 +106,26 @@ class Range:
         return " and ".join(part for part in (low, high) if part)
 
 
-def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None) -> float:
+def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None,
+        hint: Callable[[float], str] | None = None) -> float:
+    """The value of a text within bounds; `hint` says of a value out of bounds what it may mean."""
     value = units.parse(text, quantity)
     if quoted and units.NUMBER.fullmatch(text.strip()):
         raise Wrong(f"found the quoted number {show(text)}, which is text", f"expected {text.strip()} without quotes")
     if not bounds.holds(value):
         unit = "" if quantity.base == "1" else f" {quantity.base}"
-        raise Wrong(f"found {show(text)}", f"expected {one_of([*(words or ()), f'{quantity.one} {bounds}{unit}'])}")
+        what = one_of([*(words or ()), f"{quantity.one} {bounds}{unit}"])
+        more = hint(value) if hint else _percent(text, [value], quantity, bounds)
+        raise Wrong(f"found {show(text)}", f"expected {what}{more}")
     return value
+
+
+def _percent(text: str, values: Collection[float], quantity: Quantity, bounds: Range) -> str:
+    """` (90 %?)`: bare numbers that would do in percent, or nothing."""
+    if quantity is not FRACTION or "%" in text or not all(bounds.holds(value / 100) for value in values):
+        return ""
+    # an albedo of 1.1 is a slip, not a percentage
+    return f" ({text.strip()} %?)" if max(values) >= 2 * (bounds.most or bounds.below) else ""
 
 
 def _words(words: dict | None) -> list[dict]:
@@ -122,8 +138,8 @@ def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
     return ([{"type": "number", **bounds.schema()}] if quantity.bare else []) + ([text] if quantity.powers else [])
 
 
-def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, **bounds):
-    """One value of a quantity, or one of a few words that stand for values."""
+def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Callable[[float], str] | None = None, **bounds):
+    """One value of a quantity, or one of a few words that stand for values; `hint` as in `one`."""
     limits = Range(**bounds)
     what = one_of([*(words or ()), units.example(quantity)])
 
@@ -133,9 +149,9 @@ def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, **bounds
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()):
             raise Wrong(f"found {show(node.text)}", f"expected {what}" + nearest(node.text, words))
-        return one(node.text, quantity, limits, node.quoted, words)
+        return one(node.text, quantity, limits, node.quoted, words, hint)
 
-    return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)})
+    return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
 
 
 def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, **bounds):
@@ -157,7 +173,8 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
         if len(values) > most_entries:
             raise Wrong(f"found {len(values):,} entries", f"expected at most {most_entries:,}")
         if not all(limits.holds(value) for value in values):
-            raise Wrong(f"found {show(node.text)}", f"expected {quantity.plural} {limits}")
+            percent = _percent(node.text, values, quantity, limits)
+            raise Wrong(f"found {show(node.text)}", f"expected {quantity.plural} {limits}{percent}")
         return values
 
     text = {
@@ -167,7 +184,7 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
     }
     listed = Annotated[list[number(quantity, **bounds)], Field(min_length=1, max_length=most_entries)]
     return Annotated[
-        Annotated[leaf(read, text), Tag("text")] | Annotated[listed, Tag("list")],
+        Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")],
         Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else "text"),
     ]
 
@@ -190,8 +207,13 @@ def one_of(choices) -> str:
 
 def nearest(text: str, known) -> str:
     """` (fog?)`: the nearest known word, or nothing."""
-    near = difflib.get_close_matches(str(text)[:64].lower(), [str(k) for k in known], 1, 0.6)
-    return f" ({near[0]}?)" if near else ""
+    near = closest(text, known)
+    return f" ({near}?)" if near else ""
+
+
+def closest(text: str, known) -> str:
+    """The nearest known word, or nothing."""
+    return next(iter(difflib.get_close_matches(str(text)[:64].lower(), [str(k) for k in known], 1, 0.6)), "")
 
 
 def _read_text(node):
@@ -264,5 +286,13 @@ Path = leaf(lambda node: scalar(node, "the name of a file").text, {"type": "stri
 Material = leaf(lambda node: scalar(node, "the name of a material").text, {"enum": "materials"})  # filled in by jsonschema.py
 Flag = leaf(_read_flag, {"type": "boolean"})
 Format = leaf(_read_format, {"const": FORMAT})
+
+
+def _geometric(value: float) -> str:
+    meant = f"; exp({value:g}) = {math.exp(value):.4g} where {value:g} is that of ln r" if 0 < value < 1 else ""
+    return f", the geometric standard deviation{meant}"
+
+
+GeometricDeviation = number(above=1, most=10, hint=_geometric)
 Length = number(LENGTH, above=0)
 Share = number(FRACTION, above=0, most=1)

@@ -92,7 +92,7 @@ class Folder:
             if not any(real == top or real.startswith(top.rstrip("/") + "/") for top in roots):
                 left = True
             elif os.path.lexists(real):
-                return self._read(key, path, real, limit, what)
+                return self._read(key, name, path, real, limit, what)
         if left:
             raise Wrong(f"found {show(name)}, which leaves the recipe's folder and assets/", "expected a file inside one of them")
         raise Wrong(f"found {show(name)}, and there is no such file", "expected a file in the recipe's folder or in assets/")
@@ -100,9 +100,9 @@ class Folder:
     def material(self, key: str, name: str) -> tuple[bytes, DataFile]:
         """The table of a material that comes with bakery."""
         path = asset_root() / "materials" / f"{name}.csv"
-        return self._read(key, path, os.path.realpath(path), MAX_TABLE_BYTES, "table")
+        return self._read(key, name, path, os.path.realpath(path), MAX_TABLE_BYTES, "table")
 
-    def _read(self, key: str, path: Path, real: str, limit: int, what: str) -> tuple[bytes, DataFile]:
+    def _read(self, key: str, name: str, path: Path, real: str, limit: int, what: str) -> tuple[bytes, DataFile]:
         if (real, limit) not in self._known:
             try:
                 # O_NOFOLLOW: the path is resolved already, so a link here was put in its place since
@@ -111,11 +111,11 @@ class Folder:
                 self._known[real, limit] = error
         data = self._known[real, limit]
         if isinstance(data, OSError):
-            raise Wrong(f"found {show(path.name)}, which cannot be read ({data.strerror})", "expected a readable file")
+            raise Wrong(f"found {show(name)}, which cannot be read ({data.strerror})", "expected a readable file")
         if isinstance(data, Wrong):
-            raise Wrong(f"{data.found} under {show(path.name)}", data.expected)
+            raise Wrong(f"{data.found} under {show(name)}", data.expected)
         if len(data) > limit:
-            raise Wrong(f"found {show(path.name)} of more than {limit >> 20} MiB", f"expected a smaller {what}")
+            raise Wrong(f"found {show(name)} of more than {limit >> 20} MiB", f"expected a smaller {what}")
         return data, DataFile(key, path, hashlib.sha256(data).hexdigest())
 
 

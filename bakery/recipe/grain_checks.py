@@ -10,6 +10,7 @@ import numpy as np
 
 from bakery.grains import limits
 from bakery.recipe.model import Index
+from bakery.recipe.section import given
 from bakery.recipe.text import Mapping, Node, show
 from bakery.recipe.units import Wrong
 
@@ -123,12 +124,12 @@ def _interior(checker: Checker, interior: Mapping, surface: Node | None) -> None
             f"found an interior below a {kind} surface, which lets no light in",
             "expected none, or a dielectric surface",
         )
-    given = [name for name in ("absorption", "material") if name in interior]
-    if len(given) != 1:
+    found = given(interior, "absorption", "material")
+    if len(found) != 1:
         checker.report_section(
             interior,
-            "found absorption beside material" if given else "found neither absorption nor material",
-            "expected only one of them" if given else "expected one of them",
+            "found absorption beside material" if found else "found neither absorption nor material",
+            "expected only one of them" if found else "expected one of them",
         )
     if "absorption" in interior:
         checker.one_each(interior, "absorption")

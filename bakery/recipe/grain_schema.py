@@ -18,7 +18,7 @@ def _between(bounds, **more):
     return number(least=bounds[0], most=bounds[1], **more)
 
 
-Three = Annotated[list[number(above=0)], Field(min_length=3, max_length=3)]
+Three = Annotated[list[number(least=1e-6, most=1e6)], Field(min_length=3, max_length=3)]
 Two = Annotated[
     numbers(least=limits.EXPONENTS[0], most=limits.EXPONENTS[1], most_entries=2),
     AfterValidator(lambda found: (found[0], found[-1])),  # one number stands for both

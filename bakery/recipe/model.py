@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bakery.errors import Problem
 from bakery.recipe.files import DataFile
 
 
@@ -214,10 +215,11 @@ class Recipe:
     leaves: Mapping[str, str | int | float | bool]
     files: tuple[DataFile, ...]
     places: Mapping[str, str] = field(repr=False)
+    warnings: tuple[Problem, ...] = ()  # what is legal and probably not meant
 
     def where(self, key: str) -> str:
-        """`fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""
+        """`recipes/fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""
         while key and key not in self.places:
             cut = max(key.rfind("."), key.rfind("["))
             key = key[:cut] if cut > 0 else ""
-        return self.places.get(key, self.path.name)
+        return self.places.get(key, str(self.path))

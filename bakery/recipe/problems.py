@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from bakery.errors import Problem
 from bakery.recipe import grain_schema, schema
 from bakery.recipe.fields import describe, nearest, one_of
+from bakery.recipe.section import likely, meant
 from bakery.recipe.text import Mapping, Node, Scalar, Sequence, owner, show
 
 
@@ -25,6 +26,8 @@ def translate(error: dict) -> Iterator[Problem]:
         yield node.place.problem(said["found"], said["expected"], said["offset"])
     elif kind == "missing":
         name = str(error["loc"][-1])
+        if name in meant(node):
+            return  # said with the unknown key that stands for it
         description = node.model.model_fields[name].description if node.model else ""
         yield owner(node).problem("missing", f"expected {name}: {_lower(description)}", key=_below(node, name))
     elif kind == "extra_forbidden":
@@ -60,9 +63,10 @@ def _unknown(node: Node) -> Iterator[Problem]:
     name = next(name for name, child in parent.items() if child is node)
     if name == "<<":
         return  # reported as a merge key
-    known = [field for field in parent.model.model_fields if field not in parent] if parent.model else []
     every = list(parent.model.model_fields) if parent.model else []
-    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}" + nearest(name, known))
+    near = likely(parent, name)
+    hint = f" ({near}?)" if near else ""
+    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}{hint}")
 
 
 def _choice(node: Node, key: str, choices: list[str]) -> Problem:

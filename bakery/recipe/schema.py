@@ -15,6 +15,7 @@ from bakery.recipe.fields import (
     ComponentName,
     Flag,
     Format,
+    GeometricDeviation,
     Length,
     Name,
     Path,
@@ -49,7 +50,7 @@ class SingleSize(Section):
 class LognormalSize(_Cut):
     distribution: word("lognormal") = Field(description="ln r is normally distributed.")
     radius: Length = Field(description="Geometric mean (= median) radius by number.")
-    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation, above 1.")
+    sigma: GeometricDeviation = Field(description="Geometric standard deviation, above 1.")
 
 
 class GammaSize(_Cut):
@@ -158,7 +159,9 @@ class Rayleigh(Section):
 
 class Gaussian(Section):
     type: word("gaussian") = Field(description="A Gaussian lobe about the forward direction.")
-    spread: number(ANGLE, above=0, most=3.141592653589794) = Field(description="Standard deviation of the angle, such as 30 deg.")
+    spread: number(ANGLE, least=1e-6, most=3.141592653589794) = Field(
+        description="Standard deviation of the angle, such as 30 deg."
+    )
 
 
 class PhaseTable(Section):
@@ -195,16 +198,18 @@ class Medium(Section):
 
 class RadiusShare(Section):
     share: Share = Field(description="Share of the spheres.")
-    radius: number(above=0) = Field(description="Radius relative to the others.")
+    radius: number(least=1e-6, most=1e6) = Field(description="Radius relative to the others.")
 
 
 class RadiusLaw(Section):
     distribution: word("lognormal") = Field(description="ln r is normally distributed.")
-    sigma: number(above=1, most=10) = Field(description="Geometric standard deviation by number, above 1.")
+    sigma: GeometricDeviation = Field(description="Geometric standard deviation by number, above 1.")
 
 
 Radii = Annotated[
-    Annotated[word("equal"), Tag("word")] | Annotated[list[RadiusShare], Tag("list")] | Annotated[RadiusLaw, Tag("law")],
+    Annotated[word("equal"), Tag("word")]
+    | Annotated[list[RadiusShare], Field(min_length=1, max_length=256), Tag("list")]
+    | Annotated[RadiusLaw, Tag("law")],
     Discriminator(lambda node: "list" if isinstance(node, Sequence) else "law" if isinstance(node, Mapping) else "word"),
 ]
 
@@ -212,11 +217,11 @@ Radii = Annotated[
 class Packing(Section):
     """Spheres in a periodic tile."""
 
-    fraction: numbers(FRACTION, above=0, below=1) = Field(
+    fraction: numbers(FRACTION, least=1e-6, below=1) = Field(
         description="Share of the volume in spheres, up to 0.64 for equal ones; a list bakes a dictionary of tiles."
     )
     count: whole(1, 10**6) = Field(500, description="Spheres in the tile.")
-    cell: Annotated[list[number(above=0)], Field(min_length=3, max_length=3)] = Field(
+    cell: Annotated[list[number(least=1e-6, most=1e6)], Field(min_length=3, max_length=3)] = Field(
         (1.0, 1.0, 1.0), description="Proportions of the cell."
     )
     radii: Radii = Field("equal", description="equal, a list of {share, radius}, or {distribution: lognormal, sigma}.")
@@ -274,7 +279,7 @@ class RecipeFile(Section):
     bakery: Format = Field(description="Recipe format.")
     name: Name = Field(description="The asset is NAME.h5 unless -o says otherwise.")
     description: Text = Field("", description="Free text.")
-    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, above=0, most=1e6) = Field(
+    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, least=1e-9, most=1e6) = Field(
         NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."
     )
     seed: whole(0, 2**53) = Field(0, description="Every random stream derives from it.")

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from bakery.recipe.fields import Material, Path, numbers
+from bakery.recipe.fields import Material, Path, closest, numbers
 from bakery.recipe.text import Mapping, Scalar
 
 
@@ -23,6 +23,28 @@ class Section(BaseModel):
         return data
 
 
+SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts has its own word
+
+
+def likely(section: Mapping, name: str) -> str:
+    """The key that an unknown one seems to stand for, among those that the mapping lacks; "" where there is none."""
+    known = [field for field in section.model.model_fields if field not in section] if section.model else []
+    if name in SHARES:
+        return next((field for field in known if field in SHARES), "")
+    return closest(name, known)
+
+
+def meant(section: Mapping) -> set[str]:
+    """The keys that a mapping's unknown ones seem to stand for: what is said of those would be false."""
+    return {likely(section, name) for name in section if section.model and name not in section.model.model_fields} - {""}
+
+
+def given(section: Mapping, *names: str) -> list[str]:
+    """Which of the keys a mapping has, be it in another spelling."""
+    misspelt = meant(section)
+    return [name for name in names if name in section or name in misspelt]
+
+
 def pick(key: str, choices: tuple[str, ...]) -> Discriminator:
     """Chooses the model of a mapping by one of its words."""
 
@@ -33,10 +55,13 @@ def pick(key: str, choices: tuple[str, ...]) -> Discriminator:
     return Discriminator(tag, custom_error_type="choice", custom_error_message="|".join((key, *choices)))
 
 
+SMALLEST_N = 1e-3  # no material has less; size parameters and relative indices stay within range
+
+
 class NK(Section):
     """Optical constants n + ik, absolute (relative to vacuum)."""
 
-    n: numbers(above=0, most=1000) = Field(
+    n: numbers(least=SMALLEST_N, most=1000) = Field(
         description="Real part of the refractive index, relative to vacuum; one value, or one a wavelength."
     )
     k: numbers(least=0, most=1000) = Field(
@@ -47,7 +72,9 @@ class NK(Section):
 class HostIndex(Section):
     """A clear host."""
 
-    n: numbers(above=0, most=1000) = Field(description="Refractive index relative to vacuum; one value, or one a wavelength.")
+    n: numbers(least=SMALLEST_N, most=1000) = Field(
+        description="Refractive index relative to vacuum; one value, or one a wavelength."
+    )
 
 
 class MaterialFile(Section):

@@ -7,18 +7,20 @@ documents, duplicate keys.  Size, depth and number of values are bounded before 
 
 from __future__ import annotations
 
+import os
 import re
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from pathlib import PurePath
 
 from bakery.errors import Problem, RecipeError
 
 MAX_BYTES, MAX_LINES, MAX_DEPTH, MAX_NODES = 1 << 20, 50_000, 32, 20_000
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]|[\u2028\u2029\ufeff]")
-# a list followed by one unit, `[0.84, 0.75, 0.68] mm`: never valid YAML otherwise, because text cannot follow a closing bracket
+# a list followed by one unit, `[0.84, 0.75, 0.68] mm` or `[1, 2] 1/mm`: never valid YAML otherwise, because text cannot follow
+# a closing bracket
 _LIST_WITH_UNIT = re.compile(
-    r"""\[[^][{}"'#\n\r]*\][ \t]+[^\s\d\0,:#'"&*!|>@`\[\]{}][^\s\0,:#'"\[\]{}]*(?=[ \t]*(?:[,\]}\n\r\0]|[ \t]#|$))"""
+    r"""\[[^][{}"'#\0]*\][ \t]*(?:1?[ \t]*/[ \t]*)?"""
+    r"""[^\s\d\0,:#'"&*!|>@`\[\]{}][^\s\0,:#'"\[\]{}]*(?=[ \t]*(?:[,\]}\n\r\0]|[ \t]#|$))"""
 )
 
 
@@ -222,6 +224,8 @@ def _syntax_problem(source: Source, error) -> Problem:
     # where the text ends too early, the place to look at is where the unfinished thing began
     mark = marks[-1 if "stream" in said else 0] if marks else None
     hint = next((hint for part, hint in _HINTS if part in said), "a plain YAML document")
+    if mark and source.text[: mark.index].rstrip(" \t").endswith("]"):
+        hint = 'nothing behind the bracket but one unit; quote a list with its unit if in doubt: "[1, 2, 3] mm"'
     shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in said[:160])
     return source.problem(min(mark.index, len(source.text)) if mark else None, "", f"cannot be read as YAML: {shown}", hint)
 
@@ -353,5 +357,5 @@ def owner(node: Node) -> Place:
 
 
 def label_of(path) -> str:
-    """A path fit for messages."""
-    return show(PurePath(path), 400)[1:-1]
+    """A path as the user gave it, fit for messages."""
+    return show(os.fspath(path), 400)[1:-1]

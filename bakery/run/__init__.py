@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import bakery
-from bakery.errors import AssetError, BakeryError, StageError, StoreError, UsageError
+from bakery.errors import AssetError, BakeryError, Problem, StageError, StoreError, UsageError
 from bakery.machine import free_memory
 from bakery.plan import REUSE, RUN, Plan, Step, make
 from bakery.run import resources
@@ -38,18 +38,20 @@ SHARE_OF_MEMORY = 0.8
 
 @dataclass(frozen=True)
 class Baked:
-    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, and in words which
-    wishes the asset does not meet."""
+    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, in words which
+    wishes the asset does not meet, and what the recipe says that is probably not meant."""
 
     output: Path
     written: bool
     steps: tuple[dict, ...]
     files: tuple[Path, ...]
     missed: tuple[str, ...] = ()
+    warnings: tuple[Problem, ...] = ()
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
-        return {"output": str(self.output), "written": self.written, "steps": list(self.steps), "missed": list(self.missed)}
+        return {"output": str(self.output), "written": self.written, "steps": list(self.steps), "missed": list(self.missed),
+                "warnings": [warning.as_dict() for warning in self.warnings]}
 
 
 def overrides(
@@ -133,6 +135,8 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
 
     progress = progress or Progress()
     cache = cache or Cache(say=progress.say)
+    for warning in plan.recipe.warnings:
+        progress.say(f"warning: {warning}")
     # what killed bakes left goes even where this one has nothing to write
     cache.sweep()
     sweep(os.path.dirname(os.path.realpath(plan.output)))
@@ -143,7 +147,8 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         _touch(plan.output)
         steps = tuple(_report(step, "unchanged", 0.0, None) for step in plan.steps)
         held = [_held(standing, step.stage.name, step.input_hash) for step in plan.steps]
-        return Baked(plan.output, False, steps, files, _missed({s.stage.name: h[1] for s, h in zip(plan.steps, held) if h}))
+        missed = _missed({s.stage.name: h[1] for s, h in zip(plan.steps, held) if h})
+        return Baked(plan.output, False, steps, files, missed, plan.recipe.warnings)
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
     else:
@@ -155,7 +160,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
     write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
-    return Baked(plan.output, True, tuple(steps), files, _missed(provenances))
+    return Baked(plan.output, True, tuple(steps), files, _missed(provenances), plan.recipe.warnings)
 
 
 def bake(

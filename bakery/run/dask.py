@@ -119,7 +119,7 @@ def cluster(address: str) -> Iterator[Cluster]:
     try:
         from distributed import Client
     except ImportError:
-        raise UsageError('--cluster needs Dask: pip install "bakery[cluster]"') from None
+        raise UsageError('--cluster needs Dask: pip install ".[cluster]" in the folder of bakery\'s sources') from None
     if not re.fullmatch(r"([a-z]+://)?[^\s/]+:\d{1,5}", address):
         raise UsageError(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786')
     with _quiet():

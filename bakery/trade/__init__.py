@@ -85,6 +85,8 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     for part in ("runs", "reference"):
         folder_for(folder / part)
     progress = progress or Progress()
+    for warning in checked.warnings:
+        progress.say(f"warning: {warning}")
     sweeps, left = [], 60.0 * budget
     for count, stage in zip(range(len(chosen), 0, -1), chosen, strict=True):
         sweeper = Sweeper(Job(Path(recipe), stage.name, base, presets, folder, STAGES), left / count, progress,

@@ -7,7 +7,7 @@ set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unles
 from __future__ import annotations
 
 from bakery import llvm as _llvm
-from bakery.errors import BakeryError
+from bakery.errors import BakeryError, UsageError
 from renderers.mitsuba import variants
 
 _llvm.find()
@@ -41,6 +41,17 @@ def register() -> None:
     _mi.register_phase("bakedphase", construct)
 
 
+def _refuse_old_llvm() -> None:
+    """Mitsuba came first and took the system's LLVM: an old one would abort the process at the first kernel."""
+    if (_mi.variant() or "").startswith("llvm"):
+        import drjit
+
+        if fault := _llvm.fault(tuple(drjit.detail.llvm_version())):
+            raise UsageError(f"the variant {_mi.variant()} was set before `import renderers.mitsuba`, which finds LLVM for it: "
+                             f"turn them round; {fault}")
+
+
+_refuse_old_llvm()
 # Base classes differ from variant to variant, so plugins are defined anew after each change.
 _mi.detail.add_variant_callback(lambda old, new: register())
 register()

@@ -89,6 +89,15 @@ def test_aborting_llvm_is_refused_even_on_request():
     assert done.returncode == 1 and "UsageError" in done.stderr and "15 and 16 abort" in done.stderr
 
 
+def test_mitsuba_before_us_with_an_old_llvm_is_refused():
+    """README had it so; the process was aborted at the first kernel."""
+    found = sorted(glob.glob("/usr/lib/*/libLLVM-15.so*"))
+    if not found:
+        pytest.skip("no LLVM 15 here")
+    done = run(found[0], 'import mitsuba as mi\nmi.set_variant("llvm_ad_rgb")\nimport renderers.mitsuba\n')
+    assert done.returncode == 1 and "UsageError" in done.stderr and "turn them round" in done.stderr
+
+
 def test_library_of_the_environment_is_found(monkeypatch, tmp_path):
     """Only where the user chose nothing, and never once drjit is there."""
     library = tmp_path / "lib" / "libLLVM.so"
@@ -113,4 +122,4 @@ def test_missing_mitsuba_names_the_extra():
             "except Exception as error:\n    from bakery.errors import BakeryError\n"
             "    print(isinstance(error, BakeryError), isinstance(error, ImportError), error)\n")
     done = run("none", code)
-    assert done.stdout.startswith("True True") and 'pip install "bakery[mitsuba,llvm]"' in done.stdout, done.stderr
+    assert done.stdout.startswith("True True") and 'pip install ".[mitsuba,llvm]"' in done.stdout, done.stderr

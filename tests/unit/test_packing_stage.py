@@ -73,7 +73,7 @@ def test_values_and_defaults(write):
     ("fraction: 0.74", "packing.fraction", r'found 0\.74; expected at most 0\.64, as far as equal spheres.*several sizes'),
     ("fraction: [0.3, 0.65]", "packing.fraction[1]", r"found 0\.65; expected at most 0\.64"),
     ("fraction: 1.2", "packing.fraction", r"below 1"),
-    ("fraction: 0", "packing.fraction", r"above 0"),
+    ("fraction: 0", "packing.fraction", r"at least 1e-06"),
     ("fraction: [0.3, 30%]", "packing.fraction[1]", r"30 % more than once; expected distinct"),
     ("fraction: 0.6, count: 1", "packing.fraction", r"the sphere meets its own image: the cell is 0\.956 .*less than 0\.523"),
     ("fraction: 0.5, count: 100, cell: [1, 1, 0.01]", "packing.fraction", r"largest of 100 spheres meets its own image"),

@@ -29,7 +29,7 @@ class File:
 
 def recipe(**leaves):
     base = {"particles.components[0].size.radius": 5.0, "particles.components[0].sizes": 1, "particles.number_density": 1e8}
-    return SimpleNamespace(leaves=base | leaves, files=(), path=Path("fog.yaml"))
+    return SimpleNamespace(leaves=base | leaves, files=(), warnings=(), path=Path("fog.yaml"))
 
 
 @pytest.mark.parametrize(("pattern", "key", "expected"), [

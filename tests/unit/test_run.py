@@ -66,7 +66,7 @@ def _stages(monkeypatch):
 
 def recipe(factor=2.0, n=9):
     return SimpleNamespace(path=Path("r.yaml"), name="r", text="bakery: 1\n", wavelength=(0.55,), tolerance=0.05, seed=0,
-                           files=(), leaves={"factor": factor, "n": n})
+                           files=(), warnings=(), leaves={"factor": factor, "n": n})
 
 
 def plan(tmp_path, cache, **values):
