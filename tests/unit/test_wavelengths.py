@@ -82,5 +82,5 @@ def test_near_is_where_materials_are_known():
         if path.stem != "vacuum":
             ends.append(tables.read(path.read_bytes(), path.name, "", tables.INDEX)[0][[0, -1]])
     low, high = np.min(ends), np.max(ends)
-    assert wavelengths.TABLES == pytest.approx((low, high), rel=0.05)
+    assert pytest.approx((low, high), rel=0.05) == wavelengths.TABLES
     assert wavelengths.NEAR[0] < low < wavelengths.EYE[0] < wavelengths.EYE[1] < high < wavelengths.NEAR[1]
