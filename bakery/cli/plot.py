@@ -21,7 +21,7 @@ def command(asset, output, as_json):
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
     import bakery
-    from bakery.report.figures import drawn, pictures
+    from bakery.report.figures import drawn, pictures, title_of
     from bakery.report.files import csv_text, folder_for
     from bakery.report.text import say
     from bakery.store.put import put
@@ -34,7 +34,7 @@ def command(asset, output, as_json):
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-plots"))
     written = []
     for picture in found:
-        files = drawn(picture) | {"csv": csv_text(picture.columns)}
+        files = drawn(picture, of=title_of(root)) | {"csv": csv_text(picture.columns)}
         paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
         written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})
         for path in [] if as_json else paths.values():
