@@ -10,7 +10,7 @@ import numpy as np
 from renderers import colour
 
 _LETTER, _LINE = 11.0, 14.5  # pixels: size of letters and distance of lines, the least that is legible; wide strips scale them up
-_FULL = 576  # pixels of width from which on everything scales with it
+_SMALLEST, _FULL = 320, 576  # pixels of width: of the least strip with letters of that size, and from which on they scale
 _LINES = 11.5  # above the curves
 _CURVES, _LEAST = 0.24, 115  # height of the curves in widths, and the least in pixels
 _BACKGROUND, _TEXT, _DIM, _GRID = "#15171b", "#e8e8e6", "#9a9da3", "#33373e"
@@ -168,7 +168,9 @@ def _drawn(width, paint):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    height = round(_LINES * _LINE * _scale(width) + _curves(width))
+    times = -(-_SMALLEST // width)  # smaller strips are shrunk: no letter is legible there
+    high = round((_LINES * _LINE * _scale(times * width) + _curves(times * width)) / times)
+    width, height = times * width, times * high
     figure = Figure(figsize=(6.4, 6.4 * height / width), dpi=width / 6.4, facecolor=_BACKGROUND)
     canvas = FigureCanvasAgg(figure)
     paint(_Page(figure, width, height))
@@ -176,7 +178,8 @@ def _drawn(width, paint):
     drawn = np.asarray(canvas.buffer_rgba())[..., :3] / 255.0
     # Matplotlib may round the size down by a pixel.
     missing = [(0, max(0, size - drawn_size)) for size, drawn_size in zip((height, width), drawn.shape)]
-    return np.pad(drawn, [*missing, (0, 0)], mode="edge")[:height, :width]
+    drawn = np.pad(drawn, [*missing, (0, 0)], mode="edge")[:height, :width]
+    return drawn.reshape(high, times, width // times, times, 3).mean(axis=(1, 3))
 
 
 def _line_colours(wavelength):
