@@ -246,7 +246,7 @@ def test_letters_of_the_strip_are_legible(width, wax):
     assert len(figure.texts) > 8
     for text in figure.texts:
         box = text.get_window_extent()
-        assert text.get_fontsize() * width / 6.4 / 72 >= 10.999 and 0 <= box.x0 and box.x1 <= width, text
+        assert text.get_fontsize() * width / 6.4 / 72 >= 10.999 and box.x0 >= 0 and box.x1 <= width, text
 
 
 def test_lengths_with_units():
