@@ -10,7 +10,7 @@ import os
 from types import MappingProxyType
 
 from bakery.errors import AssetError
-from bakery.members import Members, MissingStage, range_of, summary
+from bakery.members import Members, MissingStage, headline, in_words, summary, with_units
 from bakery.sources import Beam, Multiple
 from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
@@ -61,7 +61,8 @@ class Asset:
         self.name = str(root.attributes.get("name", ""))
         self.content_hash = str(root.attributes.get(HASH, ""))
         try:
-            self.wavelength, self.recipe = root["wavelength"].data, read_text(root["recipe"])
+            wavelength, self.recipe = root["wavelength"], read_text(root["recipe"])
+            self.wavelength = with_units(wavelength.data, wavelength.units)
         except (KeyError, AttributeError):
             raise AssetError(f"{path}: holds no recipe and wavelength: an entry of bakery's cache, not an asset") from None
         except UnicodeDecodeError:
@@ -91,7 +92,7 @@ class Asset:
         return [*super().__dir__(), *self._groups]
 
     def __repr__(self) -> str:
-        lines = [f"asset {self.name!r}, {len(self.wavelength)} wavelengths {range_of(self.wavelength)} um, "
+        lines = [f"asset {self.name!r}, wavelength {in_words(self.wavelength, self.wavelength.units)}, "
                  f"content {self.content_hash[:12]}"]
-        lines += [f"  {name}: {', '.join(self._groups[name])}{summary(stage)}" for name, stage in self.stages.items()]
+        lines += [f"  {name}{summary(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
         return "\n".join(lines)

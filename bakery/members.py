@@ -13,6 +13,8 @@ from bakery.medium.regular import Loss, adaptive_table
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 ERROR = "_error"  # X_error is the standard error of X
+HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
+_FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are named
 
 
 class MissingStage(AssetError, AttributeError):
@@ -37,7 +39,7 @@ class Members(Mapping):
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})
         self.choices = MappingProxyType({name: member.choices for name, member in datasets.items() if member.choices})
-        self.error = MappingProxyType({name.removesuffix(ERROR): _seen(member.data) for name, member in datasets.items()
+        self.error = MappingProxyType({name.removesuffix(ERROR): _seen(member) for name, member in datasets.items()
                                        if name.endswith(ERROR) and name.removesuffix(ERROR) in datasets})
         own = datasets.get("theta")
         self._theta = own.data if own is not None else theta
@@ -48,10 +50,10 @@ class Members(Mapping):
             return Members(member, f"{self._path}/{name}", self._theta)
         if is_text(member):
             return read_text(member)
-        return _seen(member.data)
+        return _seen(member)
 
     def __getitem__(self, name: str):
-        """A member as it is stored: an array, text, or a group; `droplets/radius` goes down a group."""
+        """A member as it is stored: an array (`Values`, with its unit), text, or a group; `droplets/radius` goes down a group."""
         head, _, rest = name.partition("/")
         found = self._items[head]
         if rest and not isinstance(found, Members):
@@ -90,8 +92,39 @@ class Members(Mapping):
         return "\n".join(lines)
 
 
-class One(np.ndarray):
+class Values(np.ndarray):
+    """An array that knows its unit: `units`, "1" for pure numbers.
+
+    Slices and copies keep the unit.  Arithmetic gives plain arrays, which have none: nobody here works out what it would be.
+    """
+
+    units = ""
+
+    def __array_finalize__(self, source):
+        self.units = getattr(source, "units", "")
+
+    def __array_wrap__(self, array, context=None, return_scalar=False):
+        plain = array.view(np.ndarray)
+        return plain[()] if return_scalar else plain
+
+    def __reduce__(self):
+        make, arguments, state = super().__reduce__()
+        return make, arguments, (state, self.units)
+
+    def __setstate__(self, state):
+        super().__setstate__(state[0])
+        self.units = state[1]
+
+    def __repr__(self) -> str:
+        return np.array_repr(self.view(np.ndarray)) + (f" {self.units}" if self.units not in ("", "1") else "")
+
+
+class One(Values):
     """An array of one number that also passes for the number: the file holds no scalars, users of a fraction expect one."""
+
+    def __array_wrap__(self, array, context=None, return_scalar=False):
+        plain = super().__array_wrap__(array, context, return_scalar)
+        return plain.view(One) if isinstance(plain, np.ndarray) and plain.shape == (1,) else plain
 
     def __float__(self) -> float:
         return float(self.item())
@@ -103,8 +136,16 @@ class One(np.ndarray):
         return format(self.item(), spec) if spec else str(self)
 
 
-def _seen(data: np.ndarray) -> np.ndarray:
-    return data.view(One) if data.shape == (1,) else data
+def with_units(data: np.ndarray, units: str) -> Values:
+    """The same array, which knows its unit."""
+    seen = data.view(Values)
+    seen.units = units
+    return seen
+
+
+def _seen(member: Dataset) -> Values:
+    seen = with_units(member.data, member.units)
+    return seen.view(One) if seen.shape == (1,) else seen
 
 
 class Phase:
@@ -138,11 +179,31 @@ class Phase:
 
 
 def summary(attributes: Mapping) -> str:
-    """A stage's error against its tolerance, in words."""
+    """A stage's error against its tolerance, in words; what is measured stands in its attribute `error_measure`."""
     achieved, tolerance = attributes.get("achieved_error"), attributes.get("tolerance")
     if not isinstance(achieved, float) or not isinstance(tolerance, float):
         return ""
-    return f"  (error {achieved:.2g} of {tolerance:.2g}, {attributes.get('error_measure', '')})"
+    return f"  error {achieved:.2g} of {tolerance:.2g}"
+
+
+def headline(group: Members) -> str:
+    """The figures that one asks a group for first, with units and largest relative errors, and what else it holds, in a line."""
+    shown = [f"{name} {in_words(group[name], group.units[name], group.error.get(name))}" for name in HEADLINES
+             if isinstance(group.get(name), np.ndarray) and group[name].size]
+    rest = [name for name in group if name not in HEADLINES]
+    room = max(_NAMED - len(shown), 0)
+    named = [f"{name}/" if isinstance(group[name], Members) else name for name in rest[:room]]
+    return ", ".join(shown + named) + (f" and {len(rest) - room} more" if len(rest) > room else "")
+
+
+def in_words(data: np.ndarray, units: str, error: np.ndarray | None = None) -> str:
+    """Values, or their range where they are many, with unit and largest relative error."""
+    said = " ".join(f"{x:.6g}" for x in data.flat) if data.size <= _FEW else range_of(data)
+    said += f" {units}" if units not in ("", "1") else ""
+    if error is None or error.shape != data.shape or not np.any(data != 0):
+        return said
+    worst = np.max(np.divide(error, np.abs(data), out=np.zeros(data.shape), where=data != 0))
+    return f"{said} +- {100 * worst:.2g} %"
 
 
 def _shape(shape: tuple[int, ...]) -> str:

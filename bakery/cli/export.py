@@ -29,7 +29,10 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
 @overwrite_option
 @json_option
 def command(asset, target, output, each_wavelength, overwrite, as_json):
-    """Write ASSET for other software.  Prints the files on standard output, what was lost on the way on standard error."""
+    """Write ASSET for other software.
+
+    Prints the files on standard output; on standard error what was lost on the way, and first what makes a file nearly useless.
+    """
     import bakery
     from bakery.report.files import folder_for
     from bakery.store.outputs import by_suffix, check_outputs
@@ -43,19 +46,22 @@ def command(asset, target, output, each_wavelength, overwrite, as_json):
         raise UsageError(f"--each-wavelength: has no effect on {target}, whose tables hold every wavelength; leave it out")
     opened = bakery.open(asset)
     stem = Path(asset).stem
+    first: list[str] = []
     if target == "csv":
         files, lost, lines = _csv(opened)
     elif target == "hg":
-        files, lost, lines = _hg(opened)
+        files, lost, lines, first = _hg(opened)
     elif target in ("ply", "obj", "xyz"):
         files, lost, lines = _forms(opened, target)
     else:
-        files, lost, lines = _mitsuba(opened, stem, each_wavelength)
+        files, lost, lines, first = _mitsuba(opened, stem, each_wavelength)
+    for warning in first:
+        click.echo(f"warning: {warning}", err=True)
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
     check_outputs(by_suffix(folder / name for name in files), [asset], overwrite)
     paths = [str(put(folder / name, content)) for name, content in files.items()]
     if as_json:
-        print_json({"files": paths, "lost": lost})
+        print_json({"files": paths, "warnings": first, "lost": lost})
         return
     _print(paths, lines)
 
@@ -118,9 +124,15 @@ def _mitsuba(asset, stem: str, each: bool):
     if any(part.unchanged for part in made):
         lines.append(f"light that grains leave unchanged, up to {100 * max(part.unchanged for part in made):.3g} % of what they "
                      "scatter, is taken out of sigma_t and phase function: the same medium.")
+    if any(part.straight for part in made):
+        far = max(made, key=lambda part: part.straight)
+        lines.append(f"forward peak: up to {100 * far.straight:.3g} % of the scattered light is deflected by less than "
+                     f"{math.degrees(far.within):.3g} deg, which no table of this length resolves; it goes straight on, and "
+                     "sigma_t is smaller by it.  The errors above are of the rest.")
     lines += ["mean error: |difference| over the sphere; half of it is the share of the light that goes to another angle.",
-              "forward peak: the angles where the phase function is above half of its forward value."]
-    return {f"{stem}{part.name}.xml": part.xml for part in made}, [part.as_dict() for part in made], lines
+              "forward peak cut: of the angles where the phase function is above half of its forward value."]
+    first = [f"{stem}{part.name}.xml: nearly useless: {part.useless()}" for part in made if part.useless()]
+    return {f"{stem}{part.name}.xml": part.xml for part in made}, [part.as_dict() for part in made], lines, first
 
 
 def _loss(lost) -> tuple[str, ...]:
@@ -130,7 +142,7 @@ def _loss(lost) -> tuple[str, ...]:
 
 def _hg(asset):
     from bakery.export import scattering_of
-    from bakery.export.hg import droplet_diameter, errors, hg_files, lobe_rows
+    from bakery.export.hg import droplet_diameter, errors, hg_files, lobe_rows, useless
     from bakery.report.fits import SAID
     from bakery.report.text import table
 
@@ -146,20 +158,22 @@ def _hg(asset):
         lines.append(f"light that grains leave unchanged, up to {100 * taken:.3g} % of what they scatter, is taken out of "
                      "coefficients and phase function: the same medium.")
     lines += ["misdirected: share of the light that goes to another angle.",
-              "rms log10: of the ratio fit / asset, over the sphere and over the angle.",
+              "rms log10: of the ratio fit / asset, over the sphere and over the angle; !: off by more than a factor of ten.",
               "in the peak: light within the angle where the asset's phase function has fallen to half of its forward value."]
     stem = Path(asset.path).stem
     files = {f"{stem}_{name}": content for name, content in hg_files(asset.tree, asset.name, rows).items()}
-    return files, errors(rows), lines
+    return files, errors(rows), lines, [f"{stem}_lobes: {line}" for line in useless(rows)]
 
 
 def _fit(said: str, fit) -> tuple[str, ...]:
+    from bakery.export.hg import far_off
+
     lobes, lost = fit.lobes, fit.misfit
     ratio = f"x {lost.factor:.3g}" if lost.factor >= 1 else f"/ {1 / lost.factor:.3g}"
     return (f"  {said}" + (f" for {fit.diameter:.3g} um" if fit.diameter else ""), _joined(lobes.weight, ".3f"),
             _joined(lobes.g, ".7g"), _joined(lobes.alpha, ".3g") if any(lobes.alpha) else "", f"{100 * lost.misdirected:.2g} %",
             f"{round(lost.g, 4) + 0.0:+.4f}", f"{lost.log_sphere:.3f} {lost.log_angle:.3f}",
-            f"{ratio} at {math.degrees(lost.factor_at):.3g} deg", f"{100 * lost.peak:.3g} %")
+            f"{ratio} at {math.degrees(lost.factor_at):.3g} deg" + (" !" if far_off(lost) else ""), f"{100 * lost.peak:.3g} %")
 
 
 def _joined(values, form: str) -> str:

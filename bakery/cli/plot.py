@@ -22,7 +22,7 @@ def command(asset, output, overwrite, as_json):
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
     import bakery
-    from bakery.report.figures import drawn, pictures
+    from bakery.report.figures import drawn, pictures, title_of
     from bakery.report.files import csv_text, folder_for
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
@@ -37,7 +37,7 @@ def command(asset, output, overwrite, as_json):
                   [asset], overwrite)
     written = []
     for picture in found:
-        files = drawn(picture) | {"csv": csv_text(picture.columns)}
+        files = drawn(picture, of=title_of(root)) | {"csv": csv_text(picture.columns)}
         paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
         written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})
         if not as_json:

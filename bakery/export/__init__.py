@@ -7,7 +7,7 @@ without tables take, `tiles` and `grains` write packed spheres and meshes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,9 @@ class Scattering:
     ----------
     sigma_t, sigma_s : (L,) 1/m
     theta, phase : (A,) rad, (L, A) 1/sr, linear in cos theta between the angles, integrating to 1
-    unchanged : (L,) 1, share of the asset's scattered light that was taken out
+    unchanged : (L,) 1, share of the asset's scattered light that was taken out; exact
+    straight : (L,) 1, share of what is then scattered that was taken out by `without_peak`, which is an approximation
+    within : rad, largest deflection of that light
     """
 
     sigma_t: np.ndarray
@@ -40,6 +42,8 @@ class Scattering:
     theta: np.ndarray
     phase: np.ndarray
     unchanged: np.ndarray
+    straight: np.ndarray
+    within: float = 0.0
 
     @property
     def albedo(self) -> np.ndarray:
@@ -57,9 +61,32 @@ def scattering_of(medium: Group) -> Scattering:
     sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
     share = medium.members.get("forward_delta")
     if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
-        return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t))
+        return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t))
     unchanged = np.clip(share.data, 0.0, 1.0)
     rest = phase.copy()
     rest[:, 0] = np.maximum(rest[:, 0] - unchanged / (2 * math.pi * areas(theta)[0]), 0.0)
     rest[unchanged == 1] = 1.0  # nothing is scattered: any phase function would do
-    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta, normalised(theta, rest)[0], unchanged)
+    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta, normalised(theta, rest)[0], unchanged,
+                      np.zeros_like(sigma_t))
+
+
+def without_peak(medium: Scattering, end: int) -> Scattering:
+    """A medium whose forward peak goes straight on: what is above the value at an angle, at smaller ones, counts as unscattered.
+
+    Parameters
+    ----------
+    medium : without such a cut
+    end : index of that angle in `theta`; 0 changes nothing
+
+    Notes
+    -----
+    An approximation, unlike `scattering_of`: that light is deflected, by less than the angle, and is no longer.  The cap is flat,
+    so that what remains is continuous and no smaller than it was at larger angles.
+    """
+    from bakery.medium.phase import integral, normalised
+
+    rest = medium.phase.copy()
+    rest[:, :end] = np.minimum(rest[:, :end], rest[:, end:end + 1])
+    straight = np.clip(1 - integral(medium.theta, rest), 0.0, 1.0)
+    return replace(medium, sigma_t=medium.sigma_t - straight * medium.sigma_s, sigma_s=(1 - straight) * medium.sigma_s,
+                   phase=normalised(medium.theta, rest)[0], straight=straight, within=float(medium.theta[end]))

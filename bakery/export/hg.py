@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from bakery.export import medium_of, scattering_of
 from bakery.medium.lobe_fits import Fit, fits
+from bakery.medium.lobes import Misfit
 from bakery.report.files import csv_text
 from bakery.report.fits import SAID, lobe_fits
 from bakery.store.tree import Group
 
+USELESS = 0.3  # of the light to another angle, and
+OFF = 10.0  # ratio of fit and table at some angle: what is said first of a fit
 COEFFICIENTS = ("sigma_t", "sigma_s", "sigma_a", "albedo", "g")
 MEANING = {
     "p": "sum of weight * (1 - g^2) / (4 pi (1 + g^2 - 2 g mu)^1.5) * (1 + alpha mu^2) / (1 + alpha (1 + 2 g^2) / 3) in 1/sr; "
@@ -80,12 +84,37 @@ def droplet_diameter(root: Group) -> float | None:
 
 def hg_files(root: Group, name: str, rows: list[Row]) -> dict[str, str | bytes]:
     """File names (without the asset's) and contents: all as JSON, a table as CSV, a picture at about 0.55 um."""
-    from bakery.report.figures import drawn
+    from bakery.report.figures import drawn, title_of
 
     middle = int(np.argmin([abs(row.wavelength - 0.55) for row in rows]))
     rest = scattering_of(root["medium"])
     picture = lobe_fits(rows[middle].wavelength, rest.theta, rest.phase[middle], rows[middle].fits)
-    return {"lobes.json": _json(root, name, rows), "lobes.csv": _csv(rows), "lobes.png": drawn(picture, ("png",))["png"]}
+    return {"lobes.json": _json(root, name, rows), "lobes.csv": _csv(rows),
+            "lobes.png": drawn(picture, ("png",), title_of(root))["png"]}
+
+
+def useless(rows: list[Row]) -> list[str]:
+    """What is to be said first: fits that misdirect much of the light, and whether the best of all is far off at some angle."""
+    worst = {key: max(row.fits[key].misfit.misdirected for row in rows) for key in rows[0].fits}
+    poor = {key: share for key, share in worst.items() if share > USELESS}
+    best = min(worst, key=worst.get)
+    said = [f"of little use, up to {100 * max(poor.values()):.2g} % of the light goes to another angle: "
+            + "; ".join(SAID[key] for key in poor)] if poor else []
+    off = max((row.fits[best].misfit for row in rows), key=lambda lost: abs(math.log(lost.factor)))
+    if far_off(off):
+        said.append(f"even the best, {SAID[best]}, is {ratio(off)}")
+    return said
+
+
+def far_off(lost: Misfit) -> bool:
+    """Whether a fit is out by more than a factor of ten at some angle."""
+    return abs(math.log(lost.factor)) > math.log(OFF)
+
+
+def ratio(lost: Misfit) -> str:
+    """Where a fit is furthest off, in words."""
+    times = f"{lost.factor:.3g} times too bright" if lost.factor >= 1 else f"{1 / lost.factor:.3g} times too dark"
+    return f"{times} at {math.degrees(lost.factor_at):.3g} deg"
 
 
 def errors(rows: list[Row]) -> list[dict]:

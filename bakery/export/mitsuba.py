@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from bakery.export import medium_of, scattering_of
-from bakery.medium.regular import Loss, adaptive_table, loss
+from bakery.export import Scattering, medium_of, scattering_of, without_peak
+from bakery.medium.regular import Loss, adaptive_table, loss, regular_table
 from bakery.store.tree import Group
+
+LIMIT = 1e-3  # of the light to another angle by the regular grid
+LONGEST = 17  # power of two of the longest table: 1.8 MB of text.  Eight times as many left drizzle at 20 % of the light
+WIDEST = math.radians(10)  # light that is deflected by more always counts as scattered
+USELESS = 0.05  # of the light to another angle: an export that loses more says so first
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,8 @@ class Fragment:
     resampling : Loss of the table against the phase function that it stands for
     colour : wavelength (um) -> Loss of the table against the phase function there, where one table stands for several
     unchanged : 1, largest share of scattered light that keeps its direction and was taken out of sigma_t and phase function
+    straight, within : 1, rad: largest share of the rest that no table of this length can place, the forward peak within the
+        angle; it is taken out likewise and goes straight on
     """
 
     name: str
@@ -33,10 +41,23 @@ class Fragment:
     resampling: Loss
     colour: dict[float, Loss]
     unchanged: float = 0.0
+    straight: float = 0.0
+    within: float = 0.0
+
+    def useless(self) -> str:
+        """What makes the fragment a poor stand-in for the asset, in words; "" where nothing does."""
+        if self.resampling.misdirected > USELESS:
+            return f"its table sends {100 * self.resampling.misdirected:.2g} % of the light to another angle"
+        worst = max(self.colour, key=lambda um: self.colour[um].misdirected, default=None)
+        if worst is not None and self.colour[worst].misdirected > USELESS:
+            return (f"its one table sends {100 * self.colour[worst].misdirected:.2g} % of the light at {worst:g} um to another "
+                    "angle; --each-wavelength would do")
+        return ""
 
     def as_dict(self) -> dict:
         """The losses for machines (`--json`)."""
-        return {"values": self.values, "unchanged": self.unchanged, "resampling": asdict(self.resampling),
+        return {"values": self.values, "unchanged": self.unchanged, "straight": self.straight, "within": self.within,
+                "useless": self.useless(), "resampling": asdict(self.resampling),
                 "wavelengths": [{"wavelength_um": um} | asdict(lost) for um, lost in self.colour.items()]}
 
 
@@ -54,33 +75,61 @@ def fragments(root: Group, name: str, bands, each: bool = False) -> list[Fragmen
     ------
     AssetError : there is no medium
     """
-    medium = scattering_of(medium_of(root, name))
-    um, theta, phase, sigma_t, sigma_s = root["wavelength"].data, medium.theta, medium.phase, medium.sigma_t, medium.sigma_s
+    medium, um = scattering_of(medium_of(root, name)), root["wavelength"].data
     if each:
-        return [_fragment(f"{name}_{1e3 * x:.4g}nm", f"_{1e3 * x:.4g}nm", sigma_t[i:i + 1], sigma_s[i:i + 1], theta, phase[i], {},
-                          float(medium.unchanged[i]))
-                for i, x in enumerate(um)]
-    weight = sigma_s if sigma_s.sum() > 0 else np.ones_like(sigma_s)
-    mean = np.sum(phase * (weight / weight.sum())[:, None], axis=0)
-    if um.size > 1:
-        sigma_t, sigma_s = (np.sum(bands * value, axis=1) for value in (sigma_t, sigma_s))
-    each_phase = dict(zip(um.tolist(), phase, strict=True)) if um.size > 1 else {}
-    return [_fragment(name, "", sigma_t, sigma_s, theta, mean, each_phase, float(medium.unchanged.max()))]
+        one = [slice(i, i + 1) for i in range(um.size)]
+        return [_fragment(f"{name}_{1e3 * x:.4g}nm", f"_{1e3 * x:.4g}nm", um[which], _rows(medium, which), np.ones((1, 1)))
+                for x, which in zip(um, one, strict=True)]
+    return [_fragment(name, "", um, medium, bands if um.size > 1 else np.ones((1, 1)))]
 
 
-def _fragment(name, suffix, sigma_t, sigma_s, theta, phase, each_phase, unchanged) -> Fragment:
-    values, lost = adaptive_table(theta, phase)
-    colour = {x: loss(theta, row, values) for x, row in each_phase.items()}
-    return Fragment(suffix, _xml(name, sigma_t, sigma_s, values, lost, unchanged), len(values), lost, colour, unchanged)
+def _rows(medium: Scattering, which: slice) -> Scattering:
+    """Some of its wavelengths."""
+    return replace(medium, **{name: getattr(medium, name)[which] for name in
+                              ("sigma_t", "sigma_s", "phase", "unchanged", "straight")})
 
 
-def _xml(name, sigma_t, sigma_s, values, lost: Loss, unchanged: float) -> str:
+def _fragment(name, suffix, um, medium, bands) -> Fragment:
+    medium = _resolved(medium)
+    values, lost = adaptive_table(medium.theta, _mean(medium), LIMIT, largest=LONGEST)
+    colour = {x: loss(medium.theta, row, values) for x, row in zip(um.tolist(), medium.phase, strict=True)} if um.size > 1 else {}
+    made = Fragment(suffix, "", len(values), lost, colour, *(float(value) for value in
+                                                             (medium.unchanged.max(), medium.straight.max(), medium.within)))
+    return replace(made, xml=_xml(name, bands @ medium.sigma_t, bands @ medium.sigma_s, values, made))
+
+
+def _mean(medium: Scattering):
+    """(A,) 1/sr, the phase function of all wavelengths together, weighted by scattering."""
+    weight = medium.sigma_s if medium.sigma_s.sum() > 0 else np.ones_like(medium.sigma_s)
+    return np.sum(medium.phase * (weight / weight.sum())[:, None], axis=0)
+
+
+def _resolved(medium: Scattering) -> Scattering:
+    """The medium without as much of its forward peak as the longest table cannot hold: by the narrowest cut that is enough."""
+    def enough(end: int) -> bool:
+        phase = _mean(without_peak(medium, end))
+        return loss(medium.theta, phase, regular_table(medium.theta, phase, 2**LONGEST + 1)).misdirected <= LIMIT
+
+    low, high = 0, int(np.searchsorted(medium.theta, WIDEST))
+    if enough(low):
+        return medium
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return without_peak(medium, high)
+
+
+def _xml(name, sigma_t, sigma_s, values, made: Fragment) -> str:
     # Mitsuba takes RGB coefficients from 0 to 1 only: `scale` carries the size
     scale = float(sigma_t.max()) or 1.0
     albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
     table = ",".join(f"{value:.9g}" for value in values.tolist())  # 9 digits: every float32 comes back
-    apart = (f"\n     Light that grains leave unchanged (up to {100 * unchanged:.3g} % of what they scatter) is not in it: "
-             "sigma_t is smaller\n     than the asset's by that, which is the same medium." if unchanged else "")
+    apart = (f"\n     Light that grains leave unchanged (up to {100 * made.unchanged:.3g} % of what they scatter) is not in it: "
+             "sigma_t is smaller\n     than the asset's by that, which is the same medium." if made.unchanged else "")
+    if made.straight:
+        apart += (f"\n     Of the rest, up to {100 * made.straight:.3g} % is deflected by less than "
+                  f"{math.degrees(made.within):.3g} degrees.  It goes straight on:\n     sigma_t is smaller by that as well.")
+    lost = made.resampling
     medium_id = quoteattr(re.sub(r"[^A-Za-z0-9_]", "_", name))
     return f"""<?xml version="1.0" encoding="utf-8"?>
 <!-- A baked medium for stock Mitsuba 3.  Include it in a scene and refer to the id:

@@ -10,6 +10,7 @@ import numpy as np
 from bakery.medium.phase import evaluate
 from bakery.report import methods
 from bakery.report.style import FAINT, INK, NEUTRAL, QUIET, colours, look, saved
+from bakery.report.text import clean
 from bakery.store.tree import Dataset, Group
 
 
@@ -34,14 +35,24 @@ class Picture:
     columns: tuple[tuple[str, np.ndarray], ...]
 
 
-def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg")) -> dict[str, bytes]:
-    """A picture in each form; the same bytes on every run with the same packages."""
+def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg"), of: str = "") -> dict[str, bytes]:
+    """A picture in each form; the same bytes on every run with the same packages.  `of` (the asset) stands above it."""
     from matplotlib.figure import Figure
 
     with look(picture.name):
-        figure = Figure(figsize=picture.size)
-        picture.draw(figure)
+        wide, high = picture.size
+        figure = Figure(figsize=(wide, high + _HEAD if of else high))
+        if of:
+            head, body = figure.subfigures(2, 1, height_ratios=(_HEAD, high))
+            head.text(0.08 / wide, 0.45, of, va="center", color=QUIET, fontsize=8.5, parse_math=False)
+        picture.draw(body if of else figure)
         return {form: saved(figure, form) for form in forms}
+
+
+def title_of(root: Group) -> str:
+    """What stands above every picture of an asset: its name and the beginning of its content hash."""
+    name, content = (str(root.attributes.get(key) or "") for key in ("name", "content_hash"))
+    return "  ·  ".join(filter(None, (clean(name), content[:12])))
 
 
 def pictures(root: Group) -> Iterator[Picture]:
@@ -132,31 +143,43 @@ def phase_function(medium: Group, um, remarks: Sequence[str] = (), prefix: str =
 
 
 def lobe(medium: Group, um, prefix: str = "", of: str = "") -> Picture:
-    """The phase function as a polar diagram whose radius is logarithmic."""
+    """The phase function as a polar diagram whose radius is logarithmic.
+
+    The forward peak is cut where it would press all else into the middle, and small values end on an inner circle.
+    """
     theta, phase = medium["theta"].data, medium["phase"].data
-    top = np.ceil(np.log10(phase.max()))
-    bottom = np.floor(np.log10(max(np.percentile(phase[phase > 0], 0.5), 10 ** (top - 9))))
-    bottom = min(bottom, top - 1)
+    beside = phase[:, theta >= min(_BESIDE, theta[-1])]
+    top = float(np.ceil(np.log10(beside.max())))
+    bottom = np.floor(np.log10(max(np.percentile(beside[beside > 0], 0.5), 10 ** (top - _LOBE_DECADES))))
+    bottom = float(min(bottom, top - 1))
+    cut = phase.max() > 10**top
 
     def draw(figure):
         axes = figure.add_subplot(projection="polar")
         for row, colour, label in zip(phase, colours(um), _labels(um), strict=True):
-            radius = np.clip(np.log10(_positive(row)) - bottom, 0, None)
+            radius = np.log10(np.clip(row, 10**bottom, 10**top))
             axes.plot(np.concatenate([theta, 2 * np.pi - theta[::-1]]), np.concatenate([radius, radius[::-1]]), color=colour,
                       label=label, linewidth=1.3)
-        every = max(1, int(np.ceil((top - bottom) / 5)))
-        decades = np.arange(bottom, top + 1, every)
-        axes.set_rlim(0, top - bottom)
-        axes.set_rgrids(np.maximum(decades - bottom, 1e-9), [_power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
+        decades = np.arange(bottom, top + 1)
+        axes.set_rlim(bottom, top)
+        axes.set_rorigin(bottom - _HOLE * (top - bottom))
+        axes.set_rgrids(decades, [_power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
         axes.set_thetagrids(range(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
         axes.spines["polar"].set_color(FAINT)
+        axes.spines["inner"].set_color(QUIET)
         axes.annotate("light", (0.17, 0.06), xytext=(0.0, 0.06), xycoords="axes fraction", va="center", fontsize=9,
                       arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 4})
+        if cut:
+            axes.annotate(f"peak cut, to {phase.max():.2g}", (0, top), xytext=(-6, 5), textcoords="offset points", ha="right",
+                          fontsize=8, color=QUIET, annotation_clip=False)
         axes.set_title("Phase function (1/sr), logarithmic radius", pad=16)
         _legend_beside(figure, axes)
 
-    return Picture(f"{prefix}lobe", f"Lobe{of}", "The same phase function around the particle; light travels to the right, "
-                   "0° is straight on.", (6.4, 5.2), draw, _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+    said = "The same phase function around the particle; light travels to the right, 0° is straight on."
+    said += f"  The inner circle stands for {10**bottom:g} and less" + (
+        f", the outer one for {10**top:g} and more: the forward peak rises to {phase.max():.2g}." if cut else ".")
+    return Picture(f"{prefix}lobe", f"Lobe{of}", said, (6.4, 5.2), draw,
+                   _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
 
 
 def polarisation(medium: Group, um) -> Picture:
@@ -187,35 +210,35 @@ def coefficients(medium: Group, um) -> Picture:
     said = {"sigma_t": "extinction σt", "sigma_s": "scattering σs", "sigma_a": "absorption σa"}
     style = {"sigma_t": "-", "sigma_s": (0, (5, 2.5)), "sigma_a": "-"}
 
+    absorbed = medium.members.get("sigma_a")  # 1 - albedo has lost its digits where little is absorbed
+    lost = (absorbed.data / medium["sigma_t"].data if absorbed else 1 - medium["albedo"].data)[order]
+    absorbs = bool((lost > 0).any())
+
     def draw(figure):
-        panels = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
+        first, *others = figure.subplots(1, 2 + absorbs, width_ratios=(1.25, *[1] * (1 + absorbs)))
         for name, ink in zip(names, NEUTRAL, strict=False):
             values = medium[name].data[order]
             if (values > 0).any():
-                panels[0].plot(um[order], np.where(values > 0, values, np.nan), color=ink, linestyle=style[name], marker="o",
-                               markersize=4, label=said[name])
-        panels[0].set_yscale("log")
-        panels[0].set_title("Coefficients (1/m)")
-        panels[0].legend(loc="best")
-        absorbed = medium.members.get("sigma_a")  # 1 - albedo has lost its digits where little is absorbed
-        lost = (absorbed.data / medium["sigma_t"].data if absorbed else 1 - medium["albedo"].data)[order]
-        if (lost > 0).any():
-            panels[1].plot(um[order], np.where(lost > 0, lost, np.nan), color=INK, marker="o", markersize=4)
-            panels[1].set_yscale("log")
-        else:
-            panels[1].annotate("nothing is absorbed", (0.5, 0.5), xycoords="axes fraction", ha="center", color=QUIET)
-            panels[1].set_yticks([])
-        panels[1].set_title("1 − albedo")
-        panels[2].plot(um[order], medium["g"].data[order], color=INK, marker="o", markersize=4)
-        panels[2].set_title("Mean cosine g")
-        _plain_numbers(panels[2])
-        for axes in panels:
+                first.plot(um[order], _positive(values), color=ink, linestyle=style[name], marker="o", markersize=4,
+                           label=said[name])
+        _positive_axis(first, np.concatenate([medium[name].data for name in names]))
+        first.set_title("Coefficients (1/m)")
+        first.legend(loc="best")
+        if absorbs:
+            others[0].plot(um[order], _positive(lost), color=INK, marker="o", markersize=4)
+            _positive_axis(others[0], lost)
+            others[0].set_title("1 − albedo")
+        others[-1].plot(um[order], medium["g"].data[order], color=INK, marker="o", markersize=4)
+        others[-1].set_title("Mean cosine g")
+        _plain_numbers(others[-1])
+        for axes in (first, *others):
             _wavelength_axis(axes, um[order])
 
     shown = [*names, "albedo", "g"]
     columns = [(f"{name} [{medium[name].units}]", medium[name].data[order]) for name in shown]
-    return Picture("coefficients", "Coefficients", "Of the medium, against the wavelength in vacuum; zeros are left out.",
-                   (9.6, 3.4), draw, (("wavelength [um]", um[order]), *columns))
+    said_of_zeros = "zeros are left out." if absorbs else "nothing is absorbed."
+    return Picture("coefficients", "Coefficients", f"Of the medium, against the wavelength in vacuum; {said_of_zeros}",
+                   (9.6 if absorbs else 7.0, 3.4), draw, (("wavelength [um]", um[order]), *columns))
 
 
 def cross_sections(name: str, component: Group, um) -> Picture:
@@ -239,8 +262,7 @@ def cross_sections(name: str, component: Group, um) -> Picture:
         top.plot(radius, disk, color=QUIET, linewidth=0.9, linestyle=":", label="πr²")
         top.set(yscale="log", ylabel="µm²")
         top.set_title(f"{name}: cross sections (full: extinction, dashed: absorption)")
-        top.legend(title=_WAVELENGTH, title_fontsize=9, loc="lower right", ncols=2, frameon=True, framealpha=1,
-                   facecolor="white", edgecolor="none")
+        _legend_beside(figure, top)
         if (extinction > disk).any():
             middle.axhline(2, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))  # the limit of large spheres
         else:
@@ -264,7 +286,7 @@ def cross_sections(name: str, component: Group, um) -> Picture:
     remarks = [methods.sentence(found, len(found) < len(um)) + ", cross sections are the series' own"] if found else []
     return Picture(f"{name}_cross_sections", f"Cross sections of {name}", "Of single particles against their radius, and how the "
                    f"particles and what they take out of a beam are spread over the radii.{_sentences(remarks)}",
-                   (8.0, 8.0), draw, tuple(columns))
+                   (9.2, 8.0), draw, tuple(columns))
 
 
 def _mark_rays(panels, found: Sequence[methods.Boundary], um) -> None:
@@ -294,6 +316,10 @@ def _sentences(remarks: Sequence[str]) -> str:
 
 
 _WAVELENGTH = "wavelength"
+_HEAD = 0.24  # inches above a picture for the asset's name
+_BESIDE = np.radians(2)  # a lobe shows what lies beyond, a narrower forward peak is cut
+_LOBE_DECADES, _HOLE = 5, 0.15  # most decades of a lobe; its inner circle, in shares of what is outside of it
+_LITTLE = 10.0  # ratio of the largest to the smallest below which an axis is linear
 _SEEN = 0.02  # a relative error below this is thinner than a line on a scale of decades
 
 
@@ -350,6 +376,15 @@ def _plain_decades(axis) -> None:
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,), numticks=30))
     axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _positive_axis(axes, values) -> None:
+    """A logarithmic axis for positive values, a linear one where they differ by so little that it would have next to no ticks."""
+    values = values[values > 0]
+    if values.size and values.max() > _LITTLE * values.min():
+        axes.set_yscale("log")
+    else:
+        _plain_numbers(axes)
 
 
 def _plain_numbers(axes) -> None:

@@ -52,7 +52,7 @@ def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
         panels[0, 0].set(xlim=(0, 180), ylabel="phase function (1/sr)")
         panels[1, 0].set(xlabel="scattering angle θ (°), 0 = forward", ylabel="fit / baked")
         low, high = panels[1, 0].get_ylim()
-        panels[1, 0].set_ylim(min(max(low, 0.02), 0.5), max(min(high, 50), 2))
+        panels[1, 0].set_ylim(min(low, 0.5), max(high, 2))
         _plain_decades(panels[1, 0].yaxis)
         panels[1, 0].set_xticks(range(0, 181, 30))
         panels[1, 1].set(xscale="log", xlim=(start, 30), xlabel="θ (°), logarithmic")

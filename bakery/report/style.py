@@ -8,12 +8,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-# um and sRGB: hues of the spectrum, darkened until they stand out on white.
+# um and sRGB: hues of the spectrum, darkened until they stand out on white; deep reds, which look alike, darken on towards brown.
 _SPECTRUM = (
-    (0.38, (0.36, 0.16, 0.53)), (0.44, (0.25, 0.25, 0.68)), (0.47, (0.12, 0.40, 0.76)), (0.50, (0.03, 0.55, 0.62)),
-    (0.55, (0.16, 0.57, 0.22)), (0.58, (0.72, 0.58, 0.02)), (0.61, (0.85, 0.31, 0.10)), (0.66, (0.70, 0.10, 0.15)),
-    (0.78, (0.42, 0.03, 0.10)),
+    (0.405, (0.45, 0.13, 0.60)), (0.455, (0.13, 0.30, 0.74)), (0.505, (0.03, 0.58, 0.66)), (0.555, (0.16, 0.57, 0.22)),
+    (0.58, (0.72, 0.58, 0.02)), (0.605, (0.88, 0.36, 0.08)), (0.655, (0.76, 0.08, 0.17)), (0.705, (0.48, 0.05, 0.20)),
+    (0.755, (0.25, 0.13, 0.10)),
 )
+_VISIBLE = (0.38, 0.78)  # um
 INK, QUIET, FAINT = "#1c2530", "#5d6875", "#dfe3e8"
 NEUTRAL = ("#1c2530", "#8a4fbf", "#b3541e")  # curves that belong to no wavelength
 
@@ -34,10 +35,10 @@ def colours(wavelength) -> list[tuple[float, float, float]]:
     wavelength = np.asarray(wavelength, float)
     at = np.array([um for um, _ in _SPECTRUM])
     rgb = np.array([colour for _, colour in _SPECTRUM])
-    inside = (wavelength >= at[0]) & (wavelength <= at[-1])
+    inside = (wavelength >= _VISIBLE[0]) & (wavelength <= _VISIBLE[1])
     if not inside.all() and wavelength.size > 1:
         low, high = np.log(wavelength.min()), np.log(wavelength.max())
-        wavelength = 0.40 + 0.30 * (np.log(wavelength) - low) / max(high - low, 1e-9)
+        wavelength = at[0] + np.ptp(at) * (np.log(wavelength) - low) / max(high - low, 1e-9)
     return [tuple(float(np.interp(um, at, rgb[:, i])) for i in range(3)) for um in wavelength]
 
 

@@ -41,6 +41,12 @@ def describe(root: Group, below: str = "") -> dict:
     }
 
 
+def missed(stage: dict) -> bool:
+    """Whether a stage, as `describe` has it, did not meet its tolerance."""
+    achieved, tolerance = stage["achieved_error"], stage["tolerance"]
+    return isinstance(achieved, float) and isinstance(tolerance, float) and achieved > tolerance
+
+
 def stage(root: Group, name: str) -> dict:
     """What a stage says of itself, with the time and memory that it took."""
     attributes = root.members[name].attributes

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Sequence
 
 FEWEST_COLUMNS = 20  # narrower terminals wrap by themselves
+_BELOW = " " * 6  # before what goes on in the next line
 
 
 def clean(value) -> str:
@@ -17,12 +19,22 @@ def clean(value) -> str:
 
 
 def say(line: str = "") -> None:
-    """One line on standard output; what its encoding lacks is written as an escape, what a terminal has no room for is cut."""
-    out = sys.stdout
-    if out.isatty():
-        columns = max(shutil.get_terminal_size().columns, FEWEST_COLUMNS)
-        line = line if len(line) <= columns else line[:columns - 1] + (">" if plain(out) else "…")
-    write(line + "\n")
+    """One line on standard output; what its encoding lacks is written as an escape, on a terminal it goes on below itself."""
+    for part in wrapped(line, room()):
+        write(part + "\n")
+
+
+def room() -> int | None:
+    """Columns of the terminal that standard output is; None where it is a file or pipe, whose lines may be of any length."""
+    return max(shutil.get_terminal_size().columns, FEWEST_COLUMNS) if sys.stdout.isatty() else None
+
+
+def wrapped(line: str, columns: int | None) -> list[str]:
+    """A line as lines of at most so many columns, indented below the first; words (paths, hashes) stay whole."""
+    if columns is None or len(line) <= columns:
+        return [line]
+    indent = " " * min(len(line) - len(line.lstrip()) + 2, columns // 2)
+    return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def say_all(text: str) -> None:
@@ -62,10 +74,31 @@ def plain(out=None) -> bool:
 
 
 def table(rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
-    """Rows as lines with aligned columns; columns in `right` are flush right."""
+    """Rows as lines with aligned columns; columns in `right` are flush right.
+
+    On a terminal with too few columns a row goes on in the next line; cells much longer than others move only their own row.
+    """
     rows = [[str(cell) for cell in row] for row in rows]
     if not rows:
         return []
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    flush = [str.rjust if i in right else str.ljust for i in range(len(widths))]
-    return ["  ".join(put(cell, width) for put, cell, width in zip(flush, row, widths, strict=True)).rstrip() for row in rows]
+    columns, whole = room(), range(len(rows[0]))
+    widths = [max(len(row[i]) for row in rows) for i in whole]
+    flush = [str.rjust if i in right else str.ljust for i in whole]
+    if columns is None or sum(widths) + 2 * (len(widths) - 1) <= columns:
+        return ["  ".join(put(cell, width) for put, cell, width in zip(flush, row, widths, strict=True)).rstrip() for row in rows]
+    usual = max(2 * columns // 5, 8)
+    widths = [max((len(row[i]) for row in rows if len(row[i]) <= usual), default=0) for i in whole]
+    return [line for row in rows for line in _flowing([put(cell, width) for put, cell, width in
+                                                       zip(flush, row, widths, strict=True)], columns)]
+
+
+def _flowing(cells: Sequence[str], columns: int) -> list[str]:
+    """Cells of one row, as many on a line as there is room for."""
+    lines = [cells[0]]
+    for cell in cells[1:]:
+        longer = f"{lines[-1]}  {cell}"
+        if len(longer.rstrip()) <= columns:
+            lines[-1] = longer
+        elif cell.strip():
+            lines.append(_BELOW + cell.strip())
+    return [line.rstrip() for line in lines]

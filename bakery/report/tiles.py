@@ -122,14 +122,15 @@ def pair_correlation(tile: Group):
 
     def draw(figure):
         axes = figure.subplots()
-        _draw_g2(axes, tile, 4.5)
+        _draw_g2(axes, tile)
         axes.set(xlabel="distance of centres (mean radii)", ylabel="g₂")
         axes.set_title(f"Pair correlation at fraction {fraction:.4g}")
         axes.legend(loc="upper right")
 
     said = "  The curve is the fluid's, by Verlet and Weis." if fluid else ""
     return Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
-                   f"density; the band is what other tiles of the kind would differ by.{said}", (7.6, 4.2), draw, tuple(columns))
+                   f"density, on a square-root axis; the band is what other tiles of the kind would differ by.{said}",
+                   (7.6, 4.2), draw, tuple(columns))
 
 
 def chord_length(tile: Group):
@@ -199,9 +200,9 @@ def dictionary(tiles: list[Group]) -> Iterator:
     known = [tile for tile in tiles if "pair_correlation" in tile.members]
 
     def multiples(figure):
-        panels = np.atleast_1d(figure.subplots(down, across, sharey=True)).ravel()
+        panels = np.atleast_1d(figure.subplots(down, across)).ravel()
         for axes, tile in zip(panels, known, strict=False):
-            _draw_g2(axes, tile, 3.5)
+            _draw_g2(axes, tile)
             axes.set_title(f"{_fraction(tile):.4g}")
         for axes in panels[len(known):]:
             axes.set_axis_off()
@@ -211,7 +212,7 @@ def dictionary(tiles: list[Group]) -> Iterator:
 
     if known:
         yield Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
-                      "density.  The curve is the fluid's, by Verlet and Weis; dense tiles rise out of the picture.",
+                      "density, on a square-root axis.  The curve is the fluid's, by Verlet and Weis.",
                       (2.9 * across, 0.6 + 2.1 * down), multiples, _long(known, "pair_correlation", ("g", "g_error")))
 
     def over_law(figure):
@@ -231,8 +232,8 @@ def dictionary(tiles: list[Group]) -> Iterator:
                   _long(tiles, "chord_length", ("density", "density_error")))
 
 
-def _draw_g2(axes, tile: Group, highest: float) -> None:
-    """g2 with its error, and the fluid's where the spheres are one; what rises above `highest` is told by its value."""
+def _draw_g2(axes, tile: Group) -> None:
+    """g2 with its error, and the fluid's where the spheres are one."""
     group, fraction = tile["pair_correlation"], _fraction(tile)
     edges, g, error = (group[name].data for name in ("edges", "g", "g_error"))
     axes.axhline(1, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
@@ -242,11 +243,9 @@ def _draw_g2(axes, tile: Group, highest: float) -> None:
     if _fluid(tile):
         fine = np.linspace(max(edges[0], 2), edges[-1], 800)
         axes.plot(fine, theory.verlet_weis(fine, fraction), color=INK, linewidth=1.1, label="Verlet and Weis (fluid)")
-    top = min(1.08 * float((g + error).max()), highest)
-    axes.set(xlim=(edges[0], edges[-1]), ylim=(0, top))
-    if g.max() > top:
-        axes.annotate(f"{g.max():.3g}", (group["r"].data[np.argmax(g)], 0.97 * top), xytext=(8, 0), textcoords="offset points",
-                      va="top", color=QUIET, fontsize=8.5)
+    # square roots: spheres in contact are many times as frequent as any other distance, and all of it is to be seen
+    axes.set_yscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
+    axes.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.08 * float((g + error).max())))
 
 
 def _fluid(tile: Group) -> bool:

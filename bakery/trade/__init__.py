@@ -129,5 +129,5 @@ def _written(trade: Trade) -> Trade:
     files = [put(trade.folder / "trade.json", json.dumps(told, indent=1, allow_nan=False) + "\n"),
              put(trade.folder / "trade.csv", csv_text(columns(told["stages"])))]
     for stage in told["stages"]:
-        files.append(put(trade.folder / f"{stage['stage']}.png", drawn(picture(stage), ("png",))["png"]))
+        files.append(put(trade.folder / f"{stage['stage']}.png", drawn(picture(stage), ("png",), told["recipe"])["png"]))
     return Trade(trade.recipe, trade.folder, trade.sweeps, tuple(files))

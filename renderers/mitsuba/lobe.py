@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
+from dataclasses import dataclass
+
 import numpy as np
 
 from renderers import colour
 
+_LETTER, _LINE = 11.0, 14.5  # pixels: size of letters and distance of lines, the least that is legible; wide strips scale them up
+_SMALLEST, _FULL = 320, 576  # pixels of width: of the least strip with letters of that size, and from which on they scale
+_LINES = 11.5  # above the curves
+_CURVES, _LEAST = 0.24, 115  # height of the curves in widths, and the least in pixels
 _BACKGROUND, _TEXT, _DIM, _GRID = "#15171b", "#e8e8e6", "#9a9da3", "#33373e"
 _GRAINS = ("#f0c05a", "#6cc3f0", "#f08a7a", "#8fd694", "#c9a2f2", "#e0dfd5")  # one a component
 
@@ -32,15 +39,15 @@ def strip(asset, tables, width, words=()):
 
     Returns
     -------
-    display : (H, width, 3) 0 to 1, sRGB encoded; H is 0.27 of the width
+    display : (H, width, 3) 0 to 1, sRGB encoded; H depends on the width only
     """
-    def paint(figure):
-        _text(figure, asset, words)
+    def paint(page):
+        _text(page, asset, words)
         colours = _line_colours(asset.wavelength)
         first = int(straight(asset) > 0)  # the peak of unchanged light would press everything else against the axis
         theta, value = 2 * np.arcsin(np.sqrt(tables.s[first:])), tables.value[:, first:]
-        _polar(figure, theta, value, colours)
-        _plot(figure, (0.725, 0.22, 0.255, 0.68), theta, value, colours)
+        _polar(page, theta, value, colours)
+        _plot(page, 0.52, theta, value, colours)
 
     return _drawn(width, paint)
 
@@ -61,30 +68,27 @@ def grain_strip(asset, grains, width, words=()):
     k_middle = middle(asset)
     theta = np.asarray(asset.grains["theta"], float)
 
-    def paint(figure):
-        figure.text(0.025, 0.90, "grains", color=_TEXT, fontsize=11, weight="bold", va="top")
-        shown, colours = _spread(len(asset.wavelength), 3), _line_colours(asset.wavelength)
-        lefts = (0.025, 0.190, 0.250, 0.315, 0.395, 0.475, 0.560, 0.612, 0.685)
-        figure.text(lefts[3], 0.815, "albedo at", color=_DIM, fontsize=6.0, va="top")
-        heads = ["", "share", "hits", *[f"{asset.wavelength[k]:.3f} um" for k in shown], *[""] * (3 - len(shown)), "g", "way",
-                 "straight"]
+    def paint(page):
+        page.text(0.025, 0, "grains", _TEXT, bold=True)
+        narrow = page.width < _FULL  # fewer columns
+        shown, colours = _spread(len(asset.wavelength), 1 if narrow else 3, k_middle), _line_colours(asset.wavelength)
+        page.text(0.45, 0, "albedo at", _DIM)
+        heads = ["share", "hits", *[f"{asset.wavelength[k]:.3f}" for k in shown], "g", "way", "straight"][narrow:]
+        lefts = np.linspace(0.22, 0.83 if narrow else 0.88, len(heads))
         for left, word in zip(lefts, heads):
-            figure.text(left, 0.725, word, color=_DIM, fontsize=6.0, va="top")
+            page.text(left, 1, word, _DIM)
         for line, grain in enumerate(grains):
-            part, y = asset.grains[grain.name], 0.725 - 0.092 * (line + 1)
-            tint = _GRAINS[line % len(_GRAINS)]
-            figure.text(0.025, y, grain.name.replace("_", " ")[:18], color=tint, fontsize=6.4, va="top", parse_math=False)
-            row = [f"{100 * grain.share:.3g} %", _at(part, "hit_probability", 0, ".3f"), *["" for _ in range(3)],
-                   _at(part, "g", k_middle, ".3f"), _at(part, "lambda_s", k_middle, ".2f", " R"), _unchanged(part, k_middle)]
-            tints = [_TEXT] * len(row)
-            for i, k in enumerate(shown):
-                row[2 + i], tints[2 + i] = _close(float(np.ravel(part["albedo"])[k])) if "albedo" in part else "", colours[k]
-            for left, word, one in zip(lefts[1:], row, tints):
-                figure.text(left, y, word, color=one, fontsize=6.2, va="top")
-        for line, word in enumerate(reversed(words)):
-            figure.text(0.025, 0.06 + 0.075 * line, word, color=_DIM, fontsize=5.4, va="bottom", parse_math=False)
+            part, tint = asset.grains[grain.name], _GRAINS[line % len(_GRAINS)]
+            page.text(0.025, 2 + line, grain.name.replace("_", " ")[:round(0.19 * page.width / (0.6 * page.letter))], tint)
+            row = [(f"{100 * grain.share:.3g} %", _TEXT), (_at(part, "hit_probability", 0, ".3f"), _TEXT)]
+            row += [(_close(float(np.ravel(part["albedo"])[k])) if "albedo" in part else "", colours[k]) for k in shown]
+            row += [(word, _TEXT) for word in (_at(part, "g", k_middle, ".3f"), _at(part, "lambda_s", k_middle, ".2f", " R"),
+                                               _unchanged(part, k_middle))]
+            for left, (word, one) in zip(lefts, row[narrow:]):
+                page.text(left, 2 + line, word, one)
+        page.foot(words)
         rows = [np.atleast_2d(asset.grains[grain.name]["phase"])[k_middle] for grain in grains]
-        _plot(figure, (0.800, 0.22, 0.190, 0.68), theta, np.array(rows), _GRAINS)
+        _plot(page, 0.13, theta, np.array(rows), _GRAINS)
 
     return _drawn(width, paint)
 
@@ -116,22 +120,66 @@ def _unchanged(part, k):
     return f"{100 * share:.3g} %" if share > 0 else "none"
 
 
+@dataclass(frozen=True)
+class _Page:
+    """An empty strip: lines of text, below them room for curves.  Sizes in pixels, places from left and top."""
+
+    figure: object
+    width: int
+    height: int
+
+    @property
+    def letter(self) -> float:
+        return _LETTER * _scale(self.width)
+
+    def text(self, left, line, word, tint, bold=False):
+        """One line: `left` as a share of the width, `line` counted from 0."""
+        y = (line + 0.9) * _LINE * _scale(self.width)
+        self.figure.text(left, 1 - y / self.height, word, color=tint, fontsize=self.points((1.3 if bold else 1) * self.letter),
+                         weight="bold" if bold else "normal", va="center", parse_math=False)
+
+    def foot(self, words):
+        """The last lines above the curves, each as many as it needs."""
+        room = int(0.95 * self.width / (0.57 * self.letter))
+        lines = [line for word in words for line in textwrap.wrap(word, room)]
+        for i, line in enumerate(lines):
+            self.text(0.025, _LINES - 0.5 - len(lines) + i, line, _DIM)
+
+    def axes(self, left, width, below=0.0):
+        """Axes over the room for curves: `left` and `width` as shares of the width, `below` pixels free."""
+        high = _curves(self.width)
+        return self.figure.add_axes((left, (below + 4) / self.height, width, (high - below - 10) / self.height),
+                                    facecolor=_BACKGROUND)
+
+    def points(self, pixels) -> float:
+        return pixels * 6.4 * 72 / self.width
+
+
+def _scale(width) -> float:
+    return max(1.0, width / _FULL)
+
+
+def _curves(width) -> float:
+    return max(_CURVES * width, _LEAST)
+
+
 def _drawn(width, paint):
-    """A strip as an array (0.27 width, width, 3), painted on a dark figure 6.4 inches wide."""
+    """A strip as an array (H, width, 3), painted on a dark figure 6.4 inches wide."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    height = round(0.27 * width)
-    times = -(-320 // width)  # letters have a least size: small strips are drawn large and shrunk
-    figure = Figure(figsize=(6.4, 6.4 * height / width), dpi=times * width / 6.4, facecolor=_BACKGROUND)
+    times = -(-_SMALLEST // width)  # smaller strips are shrunk: no letter is legible there
+    high = round((_LINES * _LINE * _scale(times * width) + _curves(times * width)) / times)
+    width, height = times * width, times * high
+    figure = Figure(figsize=(6.4, 6.4 * height / width), dpi=width / 6.4, facecolor=_BACKGROUND)
     canvas = FigureCanvasAgg(figure)
-    paint(figure)
+    paint(_Page(figure, width, height))
     canvas.draw()
     drawn = np.asarray(canvas.buffer_rgba())[..., :3] / 255.0
     # Matplotlib may round the size down by a pixel.
-    missing = [(0, max(0, times * size - drawn_size)) for size, drawn_size in zip((height, width), drawn.shape)]
-    drawn = np.pad(drawn, [*missing, (0, 0)], mode="edge")
-    return drawn[:times * height, :times * width].reshape(height, times, width, times, 3).mean(axis=(1, 3))
+    missing = [(0, max(0, size - drawn_size)) for size, drawn_size in zip((height, width), drawn.shape)]
+    drawn = np.pad(drawn, [*missing, (0, 0)], mode="edge")[:height, :width]
+    return drawn.reshape(high, times, width // times, times, 3).mean(axis=(1, 3))
 
 
 def _line_colours(wavelength):
@@ -143,10 +191,9 @@ def _line_colours(wavelength):
     return 0.25 + 0.75 * colour.encode(0.08 + 0.92 * hue)
 
 
-def _text(figure, asset, words):
+def _text(page, asset, words):
     medium = asset.medium
-    name = str(getattr(asset, "name", "medium")).replace("_", " ")
-    figure.text(0.025, 0.90, name, color=_TEXT, fontsize=11, weight="bold", va="top", parse_math=False)
+    page.text(0.025, 0, str(getattr(asset, "name", "medium")).replace("_", " "), _TEXT, bold=True)
     shown = _spread(len(asset.wavelength), 4)
     colours = _line_colours(asset.wavelength)
     rows = [("um", "albedo", "g", "mean free path")]
@@ -155,23 +202,25 @@ def _text(figure, asset, words):
         rows.append((f"{asset.wavelength[k]:.3f}", _albedo(medium.albedo[k]), f"{medium.g[k]:.3f}", path))
     for line, row in enumerate(rows):
         tint = _DIM if line == 0 else colours[shown[line - 1]]
-        for left, word in zip((0.025, 0.095, 0.205, 0.275), row):
-            figure.text(left, 0.725 - 0.098 * line, word, color=tint, fontsize=6.6, va="top")
-    for line, word in enumerate(reversed(words)):
-        figure.text(0.025, 0.06 + 0.085 * line, word, color=_DIM, fontsize=5.6, va="bottom")
+        for left, word in zip((0.025, 0.20, 0.48, 0.68), row):
+            page.text(left, 1.4 + line, word, tint)
+    page.foot(words)
 
 
 def _albedo(value):
     return "1" if value == 1 else f"1 - {1 - value:.1e}" if value > 0.9995 else f"{value:.4f}"
 
 
-def _spread(count, most):
+def _spread(count, most, one=0):
+    """Which of `count` wavelengths are shown; `one` of them where there is room for no more."""
+    if most == 1:
+        return [one]
     return list(range(count)) if count <= most else sorted({round(k * (count - 1) / (most - 1)) for k in range(most)})
 
 
-def _polar(figure, theta, value, colours):
+def _polar(page, theta, value, colours):
     """The lobe as a figure of revolution: radius grows with the logarithm, a decade a ring."""
-    axes = figure.add_axes((0.43, 0.06, 0.22, 0.88), facecolor=_BACKGROUND)
+    axes = page.axes(0.02, 0.36)
     isotropic = 1 / (4 * np.pi)
     sides = value[:, theta > 0.01]
     bottom = np.floor(np.log10(max(sides[sides > 0].min(), 1e-6 * isotropic)))
@@ -187,22 +236,32 @@ def _polar(figure, theta, value, colours):
         axes.plot(np.r_[x, x[::-1]], np.r_[y, -y[::-1]], color=tint, lw=0.8)
     axes.annotate("", (-0.06, 0), (-0.5, 0), arrowprops={"arrowstyle": "->", "color": _TEXT, "lw": 0.7})
     axes.plot([0], [0], ".", color=_TEXT, ms=2)
-    axes.text(1.02, -1.02, "a decade a ring", color=_DIM, fontsize=5.0, ha="right", va="bottom")
+    axes.text(-1.05, -1.05, "a decade\na ring", color=_DIM, fontsize=page.points(page.letter), va="bottom")
     axes.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
     axes.axis("off")
 
 
-def _plot(figure, place, theta, value, colours):
-    axes = figure.add_axes(place, facecolor=_BACKGROUND)
+def _plot(page, left, theta, value, colours):
+    """Phase functions (1/sr) over the angle, from `left` to the right edge."""
+    size = page.points(page.letter)
+    axes = page.axes(left, 0.965 - left, 2.6 * page.letter)
     for row, tint in zip(value, colours):
-        axes.semilogy(np.degrees(theta), np.maximum(row, 1e-300), color=tint, lw=0.8)
-    axes.axhline(1 / (4 * np.pi), color=_DIM, lw=0.5, ls=":")
+        axes.semilogy(np.degrees(theta), np.maximum(row, 1e-300), color=tint, lw=page.points(1.3))
+    axes.axhline(1 / (4 * np.pi), color=_DIM, lw=page.points(0.8), ls=":")
     low, high = value[value > 0].min(), value.max()
     axes.set(xlim=(0, 180), ylim=(max(low, 1e-10 * high) / 1.6, high * 1.6), xticks=(0, 45, 90, 135, 180))
-    axes.set_xlabel("scattering angle (degrees)", color=_DIM, fontsize=5.6, labelpad=1)
-    axes.set_ylabel("phase function (1/sr)", color=_DIM, fontsize=5.6, labelpad=1)
-    axes.tick_params(colors=_DIM, labelsize=5.4, width=0.4, length=2, pad=1.5, which="both")
+    axes.set_xlabel("scattering angle (degrees)", color=_DIM, fontsize=size, labelpad=1)
+    axes.set_ylabel("1/sr", color=_DIM, fontsize=size, labelpad=1)
+    axes.tick_params(colors=_DIM, labelsize=size, width=0.4, length=2, pad=1.5, which="both")
+    axes.yaxis.set_major_locator(_few_decades(axes))
     axes.minorticks_off()
     axes.grid(color=_GRID, lw=0.4)
     for spine in axes.spines.values():
         spine.set_color(_GRID)
+
+
+def _few_decades(axes):
+    """At most four ticks: letters are large for the little room."""
+    from matplotlib.ticker import LogLocator
+
+    return LogLocator(numticks=4)

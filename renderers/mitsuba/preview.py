@@ -27,6 +27,7 @@ HEAP_SAMPLES, HEAP_CLEAR = 0.5, 0.05  # share of the samples that it gets where 
 AIM = 0.3  # mean cosine below which aiming at the lights was measured to pay (haze yes, soot even, milk no)
 HEAP_PATIENCE = 6.0  # times 1 / (1 - albedo) events of a path before roulette
 EXPOSURE, WHITE = 1.4, 1.6
+PREVIEW_OF = "bakery content_hash"  # in the text of both files: by it `bake report` knows whose picture it is
 
 
 def block_edge(asset, packed=False) -> tuple[float, str]:
@@ -128,7 +129,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
         done.append((picture, noise_shown, display, linear))
     pictures, noises, displays, linears = zip(*done)
     gap = max(1, width // 96)
-    _write(png, exr, _beside(displays, gap), _beside(linears, gap))
+    _write(png, exr, _beside(displays, gap), _beside(linears, gap), asset.content_hash)
     order = ("time", "samples", "noise")
     report = {"files": [str(png), str(exr)], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
               "samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
@@ -217,11 +218,15 @@ def _beside(pictures, gap):
     return np.concatenate(row, axis=1)
 
 
-def _write(png, exr, display, linear):
+def _write(png, exr, display, linear, content_hash):
     import mitsuba as mi
 
-    images.write([(png, lambda path: mi.Bitmap(np.round(255 * display).astype(np.uint8)).write(path)),
-                  (exr, lambda path: mi.Bitmap(linear.astype(np.float32)).write(path))])
+    def saved(pixels):
+        bitmap = mi.Bitmap(pixels)
+        bitmap.metadata()[PREVIEW_OF] = content_hash
+        return bitmap.write
+
+    images.write([(png, saved(np.round(255 * display).astype(np.uint8))), (exr, saved(linear.astype(np.float32)))])
 
 
 def _without_unchanged(medium, k, sigma_t, albedo):

@@ -8,6 +8,7 @@ import io
 import itertools
 import json
 import math
+import os
 from xml.etree import ElementTree
 
 import numpy as np
@@ -215,6 +216,74 @@ def test_colour_in_stock_mitsuba(call, root, tmp_path):
     scattering, _, extinction = medium.get_scattering_coefficients(mi.MediumInteraction3f())
     assert np.allclose(np.array(extinction), sigma_t[[1, 2, 0]], rtol=1e-6)
     assert np.allclose(np.array(scattering), (sigma_t * albedo)[[1, 2, 0]], rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def hail(tmp_path_factory, root):
+    """Half of the light, 45 % at the second wavelength, in a peak of 1e-4 rad: path, tree, share within half a degree."""
+    theta = root["medium/theta"].data
+    theta = np.union1d(theta, np.geomspace(1e-6, 0.1, 400))
+    broad = evaluate(root["medium/theta"].data, root["medium/phase"].data, theta)
+    narrow = normalised(theta, np.exp(-0.5 * (theta / 1e-4) ** 2))[0]
+    phase = np.array([[0.5], [0.45]]) * narrow + np.array([[0.5], [0.55]]) * broad
+    tree = root
+    for name, data in (("theta", theta), ("phase", normalised(theta, phase)[0])):
+        tree = with_member(tree, f"medium/{name}", Dataset(data, root[f"medium/{name}"].units, name))
+    for name in ("cdf", "phase_error"):
+        tree = with_member(tree, f"medium/{name}", None)
+    path = tmp_path_factory.mktemp("hail") / "hail.h5"
+    write(path, tree)
+    return path, tree, broad
+
+
+def test_a_peak_that_no_grid_holds_goes_straight_on(call, hail, tmp_path):
+    """Most of it: sigma_t and sigma_s lose it, at each wavelength its own share, and the table is right for what remains."""
+    path, tree, broad = hail
+    status, out, err = call("export", path, "--to", "mitsuba", "-o", tmp_path, "--each-wavelength", "--json")
+    report = json.loads(out)
+    assert status == 0 and not err and report["warnings"] == []
+    sigma_t, sigma_s = (tree[f"medium/{name}"].data for name in ("sigma_t", "sigma_s"))
+    for i, (file, lost) in enumerate(zip(report["files"], report["lost"], strict=True)):
+        assert os.path.getsize(file) < 2e6 and lost["resampling"]["misdirected"] <= 1e-3
+        assert lost["straight"] == pytest.approx((0.5, 0.45)[i], abs=0.005) and 1e-4 < lost["within"] < math.radians(1)
+        medium = ElementTree.parse(file).getroot().find("medium")
+        scale, extinction = (float(medium.find(f"float[@name='{name}']").get("value")) for name in ("scale", "sigma_t"))
+        assert scale * extinction == pytest.approx(sigma_t[i] - lost["straight"] * sigma_s[i], rel=1e-12)
+        values = np.array(medium.find("phase/string").get("value").split(","), float)
+        side = np.radians([20, 60, 90, 150])
+        table = np.interp(np.cos(side), np.linspace(-1, 1, len(values)), values)
+        assert np.allclose(table, evaluate(tree["medium/theta"].data, broad[i], side), rtol=0.01)
+    said = call("export", path, "--to", "mitsuba", "-o", tmp_path)[1]
+    assert "it goes straight on" in said and "by that and one table" in said
+
+
+def test_nearly_useless_fragments_say_so_first():
+    from bakery.export.mitsuba import Fragment
+    from bakery.medium.regular import Loss
+
+    good, bad = (Loss(share, 1.0, 0.0, 0.0, 0.0, 1.0) for share in (1e-3, 0.4))
+    assert not Fragment("", "", 65, good, {0.5: good, 0.6: good}).useless()
+    assert "40 % of the light to another angle" in Fragment("", "", 65, bad, {}).useless()
+    assert "at 0.6 um" in (said := Fragment("", "", 65, good, {0.5: good, 0.6: bad}).useless()) and "--each-wavelength" in said
+
+
+def test_fits_of_little_use_are_named_first(call, monkeypatch, tmp_path, fog):
+    from bakery.export import hg
+    from bakery.medium.lobe_fits import Fit
+    from bakery.medium.lobes import Lobes, Misfit
+
+    def row(um, **fits):
+        return hg.Row(um, dict.fromkeys(hg.COEFFICIENTS, 1.0),
+                      {name: Fit(Lobes((1.0,), (0.5,), (0.0,)), Misfit(share, 0, 0, 0, factor, math.pi / 2, 1, 1, 1))
+                       for name, (share, factor) in fits.items()})
+
+    assert hg.useless([row(0.5, hg_g=(0.1, 9.0), hg2=(0.05, 0.2))]) == []
+    first, second = hg.useless([row(0.5, hg_g=(0.2, 2.0), hg2=(0.05, 0.5)), row(0.6, hg_g=(0.41, 2.0), hg2=(0.06, 1 / 230))])
+    assert "up to 41 %" in first and first.endswith(": HG, exact g")
+    assert second == "even the best, two HG, best, is 230 times too dark at 90 deg"
+    monkeypatch.setattr(hg, "lobe_rows", lambda *_: [row(um, hg_g=(0.41, 1 / 230)) for um in (0.61, 0.465)])
+    status, out, err = call("export", fog, "--to", "hg", "-o", tmp_path)
+    assert status == 0 and err.startswith("warning: fog_lobes: of little use") and "/ 230 at 90 deg !" in out
 
 
 @pytest.fixture(scope="module")

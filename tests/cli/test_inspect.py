@@ -127,8 +127,8 @@ def test_a_reader_that_goes_away_is_no_error(fog):
     assert done.stdout.splitlines()[-1] == "0" and not done.stderr
 
 
-def test_a_narrow_terminal_gets_short_lines(fog):
-    """In a pseudo-terminal one column wide: lines are cut at 20 columns, nothing fails."""
+def test_a_narrow_terminal_gets_short_lines_and_every_word(fog):
+    """In pseudo-terminals of 20 and 80 columns lines go on below themselves; nothing is lost, long words stay whole."""
     import pty
 
     def lines(columns: str) -> list[str]:
@@ -147,8 +147,12 @@ def test_a_narrow_terminal_gets_short_lines(fog):
         assert child.returncode == 0
         return out.decode().splitlines()
 
-    assert max(map(len, lines("1"))) <= 20 and any(line.endswith("…") for line in lines("1"))
-    assert max(map(len, lines("200"))) > 60
+    words = " ".join(lines("400")).split()
+    for columns in (1, 80):
+        found = lines(str(columns))
+        assert all(len(line) <= max(columns, 20) or len(line.split()) == 1 for line in found)
+        assert " ".join(found).split() == words
+    assert max(map(len, lines("400"))) > 80
 
 
 class Page(HTMLParser):
@@ -178,10 +182,39 @@ def test_the_page_is_whole_and_self_contained(call, fog):
     assert status == 0 and json.loads(out) == {"file": str(page), "bytes": page.stat().st_size}
     found = Page(page.read_text())
     assert not found.open and found.tags.count("img") >= 3
-    assert found.addresses and all(address.startswith("data:image/svg+xml;base64,") for address in found.addresses)
+    assert found.addresses and all(address.startswith(("data:image/svg+xml;base64,", "data:image/png;base64,"))
+                                   for address in found.addresses)
+    assert "No rendered picture: bake render fog.h5" in found.text and "Tolerance missed" not in found.text
     g = small_asset()["medium/g"].data
     for said in ("sigma_t (1/m)", "# a comment as people write them", "bake fog.yaml", f"{g[0]:.6g}"):
         assert said in found.text, said
+
+
+def test_what_stands_on_top_of_the_page(call, tmp_path):
+    """The recipe's description, the preview of exactly this asset, a mark at each stage that missed its tolerance."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    root = with_member(small_asset(), "recipe", text("bakery: 1\ndescription: Fog & <dew>\n", "the recipe"))
+    medium = root["medium"]
+    root = with_member(root, "medium", Group(medium.members, medium.attributes | {"achieved_error": 0.033}))
+    root = with_member(with_member(root, "medium/phase", None), "optics", None)  # leaves one picture to draw
+    write(tmp_path / "fog.h5", root)
+    content = json.loads(call("inspect", tmp_path / "fog.h5", "--json")[1])["content_hash"]
+    pages = []
+    for of in (content, "0" * 64):  # the second preview is another asset's
+        info = PngInfo()
+        info.add_text("bakery content_hash", f'"{of}"')
+        Image.new("RGB", (320, 200), "gray").save(tmp_path / "fog.png", pnginfo=info)
+        assert call("report", tmp_path / "fog.h5")[0] == 0
+        pages.append((tmp_path / "fog.html").read_text())
+    found = Page(pages[0])
+    assert found.text.index("Fog & <dew>") < found.text.index("Medium")
+    assert "Tolerance missed. medium: error 0.033 where 0.01" in found.text
+    assert found.text.count("0.033 missed") == 1 and 'class="n missed">0.033 missed' in pages[0]
+    assert ["data:image/jpeg" in page for page in pages] == [True, False] and "No rendered picture" in pages[1]
+    (tmp_path / "fog.png").write_bytes(b"no picture")
+    assert call("report", tmp_path / "fog.h5")[0] == 0
 
 
 def test_texts_of_strangers_stay_texts(call, hostile, tmp_path):

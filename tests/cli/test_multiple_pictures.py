@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from bakery.cli import status_of
 from bakery.multiple import point
 from bakery.report import multiple
-from bakery.report.figures import drawn
+from bakery.report.figures import drawn, title_of
 from bakery.stages.multiple import tables_of
 from bakery.store.read import read
 
@@ -120,7 +120,7 @@ def test_each_picture_with_its_data(call, bake, tmp_path):
             head, *rows = csv.reader(file)
         assert len(rows) > 20 and np.isfinite(np.array(rows, float)).all() and len(head) >= 3
     again = next(multiple.pictures(read(path)))
-    assert drawn(again, ("png",))["png"] == (tmp_path / f"cloud_{again.name}.png").read_bytes()
+    assert drawn(again, ("png",), title_of(read(path)))["png"] == (tmp_path / f"cloud_{again.name}.png").read_bytes()
     figure = Figure()
     again.draw(figure)
     assert "0.55 µm" in figure.get_suptitle()

@@ -138,6 +138,69 @@ def test_extremes_are_drawn(tmp_path):
     assert len(set(colours(np.linspace(2, 12, 8)))) == 8
 
 
+def axes_of(root: Group, name: str):
+    """The axes of a picture, and its caption."""
+    from matplotlib.figure import Figure
+
+    (picture,) = [picture for picture in pictures(root) if picture.name == name]
+    figure = Figure()
+    picture.draw(figure)
+    return figure.axes, picture.caption
+
+
+def test_lobes_have_an_inner_and_an_outer_limit():
+    """A forward peak of nine decades neither fills the picture nor presses the rest into its middle; nothing leaves the axes."""
+    root = small_asset()
+    theta = root["medium/theta"].data
+    peaked = np.tile(1e7 * np.exp(-theta / 1e-3) + 0.1 + 1e-9 * theta, (2, 1))
+    (axes,), caption = axes_of(with_member(root, "medium/phase", Dataset(peaked, "1/sr", "phase")), "lobe")
+    low, high = axes.get_ylim()
+    assert (low, high) == (-1.0, 0.0) and axes.get_rorigin() < low - 0.1 and "rises to 1e+07" in caption
+    for line in axes.lines:
+        assert low <= line.get_ydata().min() and line.get_ydata().max() <= high
+    zero = np.where(theta > 2, 0.0, peaked)  # no light at all goes to the inner circle
+    (axes,), _ = axes_of(with_member(root, "medium/phase", Dataset(zero, "1/sr", "phase")), "lobe")
+    assert all(np.isfinite(line.get_ydata()).all() and line.get_ydata().min() == axes.get_ylim()[0] for line in axes.lines)
+
+
+def test_coefficients_have_ticks_and_no_empty_panel():
+    root = small_asset()
+    three, _ = axes_of(root, "coefficients")
+    assert [axes.get_yscale() for axes in three] == ["log", "linear", "linear"]  # 1 - albedo is about 1e-3 at both
+    black = with_member(root, "medium/sigma_a", Dataset(np.zeros(2), "1/m", "absorption"))
+    two, caption = axes_of(black, "coefficients")
+    assert len(two) == 2 and "nothing is absorbed" in caption
+    wide = with_member(root, "medium/sigma_a", Dataset(root["medium/sigma_t"].data * [1e-3, 0.5], "1/m", "absorption"))
+    assert axes_of(wide, "coefficients")[0][1].get_yscale() == "log"
+
+
+def test_figures_name_their_asset(monkeypatch):
+    from bakery.report.figures import title_of
+
+    said = []
+    monkeypatch.setattr("bakery.report.figures.saved", lambda figure, form: said.append(
+        [text.get_text() for text in figure.findobj(match=lambda artist: hasattr(artist, "get_text"))]) or b"")
+    root = Group(small_asset().members, {"name": "fog", "content_hash": "abcdef" * 10})
+    assert title_of(root) == "fog  ·  abcdefabcdef"
+    for picture in pictures(root):
+        drawn(picture, ("png",), title_of(root))
+        assert title_of(root) in said[-1], picture.name
+
+
+def test_colours_can_be_told_apart():
+    """Distances in CIE Lab of any two of the recipes' eight wavelengths, and of eight in the infrared; 2.3 is just noticeable."""
+    def lab(rgb):
+        linear = np.where(np.array(rgb) <= 0.04045, np.array(rgb) / 12.92, ((np.array(rgb) + 0.055) / 1.055) ** 2.4)
+        to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+        x, y, z = np.cbrt(to_xyz @ linear / [0.9505, 1.0, 1.089])
+        return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+    for um, least in ((np.arange(0.405, 0.76, 0.05), 25), (np.linspace(2, 12, 8), 15)):
+        found = np.array([lab(colour) for colour in colours(um)])
+        apart = np.linalg.norm(found[:, None] - found, axis=-1)
+        assert len(um) == 8 and apart[~np.eye(8, dtype=bool)].min() > least
+
+
 def test_colours_are_those_of_light():
     red, green, blue = colours(np.array([0.610, 0.550, 0.465]))
     assert max(red) == red[0] and max(green) == green[1] and max(blue) == blue[2]

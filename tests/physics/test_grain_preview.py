@@ -46,7 +46,7 @@ def test_two_panels_and_a_report(beads, tmp_path):
     seen = []
     report = renderer.preview(beads, tmp_path / "x.png", width=64, spp=4, progress=lambda fraction, noise: seen.append(fraction))
     png, exr = pixels(tmp_path / "x.png"), pixels(tmp_path / "x.exr")
-    assert png.shape == exr.shape == (40 + 17, 2 * 64 + 1, 3) and np.isfinite(exr).all()
+    assert png.shape == exr.shape == (40 + 56, 2 * 64 + 1, 3) and np.isfinite(exr).all()
     assert [panel["shows"] for panel in report["panels"]] == ["grains", "medium"] and report["width"] == png.shape[1]
     assert report["grains"] == ["clay", "glass"] and report["grains_left_out"] == 0  # the commonest first
     assert report["grain_radius"] == pytest.approx(RADIUS)
@@ -66,7 +66,7 @@ def test_grains_alone(tree, tmp_path):
     """An asset baked with `--stage grains`: one panel; without both, the message says what is missing."""
     write(tmp_path / "alone.h5", with_member(tree, "medium", None))
     report = renderer.preview(tmp_path / "alone.h5", tmp_path / "x.png", width=48, spp=2)
-    assert pixels(tmp_path / "x.png").shape == (30 + 13, 48, 3) and "block" not in report
+    assert pixels(tmp_path / "x.png").shape == (30 + 40, 48, 3) and "block" not in report
     write(tmp_path / "none.h5", with_member(with_member(tree, "medium", None), "grains", None))
     with pytest.raises(AssetError, match="no stage 'medium'"):
         renderer.preview(tmp_path / "none.h5", tmp_path / "y.png", width=48, spp=2)

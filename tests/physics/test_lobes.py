@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bakery.medium.lobe_fits import GAIN, NARROWEST, _Search, fits, matched
+from bakery.medium.lobe_fits import GAIN, LARGEST, NARROWEST, _Search, fits, matched
 from bakery.medium.lobes import FAINT, Lobes, draine, draine_mean_cosine, misfit, published, quadrature
 from bakery.medium.phase import mean_cosine, normalised
 
@@ -204,6 +204,7 @@ def test_extremes(table):
         lobes, lost = fit.lobes, fit.misfit
         assert np.isfinite([*lobes.weight, *lobes.g, *lobes.alpha, *vars(lost).values()]).all(), name
         assert max(map(abs, lobes.g)) < 1 and min(lobes.alpha) >= 0 and min(lobes.weight) >= 0
+        assert "published" in name or max(lobes.alpha) <= LARGEST * (1 + 1e-12)  # more is a dark ring at 90 degrees
         assert sum(lobes.weight) == pytest.approx(1, abs=1e-15) and 0 <= lost.misdirected <= 1
     assert found["hg2"].misfit.misdirected <= found["hg"].misfit.misdirected + GAIN
 

@@ -14,8 +14,11 @@ from scipy.ndimage import binary_erosion
 renderer = pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
 
 import mitsuba as mi
+from PIL import Image
 
+import bakery
 from bakery.errors import AssetError, UsageError
+from bakery.report.files import PREVIEW_OF
 from renderers.mitsuba import lobe, passes, studio
 from renderers.mitsuba.preview import block_edge
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
@@ -40,7 +43,9 @@ def test_both_files_and_a_report(wax, tmp_path):
     report = renderer.preview(wax, tmp_path / "wax.png", **SMALL, progress=lambda fraction, noise: seen.append((fraction, noise)))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["wax.exr", "wax.png"]
     png, exr = pixels(tmp_path / "wax.png"), pixels(tmp_path / "wax.exr")
-    assert png.dtype == np.uint8 and exr.dtype == np.float32 and png.shape == exr.shape == (30 + 13, 48, 3)
+    assert png.dtype == np.uint8 and exr.dtype == np.float32 and png.shape == exr.shape == (30 + 40, 48, 3)
+    with Image.open(tmp_path / "wax.png") as image:  # by this `bake report` knows whose picture it is
+        assert image.info[PREVIEW_OF].strip('"') == bakery.open(wax).content_hash
     assert np.isfinite(exr).all() and exr[:30].max() > 0.1
     assert [f for f, _ in seen] == sorted(f for f, _ in seen) and seen[-1] == (1.0, report["noise"])
     assert report["samples"] == 2 and report["rows"] == 30 and 0 < report["noise_shown"] < report["noise"]
@@ -231,6 +236,20 @@ def test_interruption_is_handed_on(variant, wax, tmp_path):
         signal.signal(signal.SIGALRM, usual)
         found = signal.signal(signal.SIGINT, before)
     assert not list(tmp_path.iterdir()) and found is signal.default_int_handler
+
+
+@pytest.mark.parametrize("width", [320, 576, 1280])
+def test_letters_of_the_strip_are_legible(width, wax):
+    """As drawn: at least 11 pixels, and no line leaves the picture."""
+    from matplotlib.figure import Figure
+
+    asset = bakery.open(wax)
+    figure = Figure(figsize=(6.4, 6.4), dpi=width / 6.4)
+    lobe._text(lobe._Page(figure, width, width), asset, ["block edge 899 m = 3 reduced mean free paths at 0.610 um"])
+    assert len(figure.texts) > 8
+    for text in figure.texts:
+        box = text.get_window_extent()
+        assert text.get_fontsize() * width / 6.4 / 72 >= 10.999 and box.x0 >= 0 and box.x1 <= width, text
 
 
 def test_lengths_with_units():

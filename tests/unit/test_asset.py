@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import subprocess
 import sys
 
@@ -67,7 +68,7 @@ def test_phase_is_the_interpolant_in_the_cosine(asset):
     assert medium.phase(0.0).shape == (2,)
     cosine = np.cos(np.linspace(0, math.pi, 400_001))
     assert np.allclose(-2 * math.pi * np.trapezoid(medium.phase(np.arccos(cosine)), cosine), 1, rtol=1e-4)
-    assert np.array_equal(np.asarray(medium.phase), table) and medium.phase.theta is nodes
+    assert np.array_equal(np.asarray(medium.phase), table) and np.shares_memory(medium.phase.theta, nodes)
     assert asset.optics["droplets"].phase(0.3).shape == (2,)  # on the angles of the medium
 
 
@@ -97,11 +98,31 @@ def test_what_is_not_there(asset):
 
 
 def test_repr_says_units_shapes_and_errors(asset):
-    assert "fog" in repr(asset) and "2 wavelengths" in repr(asset) and "error 0.004 of 0.01" in repr(asset)
+    said = repr(asset)
+    assert "'fog', wavelength 0.61 0.465 um" in said
+    assert "medium  error 0.004 of 0.01: sigma_t 0.1" in said and " 1/m, albedo" in said
+    # in a few lines, without what the error measures
+    assert len(said.splitlines()) == 1 + len(asset.stages)
+    assert asset.medium.attributes["error_measure"] not in said + repr(asset.medium)
     assert "sigma_t (2,) 1/m" in repr(asset.medium)
     assert f"(2, {len(asset.medium.theta)}) 1/sr" in repr(asset.medium.phase)
     assert "extinction (2, 60) um^2" in repr(asset.optics["droplets"]) and "+-" in repr(asset.optics["droplets"])
     assert "sigma_t" in dir(asset.medium) and "medium" in dir(asset)
+
+
+def test_arrays_know_their_units(asset):
+    """Slices, copies and pickles keep the unit, arithmetic gives plain arrays: a wrong unit would be worse than none."""
+    sigma_t = asset.medium.sigma_t
+    assert (sigma_t.units, asset.medium.theta.units, asset.wavelength.units, asset.medium.g.units) == ("1/m", "rad", "um", "1")
+    assert asset.optics["droplets/mean_volume"].units == "um^3" and float(asset.optics["droplets/mean_volume"]) > 0
+    for kept in (sigma_t[:1], sigma_t.copy(), sigma_t.reshape(2, 1), pickle.loads(pickle.dumps(sigma_t)), np.sort(sigma_t)):
+        assert kept.units == "1/m" and repr(kept).endswith(" 1/m")
+    for plain in (2 * sigma_t, sigma_t * sigma_t, 1 / sigma_t, np.exp(sigma_t), np.asarray(sigma_t), sigma_t[None].sum(axis=0)):
+        assert type(plain) is np.ndarray
+    assert isinstance(sigma_t.sum(), float) and isinstance(sigma_t[0], float)
+    assert repr(asset.medium.g) == repr(np.asarray(asset.medium.g))
+    one = asset.optics["droplets/mean_volume"]
+    assert f"{one * 2:.3f}" == f"{2 * one.item():.3f}" and pickle.loads(pickle.dumps(one)).units == "um^3"
 
 
 def test_tree_is_what_read_gives(asset):
