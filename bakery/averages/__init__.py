@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.averages.batches import solve
-from bakery.averages.choice import Choice, choose
+from bakery.averages.choice import Choice, at_once, choose
 from bakery.averages.cross import SHARE, cross_sections
 from bakery.averages.predicted import predict, predicted_angles
 from bakery.averages.spheres import Component, Rays, channels_of, features_of
@@ -74,6 +74,7 @@ def averages(
     radii: int | None = None,
     angles: int | None = None,
     integrated: bool = False,
+    remember: Callable = at_once,
 ) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
 
@@ -91,6 +92,7 @@ def averages(
         goes elsewhere), not for its relative error at every angle
     radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
         the tolerance takes
+    remember : of choices of rays, as in `choice.choose`
 
     Returns
     -------
@@ -107,7 +109,7 @@ def averages(
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
     made, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii, angles=angles,
-                                       integrated=integrated)
+                                       integrated=integrated, remember=remember)
     k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
     work = Work(map, report)
     work.expect(made)
@@ -118,6 +120,9 @@ def averages(
     theta = first_grid(channels, tolerance, angles)
     margin = math.inf if angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
     target, known = math.inf if radii else SHARE * tolerance, None
+    if integrated and any(choice.taken for choice in choices):
+        # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
+        margin, target = margin / 2, target / 2
     # rays jump here and there by less than their error; nothing that a sphere scatters is narrower than its ripples
     finest = max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
 
@@ -155,7 +160,7 @@ def averages(
 
 
 def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None,
-             integrated=False):
+             integrated=False, remember=at_once):
     """What `averages` with these arguments will take, before it runs.
 
     Returns
@@ -164,7 +169,7 @@ def expected(components, wavelength, host, tolerance, polarized=False, *, rays=S
     channels, choices : each component at each wavelength, component by component, and where rays are taken in it (measured here)
     """
     channels = channels_of(components, wavelength, host, tolerance, radii, integrated)
-    choices = choose(channels, tolerance, rays)
+    choices = choose(channels, tolerance, rays, remember)
     return predict(channels, choices, tolerance, polarized, rays, angles, integrated), channels, choices
 
 

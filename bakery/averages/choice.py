@@ -10,7 +10,7 @@ the recipe alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,7 +21,8 @@ from bakery.averages.spheres import Channel, Rays, features_of
 from bakery.medium import grid, phase
 
 LOWEST = 30.0  # size parameter below which rays are never taken: their windows of exact waves hold most of the series there
-SAMPLES = 128  # spheres
+SAMPLES, _FEWEST_SAMPLES = 128, 8  # spheres
+COMPARING = 1.2  # seconds, as predicted, that comparisons of all channels may take: a plan waits for them
 WORTH = 0.2  # share of the angular work that rays have to save to be worth an approximation
 TYPICAL_ANGLES = 300  # that share the coefficients of a sphere in one pass: they decide from which size on rays save time
 _MOST_ANGLES = 2000
@@ -56,7 +57,12 @@ class Choice:
 NONE = np.empty(0)
 
 
-def choose(channels: Sequence[Channel], tolerance: float, rays: Rays) -> list[Choice]:
+def at_once(function: Callable, *arguments):
+    """The `remember` that remembers nothing."""
+    return function(*arguments)
+
+
+def choose(channels: Sequence[Channel], tolerance: float, rays: Rays, remember: Callable = at_once) -> list[Choice]:
     """The choice for each channel.
 
     Parameters
@@ -65,11 +71,12 @@ def choose(channels: Sequence[Channel], tolerance: float, rays: Rays) -> list[Ch
     tolerance : largest integrated difference that `auto` accepts
     rays : `method` "mie" (never), "goa" (from `switch`, or x = 30, whatever the error, which is measured all the same) or "auto"
         (the smallest size parameter from which the error stays within the tolerance and rays cost less than series)
+    remember : `remember(function, *arguments)` -> `function(*arguments)`, a Choice, now or as it was found for equal arguments
     """
-    return [_choose(channel, tolerance, rays) for channel in channels]
+    return [_choose(channel, tolerance, rays, COMPARING / len(channels), remember) for channel in channels]
 
 
-def _choose(channel: Channel, tolerance: float, rays: Rays) -> Choice:
+def _choose(channel: Channel, tolerance: float, rays: Rays, seconds: float, remember: Callable) -> Choice:
     if rays.method == "mie":
         return _never("phase.method is mie")
     largest = channel.k * channel.nodes.span()[1]
@@ -81,11 +88,15 @@ def _choose(channel: Channel, tolerance: float, rays: Rays) -> Choice:
         if largest < pays:
             return _never(f"all size parameters are below {pays:.4g}, from which on rays save time")
         lowest = max(lowest, pays)
-    radius, weight = _samples(channel)
+    radius, weight = _samples(channel, SAMPLES)
     if rays.method == "auto" and _saved(channel.m, channel.k * radius, lowest, rays) < WORTH:
         return _never(f"rays would save less than {100 * WORTH:g} % of the time, whatever their error")
-    return _measured(channel.m, tuple(channel.k * radius), tuple(weight), tuple(features_of(channel)), lowest,
-                     tolerance if rays.method == "auto" else math.inf, rays)
+    features = tuple(features_of(channel))
+    needed = float(np.sum(angular_seconds(channel.m, channel.k * radius, len(_angles(channel.m, features)))))
+    if needed > seconds:
+        radius, weight = _samples(channel, max(_FEWEST_SAMPLES, int(SAMPLES * seconds / needed)))
+    return remember(_measured, channel.m, tuple((channel.k * radius).tolist()), tuple(weight.tolist()), features, lowest,
+                    tolerance if rays.method == "auto" else math.inf, rays)
 
 
 def _never(why) -> Choice:
@@ -99,11 +110,11 @@ def _crossing(m: complex, rays: Rays) -> float:
     return float(x[np.argmax(pays)]) if pays.any() else math.inf
 
 
-def _samples(channel: Channel):
-    """Radii and weights of at most `SAMPLES` spheres: the middle node of runs of equal number, with the weight of the run."""
+def _samples(channel: Channel, count: int):
+    """Radii and weights of at most `count` spheres: the middle node of runs of equal number, with the weight of the run."""
     radius, weight = channel.nodes.whole(min(2, channel.nodes.levels - 1))
     used = np.flatnonzero(weight > 0)
-    runs = np.array_split(used, min(SAMPLES, len(used)))
+    runs = np.array_split(used, min(count, len(used)))
     return np.array([radius[run[len(run) // 2]] for run in runs]), np.array([math.fsum(weight[run]) for run in runs])
 
 

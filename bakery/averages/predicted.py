@@ -28,7 +28,7 @@ START, START_EDGE, START_CRITICAL = 2e-6, 0.19e-6, 0.3e-6
 LOADING, COMPILING = 0.6, 12.0  # seconds, same machine
 FIRST_LEVEL = 2  # level before which nothing has converged: steps in size parameter of ~1
 HELD = 64 * 2**20  # bytes of block results held at a time
-_DAMPED, _RIPPLES, _RESONANT, _PASSES = 3.5, 5.0, 400.0, 4.0  # fitted
+_DAMPED, _RIPPLES, _RESONANT, _PASSES, _WHOLE, _ROUNDS = 3.5, 5.0, 400.0, 4.0, 16.0, 2.5  # fitted
 
 
 def startup() -> tuple[float, str]:
@@ -82,23 +82,25 @@ def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: b
     computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept
     seconds, spheres, rows = 0.02 + 0.005 * len(channels), 0, 0
     for channel, choice in zip(channels, choices):
-        def angular(radius, shown, channel=channel, choice=choice):
+        def sums(radius, passes, shown, channel=channel, choice=choice):
             x = channel.k * radius
             large = x >= choice.switch
-            by_series = float(np.sum(terms(x[~large]))) * per_angle * shown
-            if not large.any():
-                return by_series
-            without = angular_seconds(channel.m, x[large], 0, rays=rays)
-            return by_series + float(np.sum(angular_seconds(channel.m, x[large], shown, rays=rays) - without))
+            found = float(np.sum(terms(x[~large]))) * (COEFFICIENT * passes + per_angle * shown)
+            if large.any():
+                without = float(np.sum(angular_seconds(channel.m, x[large], 0, rays=rays)))
+                found += without * (passes - 1) + float(np.sum(angular_seconds(channel.m, x[large], shown, rays=rays)))
+            return found
 
         fixed = channel.nodes.fixed()[0]
-        seconds += float(np.sum(terms(channel.k * fixed))) * 5 * COEFFICIENT + angular(fixed, computed)
+        seconds += float(np.sum(terms(channel.k * fixed))) * CROSS + sums(fixed, 5, computed)
         spheres += len(fixed)
         rows += len(fixed)
         if channel.nodes.refinable:
             first = channel.nodes.fresh(0)[0]
-            most, last = _doublings(channel, tolerance, integrated)
-            seconds += float(np.sum(terms(channel.k * first))) * last * _PASSES * COEFFICIENT + most * angular(first, computed)
+            # the integral of rays is not known: what tables by rays miss counts twice
+            most, last = _doublings(channel, tolerance / 2 if integrated and choice.taken else tolerance, integrated)
+            seconds += float(np.sum(terms(channel.k * first))) * last * CROSS
+            seconds += last * sums(first, _ROUNDS if integrated else _PASSES, 0) + most * sums(first, 0, computed)
             spheres += int(len(first) * last)
             rows += len(first) * 2**FIRST_LEVEL
         if choice.taken:
@@ -119,7 +121,7 @@ def _doublings(channel, tolerance, integrated=False):
         return 2.0**FIRST_LEVEL, 2.0**FIRST_LEVEL
     fine = 0.01 / tolerance
     if integrated:  # resonances hardly count in the whole
-        most = min(2.0**FIRST_LEVEL * max(1.0, fine), 2.0 ** (channel.nodes.levels - 1))
+        most = min(2.0**FIRST_LEVEL * max(1.0, _WHOLE * fine**1.25), 2.0 ** (channel.nodes.levels - 1))
         return most, most
     absorption = 4 * channel.m.imag
     last = 2.0 ** (channel.nodes.levels - 1)

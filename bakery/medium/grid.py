@@ -120,20 +120,26 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself
     known : values, error, tag at theta, from an earlier call
-    integrated : the errors of all cells together stay below the tolerance, as a share of the integral over the sphere, instead of
-        each below it; the values' own errors do not count
+    integrated : what the interpolant misses beyond the values' own errors, summed over all cells, stays below the tolerance as a
+        share of the integral over the sphere, instead of each cell below it
     strict : whether the values' own errors count where a cell is judged; not where nothing lowers them
     finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
     Raises
     ------
     TooManyAngles
+
+    Notes
+    -----
+    Few sizes leave ripples of single spheres, which are errors of the values and no structure of their average.  Resolving them
+    took 11,896 angles for hail (0.5 to 3 mm) at 3 % of the light; bisecting only what exceeds them takes 504.
     """
     values, error, tag = evaluate(theta, None) if known is None else known
     channels = values.shape[0]
     reach = np.zeros(channels) if crest is None else np.asarray(crest, float)
     cells = len(theta) - 1
     between, worst, undecided = np.zeros((channels, cells)), np.zeros((channels, cells)), np.ones(cells, bool)
+    excess = np.zeros((channels, cells))
     for _ in range(_ROUNDS):
         cell = np.flatnonzero(undecided)
         new = middle(theta[cell], theta[cell + 1])
@@ -149,12 +155,17 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         reference = _reference(theta, values[:, 0], new, at_new[:, 0], reach)
         miss = np.abs((values[:, :, cell] + values[:, :, cell + 1]) / 2 - at_new).max(axis=1)
         own = error_new * at_new[:, 0]
-        between[:, cell] = miss + own
-        worst[:, cell] = np.divide(miss + own, reference, out=np.zeros_like(miss), where=reference > 0)
+        # in a sum over cells independent errors add in squares; where each counts, they may have the same sign
+        between[:, cell] = np.hypot(miss, own) if integrated else miss + own
+        worst[:, cell] = np.divide(between[:, cell], reference, out=np.zeros_like(miss), where=reference > 0)
         judged = worst[:, cell] if strict else np.divide(miss, reference, out=np.zeros_like(miss), where=reference > 0)
         if integrated:
-            areas = phase.steps(theta)
-            judged = miss * areas[cell] * cells / np.sum((values[:, 0, 1:] + values[:, 0, :-1]) / 2 * areas, axis=1)[:, None]
+            held = error * values[:, 0]
+            excess[:, cell] = np.maximum(miss - np.maximum(own, np.maximum(held[:, cell], held[:, cell + 1])), 0.0)
+            shares = excess * _light(theta, values[:, 0])
+            if (shares.sum(axis=1) <= tolerance).all():
+                break
+            judged = shares[:, cell] * cells
         bad = judged > tolerance
         uneven = bad & (tag[:, cell] != tag[:, cell + 1])
         failing = np.zeros(cells, bool)
@@ -185,12 +196,19 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         tag = np.insert(tag, where, tag_new[:, pick], axis=1)
         between = np.insert(between, where, between[:, split], axis=1)
         worst = np.insert(worst, where, worst[:, split], axis=1)
+        excess = np.insert(excess, where, excess[:, split], axis=1)
         undecided = np.insert(undecided, where, True)
         undecided[split + np.arange(len(split))] = True
         cells = len(theta) - 1
     reference = _reference(theta, values[:, 0], theta, values[:, 0], reach)
     own = np.divide(error * values[:, 0], reference, out=np.zeros_like(error), where=reference > 0)
     return Refined(theta, values, error, tag, between, np.maximum(worst.max(axis=1), own.max(axis=1)))
+
+
+def _light(theta, f):
+    """(C, A-1): what one unit of f in a cell adds to the integral over the sphere, as a share of it."""
+    areas = phase.steps(theta)
+    return areas / np.sum((f[:, 1:] + f[:, :-1]) / 2 * areas, axis=1)[:, None]
 
 
 def _reference(theta, f, at, f_at, reach):

@@ -241,6 +241,31 @@ class Checker:
                 f"found a radius of {radius:g} um outside of min and max ({bounds} um)",
                 "expected it between them",
             )
+        elif inner_high is None:
+            self._tail(size, distribution, radius, host)
+
+    def _tail(self, size: Mapping, distribution: str | None, radius: float | None, host: Index | None) -> None:
+        """The largest spheres of a distribution without `max` that count at the recipe's tolerance."""
+        width, tolerance = {"lognormal": "sigma", "gamma": "variance"}.get(distribution, ""), self.values.get("tolerance", 0.01)
+        value = self.value(size, width)
+        if value is None or radius is None or tolerance is None or host is None or self.wavelength is None:
+            return
+        from bakery.sizes import Gamma, Lognormal, tails
+        from bakery.sizes.distributions import Part
+
+        k = 2 * math.pi * host.n / np.array(self.wavelength)
+        if radius * k.max() > LARGEST:
+            return  # said of the radius
+        law = (Lognormal if distribution == "lognormal" else Gamma)(radius, value)
+        largest = tails(Part(law, 1.0), k, tolerance)[1]
+        if largest * k.max() > LARGEST:
+            cut = math.floor(LARGEST / k.max())
+            self.report(
+                size[width],
+                f"found a tail in which radii up to {largest:.3g} um (size parameter {largest * k.max():.3g}) count at a tolerance "
+                f"of {tolerance:g}",
+                f"expected size parameters up to {LARGEST:g}; a cut (max: {cut} um) or a smaller {width} would do",
+            )
 
     def _size_table(self, size: Mapping, host: Index | None, low: float | None, high: float | None) -> None:
         columns = self._table(size.get("file"), tables.SIZES)
@@ -256,7 +281,7 @@ class Checker:
             self.report(
                 size["file"], f"found densities from {first:g} to {last:g} um, all outside of min and max", "expected an overlap"
             )
-        for value in (radius[radius > 0][0], last):
+        for value in (radius[radius > 0][0], last if high is None else min(last, high)):
             self._size_parameter(size["file"], f"radius of {value:g} um in the table", float(value), host)
 
     def _size_parameter(self, node: Node, what: str, radius: float, host: Index | None) -> None:

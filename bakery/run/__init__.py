@@ -23,7 +23,7 @@ from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
 from bakery.run.progress import Progress
-from bakery.stages.declaration import Cost, Stage
+from bakery.stages.declaration import Cost, Stage, remembering
 from bakery.store.tree import Dataset, Group
 
 # What a quality sets; `final` is the recipe as it stands.  Measured by `bake trade`: docs/trade.md.
@@ -114,8 +114,9 @@ def prepare(
         basis = f"{cost.basis}; on {workers} cores{earlier}"
         return replace(cost, seconds=cost.startup + cost.seconds * ratio / workers, basis=basis)
 
-    plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
-                same_recipe=same, loaded=resources.resident_memory())
+    with remembering(cache):
+        plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
+                    same_recipe=same, loaded=resources.resident_memory())
     _refuse_too_large(plan)
     return plan
 
@@ -154,7 +155,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
-    with pool as running:
+    with pool as running, remembering(cache):
         for step in plan.steps:
             group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress)
             groups[step.stage.name], provenances[step.stage.name] = group, provenance

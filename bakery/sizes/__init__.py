@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from bakery.sizes.distributions import Gamma, Lognormal, Population, Single, Table, population
-from bakery.sizes.nodes import Nodes
+from bakery.sizes.nodes import Nodes, tails
 
-__all__ = ["Gamma", "Lognormal", "Nodes", "Population", "Single", "Table", "population"]
+__all__ = ["Gamma", "Lognormal", "Nodes", "Population", "Single", "Table", "population", "tails"]

@@ -135,8 +135,14 @@ def _rule(part: Part, grid: _Map, i, count):
     return r, weight
 
 
-def _prepare(part: Part, k, tolerance):
-    """Node map, nodes of the first level, and (size parameter, relative width) of one part."""
+def tails(part: Part, wavenumber, tolerance: float):
+    """Smallest and largest radius (um) of a part that count at a tolerance; wavenumber (L,) 1/um, in the host."""
+    low, high = _ends(part, np.atleast_1d(np.asarray(wavenumber, float)), tolerance)
+    return math.exp(low), math.exp(high)
+
+
+def _ends(part: Part, k, tolerance):
+    """ln r of the tails' ends."""
     low, high = part.law.reach()
     low, high = max(low, part.lower), min(high, part.upper)
     s = _fine(part, math.log(low), math.log(high))
@@ -147,8 +153,12 @@ def _prepare(part: Part, k, tolerance):
     from_below, from_above = _integral(s, number), _integral(-s[::-1], top[::-1])[::-1]
     keep = (from_below > neglected * from_below[-1]) & (from_above > neglected * from_above[0])
     inside = np.flatnonzero(keep)
-    first, last = max(inside[0] - 1, 0), min(inside[-1] + 1, len(s) - 1)
-    s = _fine(part, s[first], s[last])
+    return s[max(inside[0] - 1, 0)], s[min(inside[-1] + 1, len(s) - 1)]
+
+
+def _prepare(part: Part, k, tolerance):
+    """Node map, nodes of the first level, and (size parameter, relative width) of one part."""
+    s = _fine(part, *_ends(part, k, tolerance))
     number = _number(part, s)
     weight = number * np.exp(2.5 * (s - s[-1]))
     weight /= _integral(s, weight)[-1]

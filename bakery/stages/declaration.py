@@ -6,7 +6,9 @@ clock, and draws random numbers only from the streams of its context.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -92,6 +94,34 @@ class Context(Protocol):
 
     def report(self, fraction: float, error: float | None = None, state: str = "") -> None:
         """Share of the work that is done, 0 to 1, the error reached so far, the state of the work in the stage's own words."""
+
+
+class Memory(Protocol):
+    """Keeps what a stage decides, by content, between a plan and its bake; `bakery.run.cache.Cache` is one."""
+
+    def get(self, name: str, key: str) -> tuple[Group, Group] | None:
+        """The group kept under a key, and its provenance; None where there is none, or a damaged one."""
+
+    def put(self, name: str, key: str, group: Group, provenance: Group) -> None:
+        """Keep a group, whose attribute `input_hash` is the key."""
+
+
+_memory: ContextVar[Memory | None] = ContextVar("memory", default=None)
+
+
+@contextmanager
+def remembering(memory: Memory) -> Iterator[None]:
+    """Let stages keep what they decide meanwhile."""
+    token = _memory.set(memory)
+    try:
+        yield
+    finally:
+        _memory.reset(token)
+
+
+def memory() -> Memory | None:
+    """Where a stage may keep what it decides; None: nowhere."""
+    return _memory.get()
 
 
 @dataclass(frozen=True)

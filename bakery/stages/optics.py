@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.stages import measures, rules
+from bakery.stages import declaration, measures, rules
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
-from bakery.store.tree import Dataset, Group
+from bakery.store.tree import Dataset, Group, read_text, text
 
 METHODS = ("rayleigh", "mie", "goa")
 ELEMENTS = ("s12", "s33", "s34")
@@ -78,7 +79,46 @@ def predicted(recipe):
 def _expected(recipe):
     from bakery.averages import expected
 
-    return expected(**inputs(recipe, {}), tolerance=recipe.tolerance)
+    return expected(**inputs(recipe, {}), tolerance=recipe.tolerance, remember=_remember)
+
+
+def _remember(measure, *asked):
+    """`measure(*asked)`, a `Choice` of rays, or what an earlier plan or bake found for the very same arguments.
+
+    Measuring takes seconds where spheres are large; plan, bake and the plan after it ask for the same.
+    """
+    memory = declaration.memory()
+    if memory is None:
+        return measure(*asked)
+    # repr writes the shortest digits that give the same float back
+    key = hashlib.sha256(repr((STAGE.version, asked)).encode()).hexdigest()
+    held = memory.get("rays", key)
+    choice = _choice_of(held[0]) if held else None
+    if choice is None:
+        choice = measure(*asked)
+        memory.put("rays", key, _kept(choice, key), Group())
+    return choice
+
+
+def _kept(choice, key: str) -> Group:
+    return Group({"figures": Dataset(np.array([choice.switch, choice.error, choice.saved]), "1", "switch, error, share saved"),
+                  "theta": Dataset(choice.theta, "rad", "sample angles"),
+                  "difference": Dataset(choice.difference, "1/sr", "largest difference of the phase functions near each angle"),
+                  "why": text(choice.why, "the choice in words")}, {"input_hash": key})
+
+
+def _choice_of(group: Group):
+    """The choice that a group holds; None where it holds something else."""
+    from bakery.averages.choice import Choice
+
+    try:
+        figures, theta, difference = (np.asarray(group[name].data, float) for name in ("figures", "theta", "difference"))
+        why = read_text(group["why"])
+    except (KeyError, AttributeError, ValueError):
+        return None
+    if figures.shape != (3,) or theta.ndim != 1 or theta.shape != difference.shape or np.isnan(figures).any():
+        return None
+    return Choice(*figures.tolist(), theta, difference, why)
 
 
 def cost(recipe) -> Cost:
@@ -103,12 +143,13 @@ def _remarks(channels, choices) -> tuple[str, ...]:
 def compute(inputs: dict, context) -> Result:
     from bakery.averages import averages, expected
 
-    whole = expected(**inputs, tolerance=context.tolerance)[0].seconds
+    whole = expected(**inputs, tolerance=context.tolerance, remember=_remember)[0].seconds
 
     def report(seconds, error):
         context.report(min(seconds / max(whole, 1e-9), 0.99), error)
 
-    theta, found = averages(**inputs, tolerance=context.tolerance, map=context.map, report=report)
+    theta, found = averages(**inputs, tolerance=context.tolerance, map=context.map, report=report,
+                            remember=_remember)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, reached = [], 0.0
     for component, average in zip(inputs["components"], found):
@@ -210,7 +251,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=7,
+    version=8,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "phase"),

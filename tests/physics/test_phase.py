@@ -187,6 +187,18 @@ def test_bisection_refuses_too_many_angles_and_finds_a_hidden_peak():
         grid.refine(grid.start([(10.0, 0.5)], [(2.0, 1e-4)]), narrow, 1e-6, limit=500)
 
 
+@pytest.mark.parametrize("stated", [0.1, 0.0])
+def test_ripples_within_the_values_own_error_are_not_resolved(stated):
+    """Few sizes leave ripples that are errors of the values; where no error is stated they are structure, and are resolved."""
+    def rippled(theta, floor):
+        f = (1 + 0.05 * np.sin(20_000 * theta)) / (0.01 + theta**2)
+        return f[None, None], np.full((1, len(theta)), stated), np.zeros((1, len(theta)), int)
+
+    first = grid.start([(1000.0, 0.5)])
+    made = grid.refine(first, rippled, 0.01, integrated=True)
+    assert (len(made.theta) < 1.5 * len(first)) if stated else (len(made.theta) > 20 * len(first))
+
+
 def test_rainbows_stand_at_their_angles():
     # primary at 137.48 degrees, secondary at 129.90 for n = 1.33; 157.16 and 93.13 for n = 1.5
     assert np.degrees(grid.bows(1.33)) == pytest.approx([137.48, 129.90], abs=0.01)

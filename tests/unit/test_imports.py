@@ -13,7 +13,7 @@ from tests.conftest import ROOT
 PHYSICS = {"averages", "beam", "goa", "grains", "mie", "sizes", "materials", "medium", "multiple", "packing"}
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
-    "recipe": {"grains.limits", "materials", "packing"},
+    "recipe": {"grains.limits", "materials", "packing", "sizes"},
     "plan": {"recipe", "stages", "store.tree"},
     "stages": PHYSICS | {"store.tree", "recipe"},
     "trade": {"plan", "recipe", "report", "run", "stages", "store"},

@@ -389,3 +389,31 @@ def test_paths_stay_as_they_were_given(tmp_path, monkeypatch):
         with pytest.raises(RecipeError) as error:
             load(given)
         assert str(error.value).startswith(f"{given}:10: ")
+
+
+@pytest.mark.parametrize(("distribution", "words"), [
+    ("lognormal, radius: 0.2 mm, sigma: 5.3",
+     r"10: particles.components[0].size.sigma: found a tail in which radii up to 6.71e+09 um"),
+    ("gamma, radius: 20 mm, variance: 0.3", r"10: particles.components[0].size.variance: found a tail in which radii up to"),
+    ("mixture, of: [{share: 0.5, distribution: single, radius: 1 um},\n"
+     "        {share: 0.5, distribution: lognormal, radius: 0.2 mm, sigma: 5.3}]",
+     r"11: particles.components[0].size.of[1].sigma: found a tail in which radii up to"),
+])
+def test_a_tail_beyond_the_series_is_refused_with_the_cut_that_would_do(refuse, tmp_path, distribution, words):
+    size = "lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um"
+    (problem,) = refuse(GOOD.replace(size, distribution))
+    assert problem.removeprefix("fog.yaml:").startswith(words), problem
+    cut = problem.partition("a cut (")[2].partition(")")[0]
+    path = tmp_path / "cut.yaml"
+    path.write_text(GOOD.replace(size, f"{distribution}, {cut}"))
+    load(path)
+
+
+def test_a_table_of_sizes_counts_up_to_its_cut(refuse, tmp_path):
+    (tmp_path / "sizes.csv").write_text("radius,density\n10,1\n1e9,1\n")
+    size = "{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}"
+    (problem,) = refuse(GOOD.replace(size, "{distribution: table, file: sizes.csv}"))
+    assert "radius of 1e+09 um in the table, size parameter" in problem
+    path = tmp_path / "cut.yaml"
+    path.write_text(GOOD.replace(size, "{distribution: table, file: sizes.csv, max: 1 mm}"))
+    load(path)

@@ -10,6 +10,8 @@ import pytest
 
 from bakery.errors import StageError
 from bakery.recipe.model import SingleScattering
+from bakery.run.cache import Cache
+from bakery.stages.declaration import remembering
 from bakery.stages.optics import STAGE
 from bakery.store.tree import Dataset, Group
 
@@ -151,3 +153,69 @@ def test_cost_grows_with_the_work():
     assert STAGE.cost(large).seconds > 5 * STAGE.cost(small).seconds > 0
     cost = STAGE.cost(small)
     assert cost.seconds > 0 and 1e4 < cost.file < 1e7 and cost.memory < 1e9 and "angles" in cost.basis
+
+
+class Counted:
+    """`bakery.averages.choice._measured`, counted."""
+
+    def __init__(self, monkeypatch):
+        from bakery.averages import choice
+
+        self.calls, self.real = 0, choice._measured.__wrapped__  # past the memory of this process
+        monkeypatch.setattr(choice, "_measured", self)
+
+    def __call__(self, *asked):
+        self.calls += 1
+        return self.real(*asked)
+
+
+def large(radius=60.0, **more):
+    """Spheres for which rays are compared with series."""
+    made = recipe(radius=radius, sigma=1.3, tolerance=0.1, **more)
+    made.measure = "integrated"
+    return made
+
+
+def test_choices_of_rays_are_remembered_by_content(tmp_path, monkeypatch):
+    measured, cache = Counted(monkeypatch), Cache(tmp_path)
+    alone = STAGE.compute(STAGE.inputs(large(), {}), Here(0.1))
+    first = measured.calls
+    assert first
+    with remembering(cache):
+        cost = STAGE.cost(large())  # a plan
+        kept = measured.calls
+        again = STAGE.cost(large())  # another, and the bake after it
+        result = STAGE.compute(STAGE.inputs(large(), {}), Here(0.1))
+        assert measured.calls == kept and again == cost and cost.remarks
+        STAGE.cost(large(radius=61.0))  # other spheres are another question
+        assert measured.calls > kept
+    for path in ("theta", "drops/phase", "drops/phase_error", "drops/switch", "drops/ray_difference"):
+        assert Group(result.members)[path].data.tobytes() == Group(alone.members)[path].data.tobytes(), path
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda path: path.write_bytes(path.read_bytes()[:-100]), lambda path: path.write_bytes(b"no asset"),
+    lambda path: path.write_bytes(b""),
+])
+def test_a_broken_choice_is_measured_again(tmp_path, monkeypatch, spoil):
+    measured, cache = Counted(monkeypatch), Cache(tmp_path)
+    with remembering(cache):
+        cost = STAGE.cost(large())
+        before = measured.calls
+        entries = list(tmp_path.glob("rays-*.h5"))
+        assert len(entries) == before
+        for path in entries:
+            spoil(path)
+        assert STAGE.cost(large()) == cost and measured.calls == 2 * before
+
+
+def test_a_foreign_choice_is_measured_again(tmp_path, monkeypatch):
+    """Whole, rightly named, but not what this version keeps."""
+    measured, cache = Counted(monkeypatch), Cache(tmp_path)
+    with remembering(cache):
+        cost = STAGE.cost(large())
+        before = measured.calls
+        for path in tmp_path.glob("rays-*.h5"):
+            key = path.stem.removeprefix("rays-")
+            cache.put("rays", key, Group({"figures": Dataset(np.zeros(2), "1", "two")}, {"input_hash": key}), Group())
+        assert STAGE.cost(large()) == cost and measured.calls == 2 * before
