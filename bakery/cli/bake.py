@@ -49,7 +49,7 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
         for recipe in recipes:
             try:
                 plans.append(prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force,
-                                     cache=cache, jobs=jobs))
+                                     cache=cache, jobs=jobs, progress=progress))
             except RecipeError as error:
                 problems += error.problems
         if problems:

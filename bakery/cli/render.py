@@ -25,6 +25,7 @@ def command(source, output, quality, variant, seed, settings, as_json, quiet):
     """
     from pathlib import Path
 
+    from bakery.run import compiling
     from bakery.run.progress import choose
 
     path = Path(source)
@@ -53,7 +54,8 @@ def command(source, output, quality, variant, seed, settings, as_json, quiet):
     progress = choose(quiet)
     try:
         progress.stage("render", f"picture of {name}", 0.0, 0.0)
-        report = draw(path, Path(target), **options, progress=progress.update)
+        with compiling.watched(("renderers",), progress.compiling):
+            report = draw(path, Path(target), **options, progress=progress.update)
     finally:
         progress.close()
     if as_json:
