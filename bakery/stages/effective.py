@@ -14,9 +14,9 @@ from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, dataset
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group
 
-_LOADING = 0.3
+_LOADING = 0.2
 # hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball
-_HITS, _HIT, _HIT_BALL = 60.0, 2e-6, 0.6e-6
+_HITS, _HIT, _HIT_BALL = 60.0, 1.2e-6, 0.6e-6
 CHOICES = ("mean_flight", "second_moment", "random_walk")
 _SHARES = ("hit_probability", "forward_delta", "fraction")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")

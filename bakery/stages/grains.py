@@ -18,8 +18,8 @@ _APART = 0.02  # of the tolerance: indices of one walk; figures change by less t
 # seconds on one core, between those of an AMD EPYC (Zen 5) and of an Intel Xeon: of a path, of its look-ups among 200,000
 # triangles (they grow like the square root of the number; light inside of a grain takes several), of a triangle that is made, of a
 # ball
-_PATH, _LOOKUPS, _LOOKUPS_INSIDE, _BUILD, _BALL = 0.3e-6, 2.2e-6, 4.4e-6, 8e-6, 0.08
-_LOADING = 0.4
+_PATH, _LOOKUPS, _LOOKUPS_INSIDE, _BUILD, _BALL = 0.3e-6, 1.2e-6, 4.4e-6, 8e-6, 0.08
+_LOADING = 0.3
 _TRIANGLE, _ROUND = 17.0, 7.0  # bytes of a triangle as stored: of a grain, of a sphere
 _OF_BALLS = ("grains.sphere", "grains.surface")
 _OF_WALKS = ("grains._walk", "grains.surface", "grains.scatterometer", "grains.points")
