@@ -7,10 +7,8 @@ Seconds are operation counts times rates.  The counts were fitted to runs of 16 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -25,19 +23,10 @@ MUELLER = 0.15e-9
 # coefficients of these windows, a + b x^(1/3) (sqrt(x)); and once per angle for any number of spheres, tracing
 RAY, RAY_ORDERS, EDGE, CRITICAL, TRACE, TRACE_ORDERS = 15e-9, 3.3e-9, 50e-9, 3e-9, 25e-9, 9e-9
 START, START_EDGE, START_CRITICAL = 2e-6, 0.19e-6, 0.3e-6
-LOADING, COMPILING = 0.6, 12.0  # seconds, same machine
+LOADING = 0.4  # seconds, same machine
 FIRST_LEVEL = 2  # level before which nothing has converged: steps in size parameter of ~1
 HELD = 64 * 2**20  # bytes of block results held at a time
 _DAMPED, _RIPPLES, _RESONANT, _PASSES, _WHOLE, _ROUNDS = 3.5, 5.0, 400.0, 4.0, 16.0, 2.5  # fitted
-
-
-def startup() -> tuple[float, str]:
-    """Seconds before the first sphere, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
-    here = Path(__file__).parents[1] / "mie"
-    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
-    source = (here / "_kernels.py").stat().st_mtime
-    compiled = [path for path in kept.rglob("_kernels.*intensity_block*.nbi") if path.stat().st_mtime >= source]
-    return (LOADING, "kernels loaded") if compiled else (COMPILING, "kernels compiled first, once")
 
 
 @dataclass(frozen=True)

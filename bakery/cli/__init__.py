@@ -34,6 +34,8 @@ COMMANDS = {
     "completion": "print the shell's completion script",
 }
 
+TELLING = ("bake", "plan", "trade", "render")  # commands that tell themselves how far they are
+
 
 def is_recipe(word: str) -> bool:
     """A first word that ends in .yaml or .yml or holds a slash is a recipe, not a command."""
@@ -50,6 +52,16 @@ class Commands(click.Group):
         if name not in COMMANDS:
             return None
         return import_module(f"bakery.cli.{name}").command
+
+    def resolve_command(self, ctx, args):
+        name, command, rest = super().resolve_command(ctx, args)
+        if name not in TELLING:
+            from bakery.run.progress import Lines
+
+            waiting = Lines()  # to look into a large asset takes seconds: after a moment say so
+            waiting.begin(f"bake {name}")
+            ctx.call_on_close(waiting.close)
+        return name, command, rest
 
     def format_commands(self, ctx, formatter):
         # from the table: help must not import the commands

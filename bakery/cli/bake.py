@@ -65,7 +65,7 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
         for recipe in recipes:
             try:
                 plans.append(prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force,
-                                     cache=cache, jobs=jobs, overwrite=overwrite))
+                                     cache=cache, jobs=jobs, overwrite=overwrite, progress=progress))
             except RecipeError as error:
                 problems += error.problems
         if problems:

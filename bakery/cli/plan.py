@@ -20,11 +20,16 @@ from bakery.report.text import say
 def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, force, overwrite, as_json, verbose):
     """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing."""
     from bakery.run import prepare
+    from bakery.run.progress import choose
 
     values = settings_of(quality, tolerance, seed, settings)
-    show([prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force, jobs=jobs,
-                  overwrite=overwrite)
-          for recipe in recipes], as_json, verbose)
+    progress = choose()
+    try:
+        plans = [prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force, jobs=jobs,
+                         overwrite=overwrite, progress=progress) for recipe in recipes]
+    finally:
+        progress.close()
+    show(plans, as_json, verbose)
 
 
 def show(plans, as_json: bool, verbose: bool = False) -> None:
@@ -39,7 +44,8 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
             click.echo(f"warning: {warning}", err=True)
         say(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
         for step in plan.steps:
-            cost = (f"{duration(step.cost.seconds)}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")
+            once = f" and {duration(step.cost.compiling)} for compiling kernels, once" if step.cost.compiling else ""
+            cost = (f"{duration(step.cost.seconds)}{once}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")
             say(f"  {step.action:<6} {step.stage.name:<8} {cost}{in_words(step.cost.file)} in the file")
             shown = step.why if verbose else step.why[:6]
             for reason in shown:

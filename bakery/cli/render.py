@@ -29,6 +29,7 @@ def command(source, output, quality, variant, seed, settings, overwrite, as_json
     """
     from pathlib import Path
 
+    from bakery.run import compiling
     from bakery.run.progress import choose
 
     path = Path(source)
@@ -57,7 +58,8 @@ def command(source, output, quality, variant, seed, settings, overwrite, as_json
     progress = choose(quiet)
     try:
         progress.stage("render", f"picture of {name}", 0.0, 0.0)
-        report = draw(path, Path(target), **options, progress=progress.update)
+        with compiling.watched(("renderers",), progress.compiling):
+            report = draw(path, Path(target), **options, progress=progress.update)
     finally:
         progress.close()
     if as_json:

@@ -32,8 +32,8 @@ class Step:
         """The same for machines (`--json`)."""
         return {"stage": self.stage.name, "title": self.stage.title, "version": self.stage.version,
                 "input_hash": self.input_hash, "action": self.action, "why": list(self.why),
-                "seconds": self.cost.seconds, "memory": self.cost.memory, "file": self.cost.file, "basis": self.cost.basis,
-                "remarks": list(self.cost.remarks)}
+                "seconds": self.cost.seconds, "compiling": self.cost.compiling, "memory": self.cost.memory,
+                "file": self.cost.file, "basis": self.cost.basis, "remarks": list(self.cost.remarks)}
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Plan:
 
     @property
     def seconds(self) -> float:
-        """Expected wall time of what runs."""
-        return sum(step.cost.seconds for step in self.steps if step.action == RUN)
+        """Expected wall time of what runs, compiling included."""
+        return sum(step.cost.seconds + step.cost.compiling for step in self.steps if step.action == RUN)
 
     @property
     def memory(self) -> float:
@@ -98,7 +98,7 @@ def make(
     previous: Mapping[str, Mapping] | None = None,
     current: Mapping[str, str] | None = None,
     in_cache: Callable[[str, str], bool] = lambda name, key: False,
-    price: Callable[[Stage, Cost], Cost] = lambda stage, cost: cost,
+    price: Callable[[Stage, str, Cost], Cost] = lambda stage, key, cost: cost,
     same_recipe: bool = False,
     loaded: float = 0.0,
 ) -> Plan:
@@ -113,7 +113,7 @@ def make(
     previous : parts of each stage in the asset that stands at `output`, None where there is none
     current : input hash of each stage that an intact asset at `output` holds
     in_cache : (stage name, input hash) -> whether the cache holds that stage
-    price : turns a stage's cost model into an expectation for this machine
+    price : (stage, input hash, cost model) -> what to expect of it on this machine
     same_recipe : whether the asset at `output` holds this recipe's very text
     loaded : memory of the process before any stage, in bytes
     """
@@ -134,6 +134,6 @@ def make(
             why = differences(before, found) if before else []
             if not why:
                 why = [f"not in {output}" if previous is not None else f"no {output} yet", "not in the cache"]
-        steps.append(Step(stage, key, found, action, tuple(why), price(stage, stage.cost(recipe))))
+        steps.append(Step(stage, key, found, action, tuple(why), price(stage, key, stage.cost(recipe))))
     held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
     return Plan(recipe, output, tuple(steps), write=not held, loaded=loaded)

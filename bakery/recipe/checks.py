@@ -262,8 +262,8 @@ class Checker:
             cut = math.floor(LARGEST / k.max())
             self.report(
                 size[width],
-                f"found a tail in which radii up to {largest:.3g} um (size parameter {largest * k.max():.3g}) count at a tolerance "
-                f"of {tolerance:g}",
+                f"found a tail in which radii up to {largest:.3g} um (size parameter {largest * k.max():.3g}) count at a "
+                f"tolerance of {tolerance:g}",
                 f"expected size parameters up to {LARGEST:g}; a cut (max: {cut} um) or a smaller {width} would do",
             )
 

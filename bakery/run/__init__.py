@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ import bakery
 from bakery.errors import AssetError, BakeryError, Problem, StageError, StoreError, UsageError
 from bakery.machine import free_memory
 from bakery.plan import REUSE, RUN, Plan, Step, make
-from bakery.run import resources
+from bakery.run import compiling, resources
 from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
@@ -34,6 +34,8 @@ QUALITY = {
 }
 LARGEST_FILE = 16 << 30
 SHARE_OF_MEMORY = 0.8
+LIBRARIES = 6e7  # bytes of what the bake loads after it was planned
+COMPILER = 1e8  # bytes that compiling takes
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def files_of(recipe) -> tuple[Path, ...]:
 def prepare(
     recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
-    overwrite: bool = False,
+    overwrite: bool = False, progress: Progress | None = None,
 ) -> Plan:
     """Read and check a recipe and plan its bake; runs nothing and writes nothing.
 
@@ -97,10 +99,16 @@ def prepare(
     UsageError : the output cannot be written, is an input or (but for `overwrite`) no asset, or the bake is larger than this
         machine
     """
+    cache, progress = cache or Cache(), progress or Progress()
+    with progress.during(f"planning {Path(recipe_path).name}"):
+        return _planned(recipe_path, output, stages, settings, force, cache, jobs, overwrite, progress)
+
+
+def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, jobs: int | None, overwrite: bool,
+             progress: Progress) -> Plan:
     from bakery.recipe import load
     from bakery.store.outputs import ASSET, check_outputs
 
-    cache = cache or Cache()
     recipe = load(recipe_path, dict(settings or {}))
     target = target_of(output, recipe.name)
     check_outputs([(target, ASSET)], files_of(recipe), overwrite)
@@ -108,17 +116,31 @@ def prepare(
     previous, current, same = _known(standing, recipe)
     workers = resources.jobs(jobs)
 
-    def price(stage: Stage, cost: Cost) -> Cost:
-        ratio, count = cache.speed(stage.name)
-        earlier = f"; {count} earlier bakes here took {ratio:.2g} times that" if count else ""
-        basis = f"{cost.basis}; on {workers} cores{earlier}"
-        return replace(cost, seconds=cost.startup + cost.seconds * ratio / workers, basis=basis)
+    def price(stage: Stage, key: str, cost: Cost) -> Cost:
+        work = _work(cost, workers)
+        ratio, count = cache.speed(_kind(stage, cost), key, work)
+        coming = compiling.expected(cost.kernels)
+        basis = f"{cost.basis}; {work:.2g} s on {min(workers, cost.most):.2g} cores"
+        basis += f"; by {count} earlier bakes here {ratio:.2g} times that" if count else ""
+        basis += f"; {coming:.2g} s for compiling kernels, once" if coming else ""
+        return replace(cost, seconds=work * ratio, compiling=coming, memory=cost.memory + COMPILER * (coming > 0), basis=basis)
 
-    with remembering(cache):
+    # a choice between rays and series takes sample spheres, and kernels
+    measured = () if recipe.particles is None else ("mie._kernels",)
+    with remembering(cache), compiling.watched(measured, progress.compiling):
         plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
-                    same_recipe=same, loaded=resources.resident_memory())
+                    same_recipe=same, loaded=resources.resident_memory() + LIBRARIES)
     _refuse_too_large(plan)
     return plan
+
+
+def _work(cost: Cost, workers: int) -> float:
+    """Seconds that a cost model expects on so many cores of the machine that it was measured on."""
+    return cost.startup + cost.seconds / min(workers, cost.most)
+
+
+def _kind(stage: Stage, cost: Cost) -> str:
+    return f"{stage.name} {cost.kind}".strip()
 
 
 def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, executor: Executor | None = None,
@@ -143,7 +165,8 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     sweep(os.path.dirname(os.path.realpath(plan.output)))
     workers = resources.jobs(jobs)
     files = files_of(plan.recipe)
-    standing = _standing(plan.output)
+    with progress.during(f"reading {plan.output.name}"):
+        standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
         steps = tuple(_report(step, "unchanged", 0.0, None) for step in plan.steps)
@@ -155,12 +178,17 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
-    with pool as running, remembering(cache):
+    with ExitStack() as kept:
+        with progress.during(f"calling {address}" if address else "starting workers"):
+            running = kept.enter_context(pool)
+        kept.enter_context(remembering(cache))
         for step in plan.steps:
-            group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress)
+            group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress,
+                                                here=not (executor or address))
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
-    write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
+    with progress.during(f"writing {plan.output.name}"):
+        write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
     return Baked(plan.output, True, tuple(steps), files, _missed(provenances), plan.recipe.warnings)
 
 
@@ -202,29 +230,32 @@ def bake(
     """
     cache = Cache(say=progress.say if progress else lambda text: None)
     plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
-                   cache=cache, jobs=jobs, overwrite=overwrite)
+                   cache=cache, jobs=jobs, overwrite=overwrite, progress=progress)
     baked = execute(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress)
     if baked.missed:
         raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))
     return baked.output
 
 
-def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress):
-    """One stage: taken from the asset that stands, from the cache, or computed."""
+def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, here: bool):
+    """One stage: taken from the asset that stands, from the cache, or computed (`here`: by this process)."""
     stage = step.stage
     if step.action == REUSE and (held := _held(standing, stage.name, step.input_hash)):
         return *held, _report(step, "unchanged", 0.0, held[0])
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
-        entry = None if step.action == RUN and "--force" in step.why else cache.get(stage.name, step.input_hash)
+        with progress.during(f"reading {stage.name} from the cache"):
+            entry = None if step.action == RUN and "--force" in step.why else cache.get(stage.name, step.input_hash)
         if entry:
             progress.done(stage.name, "from the cache")
             return *entry, _report(step, "from the cache", 0.0, entry[0])
-        group, provenance, seconds = _compute(step, plan, groups, pool, workers, progress)
-        cache.put(stage.name, step.input_hash, group, provenance)
-    cost = stage.cost(plan.recipe)
-    if seconds > 4 * cost.startup + 0.5:  # below that the clock measures everything but the model
-        cache.note_speed(stage.name, workers * (seconds - cost.startup) / cost.seconds)
+        group, provenance, seconds, compiled = _compute(step, plan, groups, pool, workers, progress)
+        with progress.during(f"writing {stage.name} to the cache"):
+            cache.put(stage.name, step.input_hash, group, provenance)
+    # other machines say nothing of this one; nor does a bake that compiled for most of its time: that slows the rest as well
+    if here and compiled < 0.5 * seconds:
+        cost = stage.cost(plan.recipe)
+        cache.note_speed(_kind(stage, cost), step.input_hash, _work(cost, workers), seconds - compiled)
     return group, provenance, _report(step, "computed", seconds, group)
 
 
@@ -236,7 +267,8 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     started = time.monotonic()
     context = Context(tolerance, recipe.seed, pool, progress.update)
     try:
-        result = stage.compute(stage.inputs(recipe, groups), context)
+        with compiling.watched(step.cost.kernels, progress.compiling) as clock:
+            result = stage.compute(stage.inputs(recipe, groups), context)
     except BakeryError:
         raise
     except MemoryError as error:
@@ -253,7 +285,8 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
-    progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {tolerance:.2g}, "
+    once = f" ({resources.duration(clock.seconds)} of it compiling kernels, once)" if clock.seconds > 0.1 * seconds else ""
+    progress.done(stage.name, f"{resources.duration(seconds)}{once}, error {result.achieved_error:.2g} of {tolerance:.2g}, "
                               f"{resources.in_words(peak)} memory")
     from bakery.store.tree import text
 
@@ -263,7 +296,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         | ({"missed": text("\n".join(result.missed), "wishes that were not met")} if result.missed else {}),
         {"seconds": seconds, "peak_memory": peak, "workers": workers, "bakery_version": bakery.__version__,
          "finished": _now()})
-    return group, provenance, seconds
+    return group, provenance, seconds, clock.seconds
 
 
 def _missed(provenances: Mapping[str, Group]) -> tuple[str, ...]:

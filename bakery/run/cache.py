@@ -7,6 +7,7 @@ and computed again.  Nothing here is needed: a cache that cannot be written cost
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 import time
@@ -19,7 +20,10 @@ from bakery.store.tree import Group
 
 ENTRY, BAD = ".h5", ".bad"
 SPEED = "speed.json"  # what stages took here, for the next plan
-KEEP = 8  # ratios kept a stage
+KEEP = 16  # bakes kept of a kind of work
+SHORT = 12  # digits of an input hash that tell bakes apart there
+SMALL = 0.3  # modelled seconds up to which a bake says nothing of the machine
+OWN = 0.5  # weight of the model among bakes
 
 
 def folder() -> Path:
@@ -30,6 +34,16 @@ def folder() -> Path:
     from platformdirs import user_cache_path
 
     return user_cache_path("bakery")
+
+
+def _median(votes: list[tuple[float, float]]) -> float:
+    """Weighted median of (value, weight)."""
+    half = 0.5 * sum(weight for _, weight in votes)
+    for value, weight in sorted(votes):
+        half -= weight
+        if half <= 0:
+            return value
+    raise ValueError("no votes")
 
 
 class Cache:
@@ -126,15 +140,37 @@ class Cache:
 
     # what stages took on this machine
 
-    def speed(self, name: str) -> tuple[float, int]:
-        """Median of measured time over modelled time of a stage on this machine, and how many bakes it is of."""
-        ratios = sorted(self._speeds().get(name, []))
-        return (ratios[len(ratios) // 2], len(ratios)) if ratios else (1.0, 0)
+    def speed(self, kind: str, key: str, work: float) -> tuple[float, int]:
+        """Time on this machine over the modelled time, and how many bakes say so (0: none that tells, the model stands).
 
-    def note_speed(self, name: str, ratio: float) -> None:
-        """Remember how a stage's time compared with its model."""
+        Parameters
+        ----------
+        kind : of work
+        key : the stage's input hash
+        work : modelled seconds
+
+        Notes
+        -----
+        The same inputs take what they took.  Else the median of what is known of the kind: amounts of work that are alike count
+        most, since models err differently where little and where much is done.  The model, at the speed that this machine shows
+        in other kinds of work, counts as half a bake.
+        """
         speeds = self._speeds()
-        speeds[name] = (speeds.get(name, []) + [ratio])[-KEEP:]
+        known = speeds.get(kind, [])
+        for held, then, seconds in known:
+            if held == key[:SHORT]:
+                return seconds / then, 1
+        # two votes for the models' own machine: it takes three kinds of work to be believed slower or faster
+        large = ([(seconds / then, 1.0) for _, then, seconds in entries if then > SMALL] for entries in speeds.values())
+        machine = _median([(1.0, 2.0), *((_median(votes), 1.0) for votes in large if votes)])
+        near = [(seconds / then, 1 / (1 + math.log(work / then) ** 2)) for _, then, seconds in known]
+        return _median([(machine, OWN), *near]), len(known)
+
+    def note_speed(self, kind: str, key: str, work: float, seconds: float) -> None:
+        """Remember how long a stage took whose modelled time is `work`."""
+        speeds = self._speeds()
+        known = [entry for entry in speeds.get(kind, []) if entry[0] != key[:SHORT]]
+        speeds[kind] = (known + [(key[:SHORT], work, max(seconds, 1e-3))])[-KEEP:]
         part = self.where / f".{SPEED}.{secrets.token_hex(8)}.part"
         try:
             part.write_text(json.dumps(speeds))
@@ -142,10 +178,11 @@ class Cache:
         except OSError:
             pass  # only the next plan's estimate is poorer
 
-    def _speeds(self) -> dict[str, list[float]]:
+    def _speeds(self) -> dict[str, list[tuple[str, float, float]]]:
         try:
             speeds = json.loads((self.where / SPEED).read_text())
-            return {str(name): [float(r) for r in ratios if 0 < float(r) < 1e6] for name, ratios in speeds.items()}
+            return {str(kind): [(str(key), float(work), float(seconds)) for key, work, seconds in entries
+                                if 0 < work < 1e9 and 0 < seconds < 1e9] for kind, entries in speeds.items()}
         except (OSError, ValueError, AttributeError, TypeError):
             return {}
 

@@ -33,6 +33,7 @@ OUTPUTS = (
 _REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
 _NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
 _TOGETHER = 4
+_KERNELS = tuple(f"beam.{name}" for name in ("transport", "single", "photons", "table")) + ("multiple.legendre",)
 _WANTED, _LEAST, _MOST = 50, 20_000, 1_000_000  # photons: times the squared tolerance, at least, at most
 
 
@@ -142,7 +143,9 @@ def check(group: Group) -> Iterable[str]:
 def cost(recipe) -> Cost:
     number = len(recipe.wavelength)
     photons = recipe.beam.photons or min(max(_WANTED / recipe.tolerance**2, _LEAST), _MOST)
-    return Cost(number * (0.6 + 6e-6 * photons), 1e8, number * 1.5e5, f"{number} wavelengths, {photons:.2g} photons each", 3.0)
+    tables = 3.0 if recipe.particles is not None else 1.2  # the peaks of spheres are narrow
+    return Cost(number * (tables + 6e-6 * photons), 1e8, number * 1.5e5,
+                f"{number} wavelengths, {photons:.2g} photons each", 1.0, kernels=_KERNELS, most=min(number, _TOGETHER))
 
 
 def measures(found: Group, reference: Group) -> Mapping[str, float]:

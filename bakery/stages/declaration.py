@@ -6,6 +6,7 @@ clock, and draws random numbers only from the streams of its context.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -63,8 +64,12 @@ class Cost:
     memory: float  # bytes, on top of the interpreter
     file: float  # bytes in the asset
     basis: str
-    startup: float = 0.0  # seconds before the first block, whatever the number of cores: loading or compiling kernels
+    startup: float = 0.0  # seconds before the first block, whatever the number of cores: loading libraries and kernels
     remarks: tuple[str, ...] = ()  # choices that a user may want to know of before the work
+    kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie._kernels
+    kind: str = ""  # of work: measured speeds of one kind say nothing of another
+    most: float = math.inf  # cores that the work can use
+    compiling: float = 0.0  # seconds that compiling these kernels adds on this machine, once; the plan finds out
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,9 @@ from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, dataset
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group
 
-_HITS, _HIT = 60.0, 1.5e-6  # hits times the squared tolerance; seconds of one core of a hit
+_LOADING = 0.2
+# hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball
+_HITS, _HIT, _HIT_BALL = 60.0, 1.2e-6, 0.6e-6
 CHOICES = ("mean_flight", "second_moment", "random_walk")
 _SHARES = ("hit_probability", "forward_delta", "fraction")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")
@@ -244,10 +246,12 @@ def check(group: Group) -> Iterable[str]:
 def cost(recipe) -> Cost:
     number = len(recipe.grains.components)
     hits = recipe.effective_medium.walks or min(max(_HITS / recipe.tolerance**2, 32 * 512 * 2), 1 << 27)
-    seconds = hits * _HIT
+    round_ = all(grain.shape["type"] == "sphere" for grain in recipe.grains.components)
+    seconds = hits * (_HIT_BALL if round_ else _HIT)
     rows = len(recipe.wavelength)
-    return Cost(seconds + 0.1 * number, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
-                f"about {hits:.2g} hits of a random walk through explicit grains", 1.0)
+    return Cost(seconds, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
+                f"about {hits:.2g} hits of a random walk through explicit grains", _LOADING + 0.1 * number,
+                kernels=("grains._packed", "packing.instances"), kind="of grains")
 
 
 def measures(found: Group, reference: Group) -> Mapping[str, float]:

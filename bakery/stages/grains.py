@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -17,10 +15,15 @@ from bakery.store.tree import Dataset, Group, text
 
 PEAK = 1e-3  # rad, second angle of the table: room for light that leaves unchanged, in tables of media
 _APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
-# seconds on one core of an AMD EPYC (Zen 5): of a path, of its look-ups among 200,000 triangles (they grow like the square root
-# of the number), of a triangle that is made, of a ball
-_PATH, _LOOKUPS, _BUILD, _BALL = 0.3e-6, 1e-6, 8e-6, 0.15
-_LOADING, _COMPILING = 1.0, 20.0
+# seconds on one core, between those of an AMD EPYC (Zen 5) and of an Intel Xeon: of a path, of its look-ups among 200,000
+# triangles (they grow like the square root of the number; light inside of a grain takes several), of a triangle that is made, of
+# a ball
+_PATH, _LOOKUPS, _LOOKUPS_INSIDE, _BUILD, _BALL = 0.3e-6, 1.2e-6, 4.4e-6, 8e-6, 0.08
+_LOADING = 0.3
+_TRIANGLE, _ROUND = 17.0, 7.0  # bytes of a triangle as stored: of a grain, of a sphere
+_OF_BALLS = ("grains.sphere", "grains.surface")
+_OF_WALKS = ("grains._walk", "grains.surface", "grains.scatterometer", "grains.points")
+_OF_MESHES, _OF_SHAPES = ("grains.bvh", "grains.grid"), ("grains._triangles", "grains.simplify")
 _SPREAD = 6.0  # times 1/sqrt(paths): error of the phase function
 SCALARS = ("hit_probability", "lambda_delta", "chord")
 FIGURES = ("albedo", "lambda_s", "lambda_o", "mean_square", "g", "forward_delta", "inner_path")
@@ -312,22 +315,27 @@ def _check_component(part: Group, theta) -> Iterable[str]:
 def cost(recipe) -> Cost:
     given = inputs(recipe, {})
     radii = np.unique(np.append(1.0, given["classes"])) * given["radius"]
+    triangles, paths = given["triangles"], given["paths"] or predicted_paths(recipe.scatterometer.tolerance)
     walks = balls = 0
+    tables = file = 0.0
     for component in given["components"]:
         number = len(exemplars.traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
+        round_ = component["shape"]["type"] == "sphere"
+        file += triangles * (_ROUND if round_ else _TRIANGLE)
         if exemplars.is_ball(component):
             balls += number
         else:
             walks += number
-    triangles, paths = given["triangles"], given["paths"] or predicted_paths(recipe.scatterometer.tolerance)
-    tables = walks * paths * (_PATH + _LOOKUPS * math.sqrt(triangles / 200_000))
+            lookups = _LOOKUPS_INSIDE if component["type"] == "dielectric" else _LOOKUPS
+            tables += number * paths * (_PATH + (0.0 if round_ else lookups * math.sqrt(triangles / 200_000)))
     made = _BUILD * triangles * len(given["components"])
-    before, why = _startup()
     figures = len(given["classes"]) * given["wavelengths"] * (exemplars.CELLS + 2) * 2
-    return Cost(tables + made + _BALL * balls, 4e7 + 260.0 * triangles + 300.0 * 2**18,
-                len(given["components"]) * (20.0 * triangles + 8 * figures + 6e3),
+    before = _LOADING + made + _BALL * balls  # on one core
+    return Cost(tables, 4e7 + 260.0 * triangles + 300.0 * 2**18,
+                file + len(given["components"]) * (8 * figures + 6e3),
                 f"{walks} walks of about {paths:,} paths, {balls} balls in closed form, {triangles:,} triangles a grain; "
-                f"{before:g} s for {why}", before)
+                f"{before:.2g} s to load kernels and to make grains", before, kernels=_kernels(given["components"]),
+                kind="walks" if walks else "balls")
 
 
 def predicted_paths(tolerance: float) -> int:
@@ -335,14 +343,14 @@ def predicted_paths(tolerance: float) -> int:
     return max(1 << 14, math.ceil((_SPREAD / tolerance) ** 2))
 
 
-def _startup() -> tuple[float, str]:
-    """Seconds before the first path, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
-    here = Path(__file__).parents[1] / "grains"
-    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
-    changed = (here / "_walk.py").stat().st_mtime
-    if any(path.stat().st_mtime >= changed for path in kept.rglob("_walk.*.nbi")):
-        return _LOADING, "kernels loaded"
-    return _COMPILING, "kernels compiled first, once"
+def _kernels(components) -> tuple[str, ...]:
+    """Modules whose kernels make and walk these grains."""
+    found: list[str] = []
+    for component in components:
+        kind = component["shape"]["type"]
+        found += _OF_BALLS if exemplars.is_ball(component) else _OF_WALKS
+        found += ("grains.balls",) if kind == "sphere" else _OF_MESHES + (_OF_SHAPES if kind in ("aggregate", "mesh") else ())
+    return tuple(dict.fromkeys(found))
 
 
 # ---- how far from converged

@@ -132,8 +132,8 @@ def _cost_of_particles(recipe) -> Cost:
     from bakery.stages.optics import predicted
 
     angles, rows = predicted(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
-    return Cost(0.02 + 1e-6 * angles * rows, 8 * 4 * angles * rows + 2**20, 8 * angles * rows + 3000,
-                f"{angles} angles, {len(recipe.wavelength)} wavelengths")
+    return Cost(0.002 + 1e-6 * angles * rows, 8 * 4 * angles * rows + 2**20, 8 * angles * rows + 9000,
+                f"{angles} angles, {len(recipe.wavelength)} wavelengths", kind="of particles")
 
 
 def _cost_of_coefficients(recipe) -> Cost:
@@ -142,7 +142,8 @@ def _cost_of_coefficients(recipe) -> Cost:
     phase = recipe.medium.phase
     angles = analytic.predicted_angles(phase.type, _ANALYTIC * recipe.tolerance, phase.g, phase.spread, phase.table)
     rows = 3 * (1 if phase.g is None else len(np.unique(phase.g)))  # equal rows pack to one
-    return Cost(0.03 + 2e-5 * angles, 8 * 6 * angles * rows + 2**20, 8 * angles * (1 + rows), f"about {angles} angles")
+    return Cost(0.001 + 1e-5 * angles, 8 * 6 * angles * rows + 2**20, 8 * angles * (1 + rows) + 7000,
+                f"about {angles} angles", kind="of coefficients")
 
 
 def check(group: Group) -> Iterable[str]:

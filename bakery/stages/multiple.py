@@ -289,9 +289,12 @@ def cost(recipe) -> Cost:
     g = _width(recipe)
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
     if recipe.multiple_scattering.method == "photons":
-        return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 3.0)
-    seconds = number * (_FEW + _MANY * max(g - 0.5, 0.0) ** 4)
-    return Cost(seconds, 3e8 + 4e9 * max(g - 0.5, 0.0) ** 2, 2e5 * number, f"{number} tables", 3.0)
+        return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 1.0,
+                    kernels=_KERNELS + _OF_PHOTONS, kind="photons", most=len(recipe.wavelength))
+    beyond = max(g - 0.5, 0.0)
+    seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
+    return Cost(seconds, 1.5e8 + 3e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
+                kernels=_KERNELS, kind="solver", most=min(number, _TOGETHER))
 
 
 def _width(recipe) -> float:
@@ -336,9 +339,11 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 
 _TOGETHER = 2
+_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "frame", "legendre", "lookup", "point"))
+_OF_PHOTONS = ("multiple._tally",)
 _POOR = 0.2  # error of the solver's tables above which photons are tried
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
-_FEW, _MANY = 0.3, 120.0  # seconds of one core for a table: at g up to 0.5; times (g - 0.5)^4
+_FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
 
 STAGE = Stage(
     name="multiple",

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Iterable, Mapping
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -20,7 +18,8 @@ from bakery.store.tree import Dataset, Group
 LEAST_GAP = -1e-9  # of the mean diameter: less is rounding, more an overlap
 ORDERED = 6  # times what random directions give: dense random tiles have up to 4
 _CHORDS = 1.8e6  # chords a second and core
-_LOADING, _COMPILING = 1.0, 14.0  # seconds
+_LOADING = 0.7  # seconds
+_KERNELS = ("packing._kernels", "packing._chords")
 _TILE = (
     Output("centers", "(N, 3)", "1", "centres of the spheres, in mean radii, from 0 to the edges of the cell"),
     Output("radii", "(N,)", "1", "radii of the spheres over their mean"),
@@ -139,27 +138,21 @@ def _seconds(given: dict, tolerance: float) -> list[float]:
     return [predicted(f, given["radii"].size, spread, schedule) for f in given["fractions"]]
 
 
+def _measuring(count: int, tolerance: float) -> float:
+    """Expected seconds of one core for chords and neighbours of a tile."""
+    return 64 / tolerance**2 / _CHORDS + 1.6e-4 * count
+
+
 def cost(recipe) -> Cost:
     given = inputs(recipe, {})
     count, number = given["radii"].size, len(given["fractions"])
-    packing = sum(_seconds(given, recipe.tolerance))
-    lines = 64 / recipe.tolerance**2
-    seconds = packing + number * (lines / _CHORDS + 1.6e-4 * count)
-    before, why = _startup()
-    return Cost(seconds, (3000.0 + 200.0 * number) * count + 3e7, number * (34.0 * count + 9e3),
+    each = _seconds(given, recipe.tolerance)
+    packing = sum(each)
+    seconds = packing + number * _measuring(count, recipe.tolerance)
+    return Cost(seconds, (3000.0 + 200.0 * number) * count + 8e7, number * (34.0 * count + 9e3),
                 f"{number} tile{'s' * (number > 1)} of {count:,} spheres: {packing:.2g} s of one core for the dynamics, "
-                f"{seconds - packing:.2g} s for chords and neighbours; {before:g} s for {why}", before)
-
-
-def _startup() -> tuple[float, str]:
-    """Seconds before the first sphere, and why: compiled kernels are loaded, or compiled when a machine meets them first."""
-    here = Path(__file__).parents[1] / "packing"
-    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
-    for source in ("_kernels", "_chords"):
-        changed = (here / f"{source}.py").stat().st_mtime
-        if not any(path.stat().st_mtime >= changed for path in kept.rglob(f"{source}.*.nbi")):
-            return _COMPILING, "kernels compiled first, once"
-    return _LOADING, "kernels loaded"
+                f"{seconds - packing:.2g} s for chords and neighbours; {_LOADING:g} s to load kernels", _LOADING,
+                kernels=_KERNELS, most=seconds / max(each))  # a tile is packed on one core
 
 
 # ---- work
@@ -169,15 +162,17 @@ class _Watch:
     """How far the tiles of one bake are; told from the threads that pack them."""
 
     def __init__(self, context, wished, weight):
-        self.context, self.wished, self.weight = context, wished, np.asarray(weight, float)
+        self.context, self.wished, self.weight = context, wished, np.asarray(weight, float)  # share of all work in each tile
         self.share, self.stopped = np.zeros(len(wished)), False
 
     def tell(self, k: int, fraction: float, pressure: float, share: float) -> None:
         if self.stopped:
             raise KeyboardInterrupt
         self.share[k] = share
-        self.context.report(0.95 * float(self.share @ self.weight / self.weight.sum()), None,
-                            f"fraction {fraction:.3f} of {self.wished[k]:g}, pressure {pressure:.3g}")
+        # a gas of which no spheres have met yet has no pressure to tell
+        against = f", pressure {pressure:.3g}" if math.isfinite(pressure) else ""
+        self.context.report(float(self.share @ self.weight), None,
+                            f"fraction {fraction:.3f} of {self.wished[k]:g}{against}")
 
 
 _watches: dict[int, _Watch] = {}
@@ -216,7 +211,9 @@ def _stream(seed: int, index: int):
 def compute(inputs: dict, context) -> Result:
     schedule = _schedule(context.tolerance, inputs["growth"], inputs["equilibration"])
     fractions = inputs["fractions"]
-    with _watched(context, np.array(fractions), _seconds(inputs, context.tolerance)) as number:
+    each = np.array(_seconds(inputs, context.tolerance))
+    weight = each / (each.sum() + len(each) * _measuring(inputs["radii"].size, context.tolerance))
+    with _watched(context, np.array(fractions), weight) as number:
         packed = context.map(_packed, [(number, k, f, inputs["radii"], inputs["cell"], inputs["seed"], schedule)
                                        for k, f in enumerate(fractions)])
     members, notes, missed, reached = {}, [], [], 0.0
@@ -238,7 +235,7 @@ def compute(inputs: dict, context) -> Result:
         if cut:
             notes.append(f"fraction {tile.wished:g}: {cut:.2g} of the chords are longer than 1000 mean chords: {len(tile.radii)} "
                          "spheres leave straight corridors through all tiles")
-        context.report(0.95 + 0.05 * (k + 1) / len(packed), reached)
+        context.report(1 - (1 - weight.sum()) * (1 - (k + 1) / len(packed)), reached)
     if len(packed) == 1:
         members = next(iter(members.values())).members
     return Result(members, reached, tuple(notes), tuple(missed))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -379,3 +381,11 @@ def test_a_picture_is_the_same_twice(two, name):
 
 def test_quality_is_the_tolerance(write):
     assert load(write("fraction: 0.2"), overrides(quality="preview")).tolerance == 0.03
+
+
+def test_the_state_of_the_work_has_no_pressure_before_spheres_have_met():
+    said = []
+    watch = stage._Watch(SimpleNamespace(report=lambda share, error, state: said.append((share, state))), [0.3], [0.5])
+    watch.tell(0, 0.1, math.nan, 0.0)
+    watch.tell(0, 0.2, 4.5, 0.4)
+    assert said == [(0.0, "fraction 0.100 of 0.3"), (0.2, "fraction 0.200 of 0.3, pressure 4.5")]

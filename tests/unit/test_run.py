@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 
 from bakery import plan as planning
+from bakery import run
 from bakery.errors import StageError
-from bakery.run import execute
+from bakery.run import compiling, execute
 from bakery.run.cache import Cache
 from bakery.run.executors import Context
-from bakery.run.progress import Lines, Progress
+from bakery.run.progress import Lines, Progress, State
+from bakery.stages import all_stages as _shipped
 from bakery.stages.declaration import Cost, Result, Stage
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
@@ -213,12 +216,80 @@ def test_prune_takes_the_least_recently_used(tmp_path):
 
 def test_speed_is_remembered_and_a_broken_file_is_not_believed(tmp_path):
     cache = Cache(tmp_path)
-    assert cache.speed("dig") == (1.0, 0)
-    for ratio in (3.0, 2.0, 1.0):
-        cache.note_speed("dig", ratio)
-    assert cache.speed("dig") == (2.0, 3)
+    assert cache.speed("dig", "a", 1.0) == (1.0, 0)
+    for key, seconds in (("a", 2.0), ("b", 20.0), ("c", 2.4), ("a", 2.2)):
+        cache.note_speed("dig", key, 1.0, seconds)
+    assert cache.speed("dig", "b", 1.0) == (20.0, 1), "the same inputs take what they took"
+    assert cache.speed("dig", "a", 1.0) == (2.2, 1), "the last time counts"
+    assert cache.speed("dig", "d", 1.0) == (2.4, 3), "one slow bake does not spoil the others"
     (tmp_path / "speed.json").write_text('{"dig": ["x"')
-    assert cache.speed("dig") == (1.0, 0)
+    assert cache.speed("dig", "a", 1.0) == (1.0, 0)
+    (tmp_path / "speed.json").write_text('{"dig": [2.0, 3.0]}')  # as bakery 0.1 wrote it
+    assert cache.speed("dig", "a", 1.0) == (1.0, 0)
+
+
+def test_work_of_another_amount_or_kind_says_little_of_speed(tmp_path):
+    cache = Cache(tmp_path)
+    cache.note_speed("dig", "a", 1.0, 5.0)
+    assert cache.speed("dig", "b", 1.5) == (5.0, 1)
+    assert cache.speed("dig", "b", 100.0) == (1.0, 1), "half a second of starting up is not the speed of minutes"
+    assert cache.speed("grind", "b", 1.0) == (1.0, 0)
+    for kind in ("saw", "drill", "file"):
+        cache.note_speed(kind, "c", 1.0, 3.0)
+    assert cache.speed("grind", "b", 1.0) == (3.0, 0), "a machine that is slow at all kinds is slow at this"
+
+
+@pytest.mark.parametrize("compiled, believed", [(0.0, 10.0), (4.0, 6.0), (9.0, None)])
+def test_measured_speeds_leave_compiling_out(tmp_path, monkeypatch, compiled, believed):
+    @contextmanager
+    def watched(modules, tell):
+        yield SimpleNamespace(seconds=compiled)
+
+    monkeypatch.setattr(compiling, "watched", watched)
+    monkeypatch.setattr(run, "time", SimpleNamespace(monotonic=iter([0.0, 10.0, 20.0, 30.0]).__next__))
+    cache = Cache(tmp_path / "cache")
+    wanted = plan(tmp_path, cache)
+    execute(wanted, cache=cache, jobs=1)
+    assert cache.speed("dig", wanted.steps[0].input_hash, 1.0) == ((believed, 1) if believed else (1.0, 0))
+
+
+def test_compiling_is_timed_and_told_while_it_lasts():
+    from numba import njit
+
+    told = []
+    with compiling.watched(("x",), told.append) as clock:
+        kernel = njit(lambda x: x + 1)
+        kernel(1)
+        once = clock.seconds
+        assert told == [True, False] and once > 0
+        kernel(2)
+    assert clock.seconds == once and len(told) == 2
+    njit(lambda x: x + 2)(1)
+    assert len(told) == 2, "what is compiled later is another's"
+
+
+def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    seconds = compiling.expected(("mie._kernels", "packing._chords"))
+    assert seconds == compiling.SECONDS["mie._kernels"] + compiling.SECONDS["packing._chords"]
+    kept = tmp_path / "mie_0123"
+    kept.mkdir()
+    (kept / "_kernels.f-1.py311.nbi").touch()
+    assert compiling.expected(("mie._kernels", "packing._chords")) == compiling.SECONDS["packing._chords"]
+    os.utime(kept / "_kernels.f-1.py311.nbi", (1, 1))  # older than the source
+    assert compiling.expected(("mie._kernels", "packing._chords")) == seconds
+
+
+@pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter"])
+def test_stages_name_modules_that_hold_kernels(name):
+    from bakery.recipe import load
+
+    found = load(Path(__file__).parents[2] / "recipes" / f"{name}.yaml", {})
+    for stage in _shipped():
+        if stage.applies(found):
+            assert set(stage.cost(found).kernels) <= set(compiling.SECONDS)
+    for module in compiling.SECONDS:
+        assert "@njit" in (Path(compiling.__file__).parents[1] / (module.replace(".", "/") + ".py")).read_text()
 
 
 def test_map_cancels_what_waits_when_a_block_fails():
@@ -234,16 +305,94 @@ def test_map_cancels_what_waits_when_a_block_fails():
     assert len(ran) < 200
 
 
-def test_lines_say_a_stage_and_survive_a_closed_stream(tmp_path):
+class Log(list):
+    """A stream that tells the test when a line comes: lines are written by a timer's thread."""
+
+    def __init__(self):
+        self._more = threading.Semaphore(0)
+
+    def write(self, text):
+        if text.strip():
+            self.append(text)
+            self._more.release()
+
+    def flush(self):
+        pass
+
+    def next(self):
+        assert self._more.acquire(timeout=60)
+        return self[-1]
+
+
+def test_lines_name_what_lasts_and_survive_a_closed_stream(tmp_path):
+    log = Log()
+    lines = Lines(log, first=0.0, every=0.02)
+    lines.begin("reading snow.h5")
+    assert log.next().startswith("reading snow.h5: ")
+    lines.end()
+    lines.stage("dig", "dig", 0.01, 3.0)
+    assert log.next().startswith("dig: about ")
+    lines.compiling(True)
+    while "compiling" not in log.next():
+        pass
+    assert log[-1].startswith("dig: compiling kernels, once (")
+    lines.compiling(False)
+    lines.update(0.5, 0.2)
+    while "50 %" not in log.next():
+        pass
+    assert log[-1].startswith("dig: 50 %, error 0.2 of 0.01")
+    lines.done("dig", "1 s")
+    assert log[-1] == "dig: 1 s"
     path = tmp_path / "log"
     with path.open("w") as stream:
-        lines = Lines(stream, every=0.0)
+        lines = Lines(stream)
         lines.stage("dig", "dig", 0.01, 1.0)
-        lines.update(0.5, 0.2)
         lines.done("dig", "1 s")
     lines.say("into the void")
-    assert path.read_text().splitlines()[0].startswith("dig: 50 %, error 0.2 of 0.01")
-    assert path.read_text().endswith("dig: 1 s\n")
+    assert path.read_text() == "dig: 1 s\n", "what is done in a moment has one line"
+
+
+class Hands:
+    """A clock that stands until it is moved."""
+
+    now = 1000.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_time_left_follows_the_work_and_not_the_compiling():
+    clock = Hands()
+    state = State(0.01, planned=1.1, clock=clock)
+    assert state.words() == "about 1.1 s"
+    state.compiling(True)
+    clock.now += 20.0
+    assert state.words() == "compiling kernels, once (20 s)"
+    state.compiling(False)
+    assert state.left() == pytest.approx(1.1)
+    clock.now += 0.5
+    state.update(0.5, None, "")
+    assert state.left() == pytest.approx(0.5 * (0.5 + 0.11) / 0.6)
+    clock.now += 0.1
+    assert state.left() == pytest.approx(0.5 * (0.5 + 0.11) / 0.6 - 0.1), "counts down between two words of the stage"
+    clock.now += 100.0
+    assert state.left() is None and "left" not in state.words(), "beyond what was thought nothing is promised"
+
+
+def test_a_plan_that_was_far_off_is_forgotten():
+    clock = Hands()
+    state = State(planned=600.0, clock=clock)
+    clock.now += 95.0
+    state.update(0.95, None, "")
+    assert state.left() < 10  # by the plan alone 30 s, by what was done 5 s
+
+
+def test_loading_is_not_taken_for_work():
+    clock = Hands()
+    state = State(planned=2.0, clock=clock)
+    clock.now += 1.5
+    state.update(0.001, None, "")  # the first block is done; the seconds before went into loading
+    assert state.left() == pytest.approx(2.0, rel=0.01)
 
 
 def test_the_group_holds_what_the_contract_names(tmp_path):
