@@ -24,6 +24,7 @@ _HEAD = """<!DOCTYPE html>
 body {{ font: 16px/1.5 system-ui, sans-serif; color: #1c2530; max-width: 62rem; margin: 2.5rem auto; padding: 0 1.2rem; }}
 h1 {{ font-size: 1.9rem; margin: 0; }}
 h2 {{ font-size: 1.25rem; margin: 2.6rem 0 .8rem; border-bottom: 1px solid #dfe3e8; padding-bottom: .3rem; }}
+p.missed {{ color: #a02c1c; font-weight: 600; }}
 p.lead, figcaption {{ color: #5d6875; }}
 figure {{ margin: 1.4rem 0 2.2rem; }}
 figure img {{ max-width: 100%; height: auto; }}
@@ -115,8 +116,10 @@ def _stages(summary: dict) -> str:
     rows = [(f"{stage['group']} {stage['stage_version']}", _short(stage["achieved_error"]), _short(stage["tolerance"]),
              str(stage["error_measure"]), _in(stage["seconds"], 1, "s"), _in(stage["peak_memory"], 1e6, "MB"),
              str(stage["input_hash"])[:16], str(stage["content_hash"])[:16]) for stage in summary["stages"]]
-    notes = "".join(f"<p>{escape(stage['group'])}: {escape(note)}</p>\n"
-                    for stage in summary["stages"] for note in stage["notes"])
+    notes = "".join(f'<p class="missed">{escape(stage["group"])}: {escape(stage["missed"])}</p>\n'
+                    for stage in summary["stages"] if stage["missed"])
+    notes += "".join(f"<p>{escape(stage['group'])}: {escape(note)}</p>\n"
+                     for stage in summary["stages"] for note in stage["notes"])
     return _table(header, rows, numbers=(1, 2, 4, 5), hashes=(6, 7)) + notes if rows else ""
 
 

@@ -37,8 +37,8 @@ SHARE_OF_MEMORY = 0.8
 
 @dataclass(frozen=True)
 class Baked:
-    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, and in words which
-    wishes the asset does not meet."""
+    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, and a line for each
+    stage that misses its tolerance or another wish."""
 
     output: Path
     written: bool
@@ -133,9 +133,9 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
-        steps = tuple(_report(step, "unchanged", 0.0, None) for step in plan.steps)
-        held = [_held(standing, step.stage.name, step.input_hash) for step in plan.steps]
-        return Baked(plan.output, False, steps, files, _missed({s.stage.name: h[1] for s, h in zip(plan.steps, held) if h}))
+        held = standing or Group()  # gone since the plan was made: nothing is known of it
+        steps = tuple(_report(step, "unchanged", 0.0, held.members.get(step.stage.name)) for step in plan.steps)
+        return Baked(plan.output, False, steps, files, _missed(held))
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
     else:
@@ -146,8 +146,9 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
             group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress)
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
-    write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
-    return Baked(plan.output, True, tuple(steps), files, _missed(provenances))
+    root = _assemble(plan, groups, provenances)
+    write(plan.output, root, check=lambda root: _broken(plan, root))
+    return Baked(plan.output, True, tuple(steps), files, _missed(root))
 
 
 def bake(
@@ -179,7 +180,7 @@ def bake(
     Raises
     ------
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
-        not meet a wish, saying which
+        not meet its tolerance or another wish, saying which
 
     Examples
     --------
@@ -214,6 +215,9 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
 
 
 def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progress) -> tuple[Group, Group, float]:
+    from bakery.store.missed import too_large
+    from bakery.store.tree import text
+
     stage, recipe = step.stage, plan.recipe
     tolerance = stage.tolerance(recipe)
     progress.stage(stage.name, stage.title, tolerance, step.cost.seconds)
@@ -238,9 +242,9 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
-    progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {tolerance:.2g}, "
+    mark = " MISSED" if too_large(group.attributes) else ""
+    progress.done(stage.name, f"{resources.duration(seconds)}, error {result.achieved_error:.2g} of {tolerance:.2g}{mark}, "
                               f"{resources.in_words(peak)} memory")
-    from bakery.store.tree import text
 
     provenance = Group(
         {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
@@ -251,12 +255,11 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     return group, provenance, seconds
 
 
-def _missed(provenances: Mapping[str, Group]) -> tuple[str, ...]:
-    """The wishes that were not met, whether just now or when a stage was computed."""
-    from bakery.store.tree import read_text
+def _missed(root: Group) -> tuple[str, ...]:
+    """The stages that miss their tolerance or a wish, whether computed just now or earlier."""
+    from bakery.store.missed import missed
 
-    return tuple(f"{name}: {line}" for name, held in provenances.items() if "missed" in held.members
-                 for line in read_text(held["missed"]).splitlines())
+    return tuple(f"{name}: {line}" for name, line in missed(root).items())
 
 
 def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str, Group]) -> Group:
