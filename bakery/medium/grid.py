@@ -107,7 +107,7 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, strict=True,
+def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, most=math.inf,
            integrated=False):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
@@ -122,7 +122,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     known : values, error, tag at theta, from an earlier call
     integrated : the errors of all cells together stay below the tolerance, as a share of the integral over the sphere, instead of
         each below it; the values' own errors do not count
-    strict : whether the values' own errors count where a cell is judged; not where nothing lowers them
+    most : of the values' own error, as much as counts where a cell is judged: more angles do not lower what is beyond it
     finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
     Raises
@@ -151,7 +151,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         own = error_new * at_new[:, 0]
         between[:, cell] = miss + own
         worst[:, cell] = np.divide(miss + own, reference, out=np.zeros_like(miss), where=reference > 0)
-        judged = worst[:, cell] if strict else np.divide(miss, reference, out=np.zeros_like(miss), where=reference > 0)
+        counted = np.minimum(own, most * reference) if most < math.inf else own
+        judged = np.divide(miss + counted, reference, out=np.zeros_like(miss), where=reference > 0)
         if integrated:
             areas = phase.steps(theta)
             judged = miss * areas[cell] * cells / np.sum((values[:, 0, 1:] + values[:, 0, :-1]) / 2 * areas, axis=1)[:, None]

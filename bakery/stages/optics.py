@@ -110,13 +110,14 @@ def compute(inputs: dict, context) -> Result:
 
     theta, found = averages(**inputs, tolerance=context.tolerance, map=context.map, report=report)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
-    notes, reached = [], 0.0
+    notes, missed, reached = [], [], 0.0
     for component, average in zip(inputs["components"], found):
         members[component.name] = _group(component, average, inputs["wavelength"], inputs["host"])
         notes += _notes(component, average, inputs["wavelength"], context.tolerance)
+        missed += _missed(component, average, inputs, context.tolerance)
         reached = max(reached, float(average.error.max()), *(choice.error for choice in average.choices))
     context.report(1.0, reached)
-    return Result(members, reached, tuple(notes))
+    return Result(members, reached, tuple(notes), tuple(missed))
 
 
 def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
@@ -126,10 +127,19 @@ def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
         yield (f"{component.name} at {wavelength[worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
                f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
                "hardly absorb do so in resonances narrower than any grid")
-    worst = int(np.argmax(average.error))
+
+
+def _missed(component, average, inputs, tolerance) -> Iterable[str]:
+    """Why a tolerance was not met, and what would do."""
+    wavelength, worst = inputs["wavelength"], int(np.argmax(average.error))
     if average.error[worst] > tolerance:
-        yield (f"{component.name} at {wavelength[worst]:g} um: the numbers of sizes and angles that phase.radii and phase.angles "
-               f"fix leave an error of {average.error[worst]:.2g}; auto would meet the tolerance")
+        where, error = f"{component.name} at {wavelength[worst]:g} um", average.error[worst]
+        if inputs["radii"] or inputs["angles"]:
+            yield (f"{where}: the numbers of sizes and angles that phase.radii and phase.angles fix leave an error of {error:.2g}; "
+                   "auto would do")
+        else:
+            yield (f"{where}: sums over as many sizes as are tried leave an error of {error:.2g}; a larger tolerance, a wider "
+                   "size distribution or a little absorption would do")
     for at, choice in zip(wavelength, average.choices):
         if choice.error > tolerance:
             yield (f"{component.name} at {at:g} um: rays from size parameter {choice.switch:.3g} are off by {choice.error:.2g} "
