@@ -12,6 +12,7 @@ from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, dataset
 from bakery.store.tree import Dataset, Group
 
 METHODS = ("rayleigh", "mie", "goa")
+WEIGHTS = 0.2  # of what a component may be off: what the weights of several add, from cross sections held to a tenth of it
 ELEMENTS = ("s12", "s33", "s34")
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
              "mean_absorption", "phase")
@@ -70,6 +71,11 @@ def _settings(recipe) -> dict:
             "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
 
 
+def share(components: int) -> float:
+    """Of the tolerance, what each of so many components may be off, so that the medium of them all meets it."""
+    return 1.0 if components == 1 else 1 / (1 + WEIGHTS)
+
+
 def predicted(recipe):
     """The work that the averages of a recipe are expected to take."""
     return _expected(recipe)[0]
@@ -78,7 +84,8 @@ def predicted(recipe):
 def _expected(recipe):
     from bakery.averages import expected
 
-    return expected(**inputs(recipe, {}), tolerance=recipe.tolerance)
+    given = inputs(recipe, {})
+    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance)
 
 
 def cost(recipe) -> Cost:
@@ -103,12 +110,13 @@ def _remarks(channels, choices) -> tuple[str, ...]:
 def compute(inputs: dict, context) -> Result:
     from bakery.averages import averages, expected
 
-    whole = expected(**inputs, tolerance=context.tolerance)[0].seconds
+    aim = share(len(inputs["components"])) * context.tolerance
+    whole = expected(**inputs, tolerance=aim)[0].seconds
 
     def report(seconds, error):
         context.report(min(seconds / max(whole, 1e-9), 0.99), error)
 
-    theta, found = averages(**inputs, tolerance=context.tolerance, map=context.map, report=report)
+    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, missed, reached = [], [], 0.0
     for component, average in zip(inputs["components"], found):
@@ -220,7 +228,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=7,
+    version=8,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "phase"),

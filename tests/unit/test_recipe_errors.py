@@ -231,7 +231,7 @@ def test_the_message_of_the_contract(tmp_path):
         (
             "particles:",
             "beam: {deep: 32}\nparticles:",
-            ['4: beam.deep: found the unknown key "deep"; expected depth or photons (depth?)'],
+            ['4: beam.deep: found the unknown key "deep"; expected depth, tolerance or photons (depth?)'],
         ),
         (
             "particles:",
