@@ -34,6 +34,8 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
 
     for plan in plans:
         say(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
+        for line in plan.missed:
+            say(f"  missed {line}")
         for step in plan.steps:
             cost = (f"{duration(step.cost.seconds)}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")
             say(f"  {step.action:<6} {step.stage.name:<8} {cost}{in_words(step.cost.file)} in the file")

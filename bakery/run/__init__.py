@@ -107,7 +107,7 @@ def prepare(
     plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
                 same_recipe=same, loaded=resources.resident_memory())
     _refuse_too_large(plan)
-    return plan
+    return plan if plan.write else replace(plan, missed=_missed(standing))
 
 
 def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, executor: Executor | None = None,

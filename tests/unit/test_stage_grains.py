@@ -107,7 +107,7 @@ def test_cube_covers_closed_forms(bake):
     assert medium.g == pytest.approx(cube.g, abs=2e-3)
     assert np.array_equal(medium.theta, asset.grains.theta)
     way = float(medium.lambda_beta) + medium.albedo * medium.lambda_s
-    assert medium.sigma_t == pytest.approx(1 / way, rel=1e-12)
+    assert medium.sigma_t_mean_flight == pytest.approx(1 / way, rel=1e-12)
 
 
 def test_absorption_goes_by_the_size_of_the_grain(bake):
