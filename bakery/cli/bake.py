@@ -12,7 +12,7 @@ from bakery.report.text import write
 @click.command(
     name="bake",
     short_help="bake recipes into assets",
-    epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
+    epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed or misses its tolerance; 130 interrupted.",
 )
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
 @click.option("-o", "--output", metavar="FILE or DIR/", help="Asset to write; DIR/ puts NAME.h5 into a folder.")

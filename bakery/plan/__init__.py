@@ -69,7 +69,8 @@ class Plan:
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
         return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "seconds": self.seconds,
-                "memory": self.memory, "file": self.file, "missed": list(self.missed), "steps": [step.as_dict() for step in self.steps]}
+                "memory": self.memory, "file": self.file, "missed": list(self.missed),
+                "steps": [step.as_dict() for step in self.steps]}
 
 
 def chosen(recipe, only: Sequence[str] = ()) -> list[Stage]:

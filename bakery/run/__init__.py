@@ -37,8 +37,8 @@ SHARE_OF_MEMORY = 0.8
 
 @dataclass(frozen=True)
 class Baked:
-    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, and a line for each
-    stage that misses its tolerance or another wish."""
+    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, and a line for
+    each stage that misses its tolerance or another wish."""
 
     output: Path
     written: bool

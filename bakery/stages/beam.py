@@ -64,12 +64,17 @@ def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed):
     if albedo == 0:
         return values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0
 
+    edges = np.linspace(0, far, 51)
+
     def errors(names, count):
-        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, np.linspace(0, far, 51), count, seed)
+        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed)
 
     count = photons or int(np.clip(_WANTED / tolerance**2, _LEAST, _MOST))
     found = errors(["fluence"], count)
-    while not (photons or count == _MOST or sum(found["fluence"]) <= tolerance or found["fluence"][1] < _QUIET * found["fluence"][0]):
+    while not photons and count < _MOST:
+        error, noise = found["fluence"]
+        if error + noise <= tolerance or noise < _QUIET * error:
+            break
         count = min(_MORE * count, _MOST)
         found = errors(["fluence"], count)
     return values, model, medium.planar.B, found | errors(["forward", "flux"], count), count

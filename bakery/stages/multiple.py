@@ -233,8 +233,8 @@ def compute(inputs: dict, context) -> Result:
     for kind in inputs["sources"]:
         words = {name: text(said[name][KINDS.index(kind)], described) for name, described in _TEXTS}
         members[kind] = Group(words | dict(sorted(places[kind].items(), key=lambda item: int(item[0][1:]))))
-    missed = ("a larger multiple_scattering.tolerance or, where the error is the solver's, more multiple_scattering.orders, where "
-              "it is that of photons, more multiple_scattering.photons would do",) if reached > context.tolerance else ()
+    missed = ("a larger multiple_scattering.tolerance or, where the error is the solver's, more multiple_scattering.orders, "
+              "where it is that of photons, more multiple_scattering.photons would do",) if reached > context.tolerance else ()
     return Result(members, reached, tuple(dict.fromkeys(notes)), missed)
 
 

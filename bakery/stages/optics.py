@@ -143,8 +143,8 @@ def _missed(component, average, inputs, tolerance) -> Iterable[str]:
     if average.error[worst] > tolerance:
         where, error = f"{component.name} at {wavelength[worst]:g} um", average.error[worst]
         if inputs["radii"] or inputs["angles"]:
-            yield (f"{where}: the numbers of sizes and angles that phase.radii and phase.angles fix leave an error of {error:.2g}; "
-                   "auto would do")
+            yield (f"{where}: the numbers of sizes and angles that phase.radii and phase.angles fix leave an error of "
+                   f"{error:.2g}; auto would do")
         else:
             yield (f"{where}: sums over as many sizes as are tried leave an error of {error:.2g}; a larger tolerance, a wider "
                    "size distribution or a little absorption would do")
