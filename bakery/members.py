@@ -10,6 +10,7 @@ import numpy as np
 from bakery.errors import AssetError
 from bakery.medium.phase import evaluate
 from bakery.medium.regular import Loss, adaptive_table
+from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 ERROR = "_error"  # X_error is the standard error of X
@@ -183,7 +184,8 @@ def summary(attributes: Mapping) -> str:
     achieved, tolerance = attributes.get("achieved_error"), attributes.get("tolerance")
     if not isinstance(achieved, float) or not isinstance(tolerance, float):
         return ""
-    return f"  error {achieved:.2g} of {tolerance:.2g}"
+    mark = ", MISSED" if too_large(attributes) else ""
+    return f"  error {achieved:.2g} of {tolerance:.2g}{mark}"
 
 
 def headline(group: Members) -> str:

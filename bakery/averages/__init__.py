@@ -101,10 +101,12 @@ def averages(
 
     Raises
     ------
-    StageError : the tolerance is out of reach, or would take too many angles or hours
+    StageError : the tolerance would take too many angles or hours
 
     Notes
     -----
+    Where no number of sizes meets the tolerance, `error` says what was reached with the most that are tried.
+
     Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
@@ -131,24 +133,19 @@ def averages(
 
     for _ in range(_TRIES):
         try:
-            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, strict=not radii,
+            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, most=0.0 if radii else target,
                                 integrated=integrated)
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
         found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
                  for i, channel in enumerate(channels)]
-        if angles or radii or all(error <= tolerance for *_, error in found):
+        if angles or radii or work.unfinished or all(error <= tolerance for *_, error in found):
             break
         # the normalisation, or angles between the first ones, took more than their share: leave more room
         if integrated:
             margin, target = 0.7 * margin, 0.7 * target
         else:
             theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
-    else:
-        worst = max(range(len(channels)), key=lambda i: found[i][3])
-        raise StageError(
-            f"{channels[worst].component} at {channels[worst].wavelength:g} um: the phase function reaches a relative error of "
-            f"{found[worst][3]:.2g}, not the tolerance of {tolerance:g}; a larger tolerance or a wider size range would do")
     out = []
     for i, (component, cross) in enumerate(zip(components, crosses)):
         own = found[i * len(k) : (i + 1) * len(k)]

@@ -13,7 +13,6 @@ import numpy as np
 from bakery.averages.predicted import FIRST_LEVEL, HELD, INTENSITY, MUELLER, angular_seconds, trace_seconds
 from bakery.averages.spheres import features_of
 from bakery.averages.work import BLOCK, cut
-from bakery.errors import StageError
 from bakery.medium import grid, phase
 
 _FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
@@ -58,6 +57,7 @@ def solve(channels, switches, theta, floor, target, polarized, rays, work, integ
         if not jobs:
             break
         _run(jobs, polarized, rays, work)
+    work.unfinished |= any(batch.left.any() for batch in batches)
     values = np.stack([batch.values() for batch in batches])
     return values, np.stack([batch.error() for batch in batches]), np.stack([batch.level for batch in batches])
 
@@ -77,6 +77,7 @@ class _Batch:
         self.change, self.earlier = np.full(count, unknown), np.full(count, unknown)
         self.weights = [0.0]  # of the refinable nodes, by level, shifted by one
         self.begun, self.areas = False, areas
+        self.left = np.zeros(count, bool)  # angles that nodes do not bring to the target
         ripple = math.pi / max(x for x, _ in features_of(channel))
         here = np.arange(count)
         low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), here - _WINDOW)
@@ -98,23 +99,13 @@ class _Batch:
         if self.areas is not None:
             light = self.areas * self.values()[0]
             error = np.full(len(error), np.sum(light * error) / np.sum(light) if light.any() else 0.0)
-        open_ = error > self.target
-        if open_.any():
-            self._give_up(open_, error)
+        open_ = (error > self.target) & ~self.left
+        # the last level is used up, or cannot be expected to suffice: halving the step at best halves the error
+        more = self.last - self.level
+        hopeless = open_ & ((more <= 0) | ((self.level >= FIRST_LEVEL + 3) & (error > 4 * self.target * 2.0**more)))
+        self.left |= hopeless
+        open_ &= ~hopeless
         return [(np.flatnonzero(open_ & (self.level == level)), int(level) + 1) for level in np.unique(self.level[open_])]
-
-    def _give_up(self, open_, error):
-        """Raise where the last level is used up, or cannot be expected to suffice: halving the step at best halves the error."""
-        left = self.last - self.level
-        hopeless = open_ & ((left <= 0) | ((self.level >= FIRST_LEVEL + 3) & (error > 4 * self.target * 2.0**left)))
-        if hopeless.any():
-            worst = int(np.argmax(np.where(hopeless, error, 0.0)))
-            c = self.channel
-            raise StageError(
-                f"{c.component} at {c.wavelength:g} um: the phase function at {math.degrees(self.theta[worst]):.4g} degrees "
-                f"reaches a relative error of {error[worst]:.2g} with {c.nodes.count(int(self.level[worst]))} sizes of at most "
-                f"{c.nodes.count(self.last)}, and the tolerance leaves {self.target:.2g} for it; a larger tolerance, "
-                "a wider size distribution or a little absorption would do")
 
     def absorb(self, index, level, sums):
         """Take the sums (E, B) over the nodes that `level` adds, for the angles `index`."""

@@ -1,4 +1,4 @@
-"""Cross sections of single spheres and their means, at the first level of nodes where all means have converged.
+"""Cross sections of single spheres and their means, at the first level of nodes where all means have converged, or at the last.
 
 One quantity is beyond any grid: the absorption of spheres that hardly absorb.  Per unit of k it grows by some 2 % with every
 decade that k falls (fog, 1e-4 .. 1e-8: docs/averages.md), because ever narrower resonances, down to a width of k x, take part.
@@ -47,7 +47,7 @@ def cross_block(m, x):
 
 
 def cross_sections(component, nodes, wavelength, k, tolerance, work):
-    """The component's cross sections at the first level where all its means have converged at all wavelengths."""
+    """The component's cross sections at the first level where all its means have converged at all wavelengths, or at the last."""
     r = nodes.fixed()[0]
     known = {None: _spheres(component, r, k, work)}
     means = []
@@ -61,15 +61,6 @@ def cross_sections(component, nodes, wavelength, k, tolerance, work):
         if not nodes.refinable or (
                 level >= FIRST_LEVEL and (error <= _CROSS * tolerance).all() and (absorption <= SHARE * tolerance).all()):
             break
-        if nodes.counted and level == nodes.levels - 1:
-            break  # the number was asked for; its error is told
-    else:
-        what, off, allowed = max(("extinction and scattering", error, _CROSS), ("absorption", absorption, SHARE),
-                                 key=lambda item: item[1].max() / item[2])
-        worst = int(np.argmax(off))
-        raise StageError(f"{component.name} at {wavelength[worst]:g} um: mean {what} reach a relative error of "
-                         f"{off[worst]:.2g} with {nodes.count(level)} sizes, and the tolerance leaves "
-                         f"{allowed * tolerance:.2g} for it; a larger tolerance or a narrower size range would do")
     dark = np.flatnonzero(means[-1][0] <= 0)
     if len(dark):
         raise StageError(

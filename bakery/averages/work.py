@@ -12,10 +12,13 @@ BLOCK = 0.2  # seconds in a block
 
 
 class Work:
-    """Runs blocks, keeps account of the work, and refuses when it becomes endless."""
+    """Runs blocks, keeps account of the work, and refuses when it becomes endless.
+
+    `unfinished` is set where the finest nodes over sizes leave more than their share of the tolerance.
+    """
 
     def __init__(self, map, report):
-        self.map, self.report, self.seconds = map, report, 0.0
+        self.map, self.report, self.seconds, self.unfinished = map, report, 0.0, False
 
     def expect(self, made):
         if made.seconds > LONGEST and made.angles <= grid.LIMIT:

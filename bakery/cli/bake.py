@@ -23,7 +23,7 @@ from bakery.errors import RecipeError, UsageError
 @click.command(
     name="bake",
     short_help="bake recipes into assets",
-    epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
+    epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed or misses its tolerance; 130 interrupted.",
 )
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",

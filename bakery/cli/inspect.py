@@ -70,7 +70,7 @@ def _tree(summary: dict, ascii_only: bool) -> list[str]:
 
     datasets = {row["path"]: row for row in summary["datasets"]}
     stages = {stage["group"]: f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])}"
-              for stage in summary["stages"]}
+              + (" MISSED" if stage["missed"] else "") for stage in summary["stages"]}
     last_of = {path.rpartition("/")[0]: path for path in summary["members"]}
     down, last, bar = ("|- ", "`- ", "|  ") if ascii_only else ("├─ ", "└─ ", "│  ")
     rows = []
@@ -91,7 +91,7 @@ def _values(row: dict) -> str:
     """The values themselves where they are few, else their range; with unit and error."""
     units = "" if row["units"] in ("1", "") or row["type"] == "text" else " " + row["units"]
     error = row["largest_relative_error"]
-    error = f" +- {100 * error:.2g} %" if error is not None else ""
+    error = f" +- {100 * error:.2g} %" if error else ""
     if row["values"] is not None:
         join = ", " if row["type"].startswith("enum") else " "
         return join.join(_short(value) for value in row["values"]) + units + error
@@ -116,6 +116,7 @@ def _stage(stage: dict) -> list[str]:
     spent = ", ".join(words.format(said(value)) for words, value, said in cost if value is not None)
     reached = f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])} allowed: {clean(stage['error_measure'])}"
     lines = [f"stage {clean(stage['group'])}, version {stage['stage_version']}", f"  {reached}"]
+    lines += [f"  MISSED: {clean(stage['missed'])}"] if stage["missed"] else []
     lines += [f"  {spent}"] if spent else []
     lines += [f"  note: {clean(note)}" for note in stage["notes"]]
     return lines + [f"  input_hash   {clean(stage['input_hash'])}", f"  content_hash {clean(stage['content_hash'])}"]

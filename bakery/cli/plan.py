@@ -43,6 +43,8 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
         for warning in plan.recipe.warnings:
             click.echo(f"warning: {warning}", err=True)
         say(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
+        for line in plan.missed:
+            say(f"  missed {line}")
         for step in plan.steps:
             once = f" and {duration(step.cost.compiling)} for compiling kernels, once" if step.cost.compiling else ""
             cost = (f"{duration(step.cost.seconds)}{once}, {in_words(step.cost.memory)} memory, " if step.action == "run" else "")

@@ -53,11 +53,11 @@ def command(asset, path, arguments, as_json):
 
 
 def _show(root, answer, as_json: bool) -> None:
-    error, measure = _stage_error(root, answer.path, answer)
+    stage = _stage_of(root, answer)
     if as_json:
-        _print_json(answer, error, measure)
+        _print_json(answer, stage)
     else:
-        _print(answer, error, measure)
+        _print(answer, stage)
 
 
 def _argument(word: str):
@@ -97,12 +97,19 @@ def _find(asset: str, root, path: str):
     raise UsageError(not_found(asset, path, known + list(root.attributes)))
 
 
-def _stage_error(root, path: str, answer) -> tuple[float | None, str]:
-    """What the stage says of the error of all its figures, where the dataset has none of its own."""
-    attributes = getattr(root.members[path.partition("/")[0]], "attributes", {})
-    if answer.error is not None or "achieved_error" not in attributes or answer.values.dtype.kind != "f":
-        return None, ""
-    return attributes["achieved_error"], str(attributes.get("error_measure", ""))
+def _stage_of(root, answer) -> dict | None:
+    """What the stage behind figures says of itself (`summary.stage`): where they have no error of their own, or where it misses.
+
+    An error of exactly 0 is none: the figure follows from a formula, and how far that is from the truth is known to the stage.
+    """
+    from bakery.report.summary import stage
+
+    name = answer.path.partition("/")[0]
+    attributes = getattr(root.members[name], "attributes", {})
+    if "achieved_error" not in attributes or answer.values.dtype.kind != "f":
+        return None
+    said = stage(root, name)
+    return said if answer.error is None or not answer.error.any() or said["missed"] else None
 
 
 def _print_plain(path: str, value, as_json: bool) -> None:
@@ -117,7 +124,7 @@ def _print_plain(path: str, value, as_json: bool) -> None:
         say(clean(value))
 
 
-def _print_json(answer, error, measure) -> None:
+def _print_json(answer, stage) -> None:
     import numpy as np
 
     def plain(array):
@@ -127,24 +134,28 @@ def _print_json(answer, error, measure) -> None:
     print_json({
         "path": answer.path, "units": answer.units, "value": plain(answer.values),
         "axes": [{"name": name, "units": unit, "values": plain(at)} for name, unit, at in answer.axes],
-        "error": None if answer.error is None else plain(answer.error), "stage_error": error, "error_measure": measure,
+        "error": None if answer.error is None else plain(answer.error),
+        **{f"stage_{key}": stage and stage[key] for key in ("tolerance", "missed")},
+        "stage_error": stage and stage["achieved_error"], "error_measure": stage["error_measure"] if stage else "",
         "methods": [boundary.as_dict() for boundary in answer.boundaries], "remarks": list(answer.remarks)})
 
 
-def _print(answer, error, measure) -> None:
+def _print(answer, stage) -> None:
     from bakery.report.text import clean, say, table
 
     unit = "" if answer.units == "1" else f" {clean(answer.units)}"
     if answer.values.ndim == 0:
-        own = "" if answer.error is None else f" +- {float(answer.error):.2g}"
+        own = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
         say(f"{_digits(answer.values[()])}{own}{unit}")
     else:
         for line in table(_rows(answer), right=range(answer.values.ndim + 64)):
             say(line)
     for remark in answer.remarks:
         say(f"# {remark}")
-    if error is not None:
-        say(f"# error of the stage {error:.2g}: {clean(measure)}")
+    if stage is not None and stage["missed"]:
+        say(f"# MISSED by stage {stage['group']}: {clean(stage['missed'])}; the error is the {clean(stage['error_measure'])}")
+    elif stage is not None:
+        say(f"# error of the stage {stage['achieved_error']:.2g}: {clean(stage['error_measure'])}")
 
 
 def _rows(answer):

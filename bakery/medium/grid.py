@@ -107,7 +107,7 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, strict=True,
+def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, most=math.inf,
            integrated=False):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
@@ -122,7 +122,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     known : values, error, tag at theta, from an earlier call
     integrated : what the interpolant misses beyond the values' own errors, summed over all cells, stays below the tolerance as a
         share of the integral over the sphere, instead of each cell below it
-    strict : whether the values' own errors count where a cell is judged; not where nothing lowers them
+    most : of the values' own error, as much as counts where a cell is judged: more angles do not lower what is beyond it
     finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
     Raises
@@ -158,7 +158,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         # in a sum over cells independent errors add in squares; where each counts, they may have the same sign
         between[:, cell] = np.hypot(miss, own) if integrated else miss + own
         worst[:, cell] = np.divide(between[:, cell], reference, out=np.zeros_like(miss), where=reference > 0)
-        judged = worst[:, cell] if strict else np.divide(miss, reference, out=np.zeros_like(miss), where=reference > 0)
+        counted = np.minimum(own, most * reference) if most < math.inf else own
+        judged = np.divide(miss + counted, reference, out=np.zeros_like(miss), where=reference > 0)
         if integrated:
             held = error * values[:, 0]
             excess[:, cell] = np.maximum(miss - np.maximum(own, np.maximum(held[:, cell], held[:, cell + 1])), 0.0)

@@ -40,7 +40,8 @@ class Step:
 class Plan:
     """The ordered steps of a bake.
 
-    `write` is false where the asset is up to date as it stands; `loaded` is the memory of the process before any stage, in bytes.
+    `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses a wish;
+    `loaded` is the memory of the process before any stage, in bytes.
     """
 
     recipe: object
@@ -48,6 +49,7 @@ class Plan:
     steps: tuple[Step, ...]
     write: bool
     loaded: float = 0.0
+    missed: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -67,7 +69,8 @@ class Plan:
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
         return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "seconds": self.seconds,
-                "memory": self.memory, "file": self.file, "steps": [step.as_dict() for step in self.steps],
+                "memory": self.memory, "file": self.file, "missed": list(self.missed),
+                "steps": [step.as_dict() for step in self.steps],
                 "warnings": [warning.as_dict() for warning in self.recipe.warnings]}
 
 

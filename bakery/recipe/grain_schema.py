@@ -170,9 +170,9 @@ class Scatterometer(Section):
 class EffectiveMedium(Section):
     """Options of the medium that stands for packed grains."""
 
-    sigma_t: word("mean_flight", "second_moment", "random_walk") = Field(
-        "mean_flight", description="Length scale: from the mean flight, from its second moment, or matched to a random walk "
-        "through explicit grains."
+    sigma_t: word("auto", "mean_flight", "second_moment", "random_walk") = Field(
+        "auto", description="Length scale: from the mean flight, from its second moment, or matched to a random walk through "
+        "explicit grains; auto: random_walk where that comes to an end, else mean_flight."
     )
     walks: whole(1_000, 10**12, words=AUTO) = Field(
         "auto", description="Hits of the random walk through explicit grains that measures the error of sigma_t."

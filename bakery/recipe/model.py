@@ -164,20 +164,24 @@ class Scatterometer:
 
 @dataclass(frozen=True)
 class EffectiveMedium:
-    """Options of the medium that stands for packed grains; `walks` is None where the recipe says auto."""
+    """Options of the medium that stands for packed grains, None where the recipe says auto."""
 
-    sigma_t: str
+    sigma_t: str | None
     walks: int | None
 
 
 @dataclass(frozen=True)
 class MultipleScattering:
-    """Tables of multiple scattering; `extent` (mean free paths), `orders` and `photons` are None where the recipe says auto."""
+    """Tables of multiple scattering; `extent` (mean free paths), `orders` and `photons` are None where the recipe says auto.
+
+    `aim` is the error with which tables are made, `tolerance` the one that they have to meet.
+    """
 
     sources: tuple[str, ...]
     extent: float | None
     length: float
     tolerance: float
+    aim: float
     orders: int | None
     method: str
     photons: int | None
@@ -188,6 +192,7 @@ class Beam:
     """Kernels of narrow beams; `depth` in mean free paths, `photons` is None where the recipe says auto."""
 
     depth: float
+    tolerance: float
     photons: int | None
 
 

@@ -255,7 +255,7 @@ class MultipleScattering(Section):
     )
     length: number(least=0.1, most=10) = Field(2.0, description="Length of the tabulated segment, in mean free paths.")
     tolerance: number(FRACTION, least=1e-4, most=0.5) | None = Field(
-        None, description="Relative error of a lobe; 0.3 of the recipe's tolerance if absent."
+        None, description="Relative error of a lobe; the recipe's tolerance, but at least 1 %, if absent."
     )
     orders: whole(2, 128, words=AUTO) = Field("auto", description="Legendre orders that are solved; narrower peaks are left out.")
     method: word("auto", "solver", "photons") = Field(
@@ -270,7 +270,12 @@ class Beam(Section):
     """Narrow-beam kernels."""
 
     depth: number(least=0.01, most=1000) = Field(32.0, description="Deepest depth, in mean free paths.")
-    photons: whole(1000, 10**9, words=AUTO) = Field("auto", description="Photons that measure the error of each wavelength.")
+    tolerance: number(FRACTION, least=1e-3, most=0.5) | None = Field(
+        None, description="Relative error of the fluence; the recipe's tolerance, but at least 3 %, if absent."
+    )
+    photons: whole(1000, 10**9, words=AUTO) = Field(
+        "auto", description="Photons that measure the error of each wavelength; auto: as many as show that the tolerance is met."
+    )
 
 
 class RecipeFile(Section):

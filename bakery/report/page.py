@@ -92,9 +92,8 @@ def _section(title: str, parts: Iterable[str]) -> list[str]:
 
 
 def _missed(stage: dict) -> str:
-    reached, allowed = _short(stage["achieved_error"]), _short(stage["tolerance"])
-    return (f'<p class="missed"><strong>Tolerance missed.</strong> {escape(stage["group"])}: error {reached} where {allowed} is '
-            f'allowed: {escape(str(stage["error_measure"]))}.</p>\n')
+    return (f'<p class="missed"><strong>Tolerance missed.</strong> {escape(stage["group"])}: {escape(stage["missed"])} '
+            f'({escape(str(stage["error_measure"]))}).</p>\n')
 
 
 def _rendered(picture: bytes, name: str, source: str) -> str:

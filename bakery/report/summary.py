@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from bakery.report.axes import standard_error
+from bakery.store.missed import missed
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 FEW = 8  # so many values are shown themselves, more as a range
@@ -41,14 +42,8 @@ def describe(root: Group, below: str = "") -> dict:
     }
 
 
-def missed(stage: dict) -> bool:
-    """Whether a stage, as `describe` has it, did not meet its tolerance."""
-    achieved, tolerance = stage["achieved_error"], stage["tolerance"]
-    return isinstance(achieved, float) and isinstance(tolerance, float) and achieved > tolerance
-
-
 def stage(root: Group, name: str) -> dict:
-    """What a stage says of itself, with the time and memory that it took."""
+    """What a stage says of itself, what it misses, in words or None, and the time and memory that it took."""
     attributes = root.members[name].attributes
     cost = _provenance(root).members.get(name)
     spent = cost.attributes if isinstance(cost, Group) else {}
@@ -56,7 +51,7 @@ def stage(root: Group, name: str) -> dict:
     known = ("stage", "stage_version", "tolerance", "achieved_error", "error_measure", "input_hash", "content_hash")
     return {"group": name} | {key: number(attributes.get(key)) for key in known} | {
         key: number(spent.get(key)) for key in ("seconds", "peak_memory", "workers", "bakery_version", "finished")
-    } | {"notes": read_text(notes).splitlines() if isinstance(notes, Dataset) else []}
+    } | {"missed": missed(root).get(name), "notes": read_text(notes).splitlines() if isinstance(notes, Dataset) else []}
 
 
 def dataset(root: Group, path: str) -> dict:

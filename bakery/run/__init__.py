@@ -40,8 +40,8 @@ COMPILER = 1e8  # bytes that compiling takes
 
 @dataclass(frozen=True)
 class Baked:
-    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, in words which
-    wishes the asset does not meet, and what the recipe says that is probably not meant."""
+    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, a line for each
+    stage that misses its tolerance or another wish, and what the recipe says that is probably not meant."""
 
     output: Path
     written: bool
@@ -131,7 +131,7 @@ def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, j
         plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
                     same_recipe=same, loaded=resources.resident_memory() + LIBRARIES)
     _refuse_too_large(plan)
-    return plan
+    return plan if plan.write else replace(plan, missed=_missed(standing))
 
 
 def _work(cost: Cost, workers: int) -> float:
@@ -169,10 +169,9 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
-        steps = tuple(_report(step, "unchanged", 0.0, None) for step in plan.steps)
-        held = [_held(standing, step.stage.name, step.input_hash) for step in plan.steps]
-        missed = _missed({s.stage.name: h[1] for s, h in zip(plan.steps, held) if h})
-        return Baked(plan.output, False, steps, files, missed, plan.recipe.warnings)
+        held = standing or Group()  # gone since the plan was made: nothing is known of it
+        steps = tuple(_report(step, "unchanged", 0.0, held.members.get(step.stage.name)) for step in plan.steps)
+        return Baked(plan.output, False, steps, files, _missed(held), plan.recipe.warnings)
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
     else:
@@ -187,9 +186,10 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
                                                 here=not (executor or address))
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
+    root = _assemble(plan, groups, provenances)
     with progress.during(f"writing {plan.output.name}"):
-        write(plan.output, _assemble(plan, groups, provenances), check=lambda root: _broken(plan, root))
-    return Baked(plan.output, True, tuple(steps), files, _missed(provenances), plan.recipe.warnings)
+        write(plan.output, root, check=lambda root: _broken(plan, root))
+    return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings)
 
 
 def bake(
@@ -222,7 +222,7 @@ def bake(
     Raises
     ------
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
-        not meet a wish, saying which
+        not meet its tolerance or another wish, saying which
 
     Examples
     --------
@@ -260,6 +260,9 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
 
 
 def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progress) -> tuple[Group, Group, float]:
+    from bakery.store.missed import too_large
+    from bakery.store.tree import text
+
     stage, recipe = step.stage, plan.recipe
     tolerance = stage.tolerance(recipe)
     progress.stage(stage.name, stage.title, tolerance, step.cost.seconds)
@@ -286,9 +289,9 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
     once = f" ({resources.duration(clock.seconds)} of it compiling kernels, once)" if clock.seconds > 0.1 * seconds else ""
-    progress.done(stage.name, f"{resources.duration(seconds)}{once}, error {result.achieved_error:.2g} of {tolerance:.2g}, "
+    mark = " MISSED" if too_large(group.attributes) else ""
+    progress.done(stage.name, f"{resources.duration(seconds)}{once}, error {result.achieved_error:.2g} of {tolerance:.2g}{mark}, "
                               f"{resources.in_words(peak)} memory")
-    from bakery.store.tree import text
 
     provenance = Group(
         {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
@@ -299,12 +302,11 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     return group, provenance, seconds, clock.seconds
 
 
-def _missed(provenances: Mapping[str, Group]) -> tuple[str, ...]:
-    """The wishes that were not met, whether just now or when a stage was computed."""
-    from bakery.store.tree import read_text
+def _missed(root: Group) -> tuple[str, ...]:
+    """The stages that miss their tolerance or a wish, whether computed just now or earlier."""
+    from bakery.store.missed import missed
 
-    return tuple(f"{name}: {line}" for name, held in provenances.items() if "missed" in held.members
-                 for line in read_text(held["missed"]).splitlines())
+    return tuple(f"{name}: {line}" for name, line in missed(root).items())
 
 
 def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str, Group]) -> Group:

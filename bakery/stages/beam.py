@@ -28,13 +28,16 @@ OUTPUTS = (
     *(Output(f"{name}_rms", "(L,)", "1", f"relative root mean square difference of {name} from photons, less their noise")
       for name in MEASURES),
     *(Output(f"{name}_noise", "(L,)", "1", f"the photons' own noise, in the measure of {name}_rms") for name in MEASURES),
-    Output("photons", "(1,)", "1", "that were counted for each"),
+    Output("photons", "(L,)", "1", "that were counted for each"),
 )
 _REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
 _NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
 _TOGETHER = 4
 _KERNELS = tuple(f"beam.{name}" for name in ("transport", "single", "photons", "table")) + ("multiple.legendre",)
-_WANTED, _LEAST, _MOST = 50, 20_000, 1_000_000  # photons: times the squared tolerance, at least, at most
+_WANTED, _LEAST, _MOST = 50, 20_000, 4_000_000  # photons at first: times the squared tolerance, at least; at most
+_MORE = 4  # times as many, until tables and noise together meet the tolerance
+_QUIET = 1 / 3  # of the tables' error: noise that more photons need not lower, as the tables themselves miss
+_PHOTON = 1.2e-5  # seconds of one core
 
 
 def inputs(recipe, upstream) -> dict:
@@ -43,8 +46,11 @@ def inputs(recipe, upstream) -> dict:
             "phase": np.asarray(medium["phase"].data, float), "depth": recipe.beam.depth, "photons": recipe.beam.photons}
 
 
-def tabulated(albedo, theta, phase, nodes, count, seed):
-    """Tables of one wavelength, their model, the lobe's B, and errors against photons; a task that any worker may run."""
+def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed):
+    """Tables of one wavelength, their model, the lobe's B, errors against photons, and how many there were.
+
+    A task that any worker may run.  photons : their number, or None: as many as it takes to show the tolerance.
+    """
     from bakery.beam import build
 
     medium = build.prepare(theta, phase)
@@ -55,9 +61,24 @@ def tabulated(albedo, theta, phase, nodes, count, seed):
         made = build.transport_tables(medium, albedo, nodes[0][-1], nodes=nodes)
     far = min(_FARTHEST, float(nodes[0][-1]))
     planes = far * np.arange(1, 11) / 10
-    found = build.errors(made, albedo, theta, phase, planes, np.linspace(0, far, 51), count, seed) if albedo > 0 \
-        else dict.fromkeys(MEASURES, (0.0, 0.0))
-    return {name: table.value for name, table in made.items()} | {"small_angle": small.value}, model, medium.planar.B, found
+    values = {name: table.value for name, table in made.items()} | {"small_angle": small.value}
+    if albedo == 0:
+        return values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0
+
+    edges = np.linspace(0, far, 51)
+
+    def errors(names, count):
+        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed)
+
+    count = photons or int(np.clip(_WANTED / tolerance**2, _LEAST, _MOST))
+    found = errors(["fluence"], count)
+    while not photons and count < _MOST:
+        error, noise = found["fluence"]
+        if error + noise <= tolerance or noise < _QUIET * error:
+            break
+        count = min(_MORE * count, _MOST)
+        found = errors(["fluence"], count)
+    return values, model, medium.planar.B, found | errors(["forward", "flux"], count), count
 
 
 def compute(inputs: dict, context) -> Result:
@@ -69,29 +90,32 @@ def compute(inputs: dict, context) -> Result:
     except ValueError as fault:
         raise StageError(f"narrow beams: {fault}") from None
     nodes = table.grid(inputs["depth"], min(widths))
-    photons = inputs["photons"] or int(np.clip(_WANTED / context.tolerance**2, _LEAST, _MOST))
-    tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, photons, context.seed + k)
-             for k in range(count)]
+    tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, inputs["photons"], context.tolerance,
+              context.seed + k) for k in range(count)]
     found = []
     for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
         found += context.map(tabulated, tasks[start:start + _TOGETHER])
         context.report(len(found) / count)
     z = nodes[0]
-    values = {"depth": z, "ratio": nodes[1], "photons": np.array([photons]),
-              "model": np.array([MODELS.index(model) for _, model, _, _ in found], np.int8),
-              "gaussian_b": np.array([B for _, _, B, _ in found])}
-    values |= {name: np.stack([tables[name] for tables, _, _, _ in found]).astype(np.float32) for name in _SAID}
+    values = {"depth": z, "ratio": nodes[1], "photons": np.array([photons for *_, photons in found]),
+              "model": np.array([MODELS.index(model) for _, model, *_ in found], np.int8),
+              "gaussian_b": np.array([B for _, _, B, *_ in found])}
+    values |= {name: np.stack([tables[name] for tables, *_ in found]).astype(np.float32) for name in _SAID}
     albedo, B = inputs["albedo"][:, None], values["gaussian_b"][:, None]
     levers = moments.levers(z, albedo)
     for name, value in zip(("m0", "m2", "m4"), moments.moments(*levers, (1 - albedo) * z, B)):
         values[name] = value
     values["alpha"], values["beta"] = kernels.erf_parameters(values["m0"], moments.mean_square(levers[0], levers[1], B))
     for name in MEASURES:
-        values[name + "_rms"], values[name + "_noise"] = (np.array([errors[name][i] for *_, errors in found]) for i in (0, 1))
+        values[name + "_rms"], values[name + "_noise"] = (np.array([errors[name][i] for *_, errors, _ in found]) for i in (0, 1))
     notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
-             for k, (_, model, _, _) in enumerate(found) if model != "transport"]
+             for k, (_, model, *_) in enumerate(found) if model != "transport"]
     # the photons' noise could hide as much as it makes
-    return Result(dict(datasets(OUTPUTS, values)), float((values["fluence_rms"] + values["fluence_noise"]).max()), tuple(notes))
+    error, noise = values["fluence_rms"], values["fluence_noise"]
+    reached, worst = float((error + noise).max()), int(np.argmax(error + noise))
+    why = f"the tables miss counted photons by {error[worst]:.2g}, and the photons have a noise of {noise[worst]:.2g}"
+    missed = (f"{why}; a larger beam.tolerance" + (" or more beam.photons" if noise[worst] > error[worst] else "") + " would do",)
+    return Result(dict(datasets(OUTPUTS, values)), reached, tuple(notes), missed if reached > context.tolerance else ())
 
 
 def tables_of(group: Group, name: str) -> list:
@@ -142,9 +166,9 @@ def check(group: Group) -> Iterable[str]:
 
 def cost(recipe) -> Cost:
     number = len(recipe.wavelength)
-    photons = recipe.beam.photons or min(max(_WANTED / recipe.tolerance**2, _LEAST), _MOST)
+    photons = recipe.beam.photons or min(max(_MORE * _WANTED / recipe.beam.tolerance**2, _LEAST), _MOST)
     tables = 3.0 if recipe.particles is not None else 1.2  # the peaks of spheres are narrow
-    return Cost(number * (tables + 6e-6 * photons), 1e8, number * 1.5e5,
+    return Cost(number * (tables + _PHOTON * photons), 1e8, number * 1.5e5,
                 f"{number} wavelengths, {photons:.2g} photons each", 1.0, kernels=_KERNELS, most=min(number, _TOGETHER))
 
 
@@ -166,9 +190,9 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="beam",
-    version=1,
+    version=2,
     title="spread of a narrow beam",
-    reads=("wavelengths", "tolerance", "seed", "beam"),
+    reads=("wavelengths", "seed", "beam"),
     needs=("medium",),
     applies=lambda recipe: recipe.beam is not None,
     outputs=OUTPUTS,
@@ -178,6 +202,7 @@ STAGE = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    tolerance_key="beam.tolerance",
     knobs=(Knob("photons", "beam.photons", "auto", "photons that measure the error", ("20000", "200000")),),
     measures=measures,
 )

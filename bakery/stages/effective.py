@@ -32,7 +32,7 @@ _WALK = (
 )
 OUTPUTS = (
     *medium.OUTPUTS,
-    Output("sigma_t_error", "(L,)", "1/m", "standard error of sigma_t from the grains' statistics, or from the random walk"),
+    Output("sigma_t_error", "(L,)", "1/m", "error of sigma_t: standard error, and how far light spreads otherwise in the grains"),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
     Output("fraction", "(1,)", "1", "share of the volume in bounding spheres"),
     Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits"),
@@ -137,25 +137,27 @@ def compute(inputs: dict, context) -> Result:
              "second_moment": (found.sigma_t_second_moment, found.errors["sigma_t_second_moment"])}
     at = len(inputs["wavelength"]) // 2
     walks = _walked(inputs, at, context)
-    model, spread = 0.0, 0.0
+    model, spread, choice = 0.0, 0.0, inputs["choice"] or "mean_flight"
     if walks.reason and not math.isfinite(walks.achieved_error):
         notes.append(f"the random walk gives no mean square way: {walks.reason}")
-        if inputs["choice"] == "random_walk":
+        if choice == "random_walk":
             raise StageError(f"effective_medium.sigma_t: random_walk: {walks.reason}; mean_flight would do")
     else:
+        choice = inputs["choice"] or "random_walk"
         M, spread = walks.mean_square_displacement * R**2, walks.achieved_error
         far = {"mean_flight": lossless.m_rte[at], "second_moment": lossless.m_tele[at]}
         ratio = math.sqrt(lossless.m_rte[at] / M)
         value, error = sigma["mean_flight"]
         sigma["random_walk"] = value * ratio, np.hypot(error * ratio, value * ratio * spread)
-        model = abs(math.sqrt(M / far[inputs["choice"]]) - 1) if inputs["choice"] in far else 0.0
+        model = abs(math.sqrt(M / far[choice]) - 1) if choice in far else 0.0
         if model > max(3 * spread, context.tolerance):
-            more = math.sqrt(M / far[inputs["choice"]]) - 1
-            notes.append(f"light among the grains themselves spreads {abs(more):.0%} {'farther' if more > 0 else 'less far'} "
+            more = math.sqrt(M / far[choice]) - 1
+            missed.append(f"light among the grains themselves spreads {abs(more):.0%} {'farther' if more > 0 else 'less far'} "
                          "than sigma_t says; effective_medium.sigma_t: random_walk matches it")
         if inputs["walks"] is None and not walks.reached:
             missed.append(f"the random walk's mean square way is known to {2 * spread:.2g} only: {walks.reason}")
-    sigma_t, sigma_t_error = sigma[inputs["choice"]]
+    sigma_t, sigma_t_error = sigma[choice]
+    sigma_t_error = np.hypot(sigma_t_error, model * sigma_t)
     theta, f = inputs["theta"], means.phase
     f = _with_peak(theta, f, means.forward_delta)
     albedo = np.clip(means.albedo, 0.0, 1.0)
@@ -276,7 +278,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 OF_GRAINS = Stage(
     name="medium",
-    version=1,
+    version=2,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),
@@ -291,6 +293,6 @@ OF_GRAINS = Stage(
     compute=compute,
     check=check,
     measures=measures,
-    knobs=(Knob("sigma_t", "effective_medium.sigma_t", "mean_flight", "what sigma_t matches", CHOICES),
+    knobs=(Knob("sigma_t", "effective_medium.sigma_t", "auto", "what sigma_t matches", CHOICES),
            Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),
 )

@@ -7,9 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.stages import rules
+from bakery.stages import optics, rules
 from bakery.stages.declaration import Cost, Output, Result, Stage, datasets
-from bakery.stages.optics import ELEMENTS
 from bakery.store.tree import Dataset, Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
@@ -49,18 +48,18 @@ def members_of(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=No
     values = {"sigma_t": sigma_t, "sigma_s": sigma_s, "sigma_a": sigma_a, "albedo": albedo, "g": g, **reduced,
               "theta": theta, "phase": f, "phase_error": error, "cdf": phase.cumulative(theta, f)}
     if elements.shape[1] > 1:
-        values |= dict(zip(("s11", *ELEMENTS), np.moveaxis(elements, 1, 0)))
+        values |= dict(zip(("s11", *optics.ELEMENTS), np.moveaxis(elements, 1, 0)))
     return datasets(OUTPUTS, values)
 
 
 def _inputs_of_particles(recipe, upstream) -> dict:
-    particles, optics = recipe.particles, upstream["optics"]
+    particles, held = recipe.particles, upstream["optics"]
     names = [c.name for c in particles.components]
 
     def stacked(path):
-        return np.stack([np.asarray(optics[f"{name}/{path}"].data, float) for name in names])
+        return np.stack([np.asarray(held[f"{name}/{path}"].data, float) for name in names])
 
-    fields = ["phase"] + [name for name in ELEMENTS if name in optics[names[0]].members]
+    fields = ["phase"] + [name for name in optics.ELEMENTS if name in held[names[0]].members]
     return {
         "names": names, "fraction": [float(c.fraction) for c in particles.components],
         "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
@@ -69,7 +68,7 @@ def _inputs_of_particles(recipe, upstream) -> dict:
         "absorption_error": stacked("mean_absorption_error"),
         "elements": np.stack([stacked(name) for name in fields], axis=2),
         "phase_error": stacked("phase_error"), "error": stacked("error"),
-        "theta": np.asarray(optics["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
+        "theta": np.asarray(held["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
         "host_k": np.asarray(particles.host.k, float),
     }
 
@@ -96,9 +95,9 @@ def _compute_of_particles(inputs: dict, context) -> Result:
     if (host > context.tolerance * sigma_a).any():
         notes.append(
             f"the host absorbs up to {host.max():.2g} /m; that is added to sigma_a, the spheres are computed for its real index")
-    # a weighted mean is no worse than its worst part; the weights of several parts are off by the error of cross sections, which
-    # `optics` holds to a tenth of its tolerance
-    worst = float(inputs["error"].max()) + (0.2 * context.tolerance if len(fraction) > 1 else 0.0)
+    # a weighted mean is no worse than its worst part; the weights of several parts are off by the error of cross sections
+    worst = float(inputs["error"].max()) + (optics.WEIGHTS * optics.share(len(fraction)) * context.tolerance
+                                            if len(fraction) > 1 else 0.0)
     context.report(1.0, worst)
     members = members_of(sigma_s, sigma_a + host, inputs["theta"], elements, error)
     absorbed = mixing.coefficient(fraction, number, inputs["absorption_error"])
@@ -129,9 +128,7 @@ def _compute_of_coefficients(inputs: dict, context) -> Result:
 
 
 def _cost_of_particles(recipe) -> Cost:
-    from bakery.stages.optics import predicted
-
-    angles, rows = predicted(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
+    angles, rows = optics.predicted(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
     return Cost(0.002 + 1e-6 * angles * rows, 8 * 4 * angles * rows + 2**20, 8 * angles * rows + 9000,
                 f"{angles} angles, {len(recipe.wavelength)} wavelengths", kind="of particles")
 
@@ -167,7 +164,7 @@ def check(group: Group) -> Iterable[str]:
         yield "albedo outside 0 .. 1"
     if not near(v["albedo"] * v["sigma_t"], v["sigma_s"]):
         yield "albedo is not sigma_s / sigma_t"
-    yield from rules.phase_function(v["theta"], v["phase"], [v.get(name) for name in ELEMENTS])
+    yield from rules.phase_function(v["theta"], v["phase"], [v.get(name) for name in optics.ELEMENTS])
     if (np.abs(v["g"]) > 1).any() or not np.allclose(v["g"], phase.mean_cosine(v["theta"], v["phase"]), rtol=0, atol=1e-12):
         yield "g is not the mean cosine of phase"
     for name, value in zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"),
@@ -187,7 +184,7 @@ def check(group: Group) -> Iterable[str]:
 
 OF_PARTICLES = Stage(
     name="medium",
-    version=2,
+    version=3,
     title="coefficients and phase function of the suspended particles",
     reads=("wavelengths", "tolerance", "particles.host", "particles.number_density", "particles.volume_fraction",
            "particles.components[*].fraction", "particles.components[*].name"),

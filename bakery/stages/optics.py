@@ -18,6 +18,7 @@ _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "ray
 _SLOWER = 1.5
 _RAYS_LOADED = 1e8  # bytes
 METHODS = ("rayleigh", "mie", "goa")
+WEIGHTS = 0.2  # of what a component may be off: what the weights of several add, from cross sections held to a tenth of it
 ELEMENTS = ("s12", "s33", "s34")
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
              "mean_absorption", "phase")
@@ -76,6 +77,11 @@ def _settings(recipe) -> dict:
             "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
 
 
+def share(components: int) -> float:
+    """Of the tolerance, what each of so many components may be off, so that the medium of them all meets it."""
+    return 1.0 if components == 1 else 1 / (1 + WEIGHTS)
+
+
 def predicted(recipe):
     """The work that the averages of a recipe are expected to take."""
     return _expected(recipe)[0]
@@ -84,7 +90,8 @@ def predicted(recipe):
 def _expected(recipe):
     from bakery.averages import expected
 
-    return expected(**inputs(recipe, {}), tolerance=recipe.tolerance, remember=_remember)
+    given = inputs(recipe, {})
+    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance, remember=_remember)
 
 
 def _remember(measure, *asked):
@@ -155,21 +162,22 @@ def _share(x: float) -> float:
 def compute(inputs: dict, context) -> Result:
     from bakery.averages import averages, expected
 
-    whole = expected(**inputs, tolerance=context.tolerance, remember=_remember)[0].seconds
+    aim = share(len(inputs["components"])) * context.tolerance
+    whole = expected(**inputs, tolerance=aim, remember=_remember)[0].seconds
 
     def report(seconds, error):
         context.report(_share(seconds / max(whole, 1e-9)), error)
 
-    theta, found = averages(**inputs, tolerance=context.tolerance, map=context.map, report=report,
-                            remember=_remember)
+    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=_remember)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
-    notes, reached = [], 0.0
+    notes, missed, reached = [], [], 0.0
     for component, average in zip(inputs["components"], found):
         members[component.name] = _group(component, average, inputs["wavelength"], inputs["host"])
         notes += _notes(component, average, inputs["wavelength"], context.tolerance)
+        missed += _missed(component, average, inputs, context.tolerance)
         reached = max(reached, float(average.error.max()), *(choice.error for choice in average.choices))
     context.report(1.0, reached)
-    return Result(members, reached, tuple(notes))
+    return Result(members, reached, tuple(notes), tuple(missed))
 
 
 def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
@@ -179,10 +187,19 @@ def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
         yield (f"{component.name} at {wavelength[worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
                f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
                "hardly absorb do so in resonances narrower than any grid")
-    worst = int(np.argmax(average.error))
+
+
+def _missed(component, average, inputs, tolerance) -> Iterable[str]:
+    """Why a tolerance was not met, and what would do."""
+    wavelength, worst = inputs["wavelength"], int(np.argmax(average.error))
     if average.error[worst] > tolerance:
-        yield (f"{component.name} at {wavelength[worst]:g} um: the numbers of sizes and angles that phase.radii and phase.angles "
-               f"fix leave an error of {average.error[worst]:.2g}; auto would meet the tolerance")
+        where, error = f"{component.name} at {wavelength[worst]:g} um", average.error[worst]
+        if inputs["radii"] or inputs["angles"]:
+            yield (f"{where}: the numbers of sizes and angles that phase.radii and phase.angles fix leave an error of "
+                   f"{error:.2g}; auto would do")
+        else:
+            yield (f"{where}: sums over as many sizes as are tried leave an error of {error:.2g}; a larger tolerance, a wider "
+                   "size distribution or a little absorption would do")
     for at, choice in zip(wavelength, average.choices):
         if choice.error > tolerance:
             yield (f"{component.name} at {at:g} um: rays from size parameter {choice.switch:.3g} are off by {choice.error:.2g} "

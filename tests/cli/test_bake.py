@@ -235,3 +235,13 @@ def test_python_does_what_the_command_does(drops, tmp_path):
 
     path = bakery.bake(drops, output=tmp_path / "a.h5")
     assert path == tmp_path / "a.h5" and bakery.open(path).medium.sigma_t.shape == (1,)
+
+
+def test_a_missed_tolerance_is_status_3_each_time(call, drops, tmp_path):
+    out = tmp_path / "drops.h5"
+    for _ in range(2):  # computed, then up to date
+        status, said, err = call("bake", drops, "-o", out, "--set", "phase.radii=4")
+        assert status == 3 and str(out) in said and "optics: its error is" in err and "phase.radii" in err
+    assert "missed optics: its error is" in call("plan", drops, "-o", out, "--set", "phase.radii=4")[1]
+    assert call("verify", out)[0] == 0
+    assert call("bake", drops, "-o", out)[0] == 0

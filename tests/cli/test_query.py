@@ -8,9 +8,11 @@ import math
 import numpy as np
 import pytest
 
+import bakery
 from bakery.medium.phase import evaluate
 from bakery.report.lookup import lookup
-from bakery.store.tree import Dataset
+from bakery.report.page import page
+from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
 from tests.samples import small_asset, with_member
 
@@ -189,3 +191,24 @@ def test_rays_at_some_wavelengths_everywhere_and_unrecorded(root):
 def test_wrong_questions(call, fog, args, said):
     status, out, err = call("query", fog, *args)
     assert status == 2 and not out and said in err and len(err.splitlines()) == 1, err
+
+
+def test_an_error_of_a_stage_that_misses_stands_beside_every_figure(call, tmp_path, root):
+    """Also beside figures that have an error of their own, and where that is 0, as of an exact formula."""
+    medium = root["medium"]
+    sigma_t = medium["sigma_t"].data
+    poor = Group(medium.members | {"sigma_t_error": Dataset(np.zeros_like(sigma_t), "1/m", "standard error of sigma_t")},
+                 medium.attributes | {"achieved_error": 0.07})
+    path = tmp_path / "poor.h5"
+    write(path, Group(root.members | {"medium": poor}, root.attributes))
+    mark = "MISSED by stage medium: its error is 0.07, above the tolerance of 0.01"
+    for what in ("medium/sigma_t", "medium/g"):
+        status, out, _ = call("query", path, what, "wavelength=0.61um")
+        assert status == 0 and "+-" not in out and mark in out
+    assert mark in call("query", path, "medium/phase", "theta=10deg")[1]
+    said = json.loads(call("query", path, "medium/phase", "theta=10deg", "--json")[1])
+    assert (said["stage_error"], said["stage_tolerance"]) == (0.07, 0.01) and "above" in said["stage_missed"]
+    assert call("inspect", path)[1].count("MISSED") == 2 and repr(bakery.open(path)).count("MISSED") == 1
+    stages = {stage["group"]: stage["missed"] for stage in json.loads(call("inspect", path, "--json")[1])["stages"]}
+    assert stages["optics"] is None and "above the tolerance" in stages["medium"]
+    assert "above the tolerance of 0.01" in page(bakery.open(path).tree)

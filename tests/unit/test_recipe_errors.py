@@ -233,7 +233,7 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         (
             "particles:",
             "beam: {deep: 32}\nparticles:",
-            ['4: beam.deep: found the unknown key "deep"; expected depth or photons (depth?)'],
+            ['4: beam.deep: found the unknown key "deep"; expected depth, tolerance or photons (depth?)'],
         ),
         (
             "particles:",

@@ -110,7 +110,7 @@ def test_options_have_defaults(write):
     recipe = load(write(GRAINS))
     s = recipe.scatterometer
     assert (s.tolerance, s.triangles, s.paths, s.depth, s.engine) == (0.01, 20_000, None, 100_000, "numba")
-    assert (recipe.effective_medium.sigma_t, recipe.effective_medium.walks) == ("mean_flight", None)
+    assert (recipe.effective_medium.sigma_t, recipe.effective_medium.walks) == (None, None)
     more = "scatterometer: {tolerance: 0.3%, triangles: fine, paths: 5000, depth: 7, engine: mitsuba}\n"
     more += "effective_medium: {sigma_t: random_walk, walks: 5000}\n"
     recipe = load(write(GRAINS + more))
@@ -248,7 +248,7 @@ def test_every_value_is_a_leaf(write):
         "scatterometer.paths": "auto",
         "scatterometer.depth": 100_000,
         "scatterometer.engine": "numba",
-        "effective_medium.sigma_t": "mean_flight",
+        "effective_medium.sigma_t": "auto",
         "effective_medium.walks": "auto",
     }
     assert expected.items() <= leaves.items()

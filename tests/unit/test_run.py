@@ -405,3 +405,30 @@ def test_the_group_holds_what_the_contract_names(tmp_path):
         assert promised <= set(root[name].attributes)
         own = root[f"provenance/{name}"]
         assert isinstance(own, Group) and {"seconds", "peak_memory", "workers"} <= set(own.attributes)
+
+
+def test_what_misses_its_tolerance_is_stored_and_told_each_time(tmp_path):
+    """By the bake that computes it, the one that finds it in the cache, the one that finds the asset up to date, and its plan."""
+    strict = recipe()
+    strict.tolerance = 0.015  # between the errors of dig and grind
+    told = ("grind: its error is 0.02, above the tolerance of 0.015",)
+    for path, source in ((tmp_path / "a.h5", "computed"), (tmp_path / "b.h5", "from the cache")):
+        plan = planning.make(strict, path, in_cache=Cache().has)
+        baked = execute(plan)
+        assert baked.missed == told and [step["source"] for step in baked.steps] == [source] * 2
+    again = execute(planning.make(strict, path, current={s.stage.name: s.input_hash for s in plan.steps}, same_recipe=True))
+    assert not again.written and again.missed == told and again.steps[1]["achieved_error"] == 0.02
+    assert execute(planning.make(recipe(factor=3.0), tmp_path / "c.h5")).missed == ()
+
+
+@pytest.mark.parametrize(("achieved", "tolerance", "misses"), [(0.02, 0.01, True), (0.01, 0.01, False), (0.0, 0.01, False),
+                                                               (float("nan"), 0.01, True), (float("inf"), 0.5, True)])
+def test_one_rule_says_what_misses(achieved, tolerance, misses):
+    from bakery.store.missed import missed
+    from bakery.store.tree import text
+
+    attributes = {"stage": "dig", "achieved_error": achieved, "tolerance": tolerance}
+    assert bool(missed(Group({"dig": Group({}, attributes)}))) == misses
+    wish = Group({"dig": Group({"missed": text("too wet", "wishes that were not met")})})
+    line = missed(Group({"dig": Group({}, attributes), "provenance": wish}))["dig"]
+    assert line.endswith("too wet") and ("above the tolerance" in line) == misses

@@ -150,3 +150,10 @@ def test_what_each_reads():
              "name"))
     assert reads_key(OF_COEFFICIENTS, "medium.phase.g[0]") and not reads_key(OF_COEFFICIENTS, "name")
     assert OF_PARTICLES.name == OF_COEFFICIENTS.name == "medium" and OF_PARTICLES.needs == ("optics",)
+
+
+def test_the_medium_of_several_components_meets_the_tolerance(upstream):
+    """Each component leaves room for the error of the weights."""
+    error = max(float(upstream["optics"][f"{name}/error"].data.max()) for name in ("drops", "dust"))
+    assert error <= 0.03 / (1 + optics.WEIGHTS)
+    assert error < of_particles(upstream).achieved_error <= 0.03

@@ -38,7 +38,8 @@ def bake(tmp_path):
 def test_published_lobes(bake):
     """An independent deterministic solution, good to 1e-4 (small values 1e-3), at 0, 45, 90 and 180 degrees."""
     asset = bake()
-    assert 0 < asset.multiple.attributes["achieved_error"] <= 0.003 == asset.multiple.attributes["tolerance"]
+    # made with 0.3 of the recipe's tolerance, which has to be met
+    assert 0 < asset.multiple.attributes["achieved_error"] <= 0.003 and asset.multiple.attributes["tolerance"] == 0.01
     theta = np.radians([0, 45, 90, 180])
     for source, rho, z, expected in (
         (asset.multiple.point, 1, 1, (4.549e-3, 2.7584e-2, 1.0639e-2, 1.632e-3)),
