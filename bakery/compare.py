@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.store.read import read
+from bakery.asset import read_checked
 from bakery.store.tree import Dataset, Group, is_text
 
 _COUNTING_ATTRIBUTES = ("tolerance", "achieved_error", "error_measure")
@@ -57,7 +57,7 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
     ------
     AssetError, StoreError : as `bakery.open`
     """
-    a, b = (side if isinstance(side, Group) else read(side) for side in (a, b))
+    a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
     found = _attributes("", a, b, rtol)
     left, right = (dict(side.walk()) for side in (a, b))
     for path in [*left, *(path for path in right if path not in left)]:

@@ -279,7 +279,9 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
 
 def _broken(plan: Plan, root: Group) -> list[str]:
     """Broken rules of what was read back from disk; the store keeps nothing that breaks one."""
-    return [f"{step.stage.name}: {rule}" for step in plan.steps for rule in step.stage.check(root[step.stage.name])]
+    from bakery.stages.conform import faults
+
+    return faults(root) or [f"{step.stage.name}: {rule}" for step in plan.steps for rule in step.stage.check(root[step.stage.name])]
 
 
 def _readable(text: str) -> str:
@@ -301,12 +303,15 @@ def _now() -> str:
 
 def _standing(path: Path) -> Group | None:
     """The intact asset that stands at the output path, or None: a damaged or foreign file is replaced, not read."""
+    from bakery.stages import conform
     from bakery.store.read import read
 
     if not path.is_file():
         return None
     try:
-        return read(path)
+        root = read(path)
+        conform.check(os.fspath(path), root)
+        return root
     except (AssetError, StoreError, OSError):
         return None
 

@@ -10,7 +10,7 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.stages import grains as grain_stage
 from bakery.stages import medium
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group
 
@@ -32,7 +32,7 @@ OUTPUTS = (
     *medium.OUTPUTS,
     Output("sigma_t_error", "(L,)", "1/m", "standard error of sigma_t from the grains' statistics, or from the random walk"),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
-    Output("fraction", "(1,)", "1", "share of the volume in bounding spheres"),
+    Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
     Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits"),
     Output("hit_probability_error", "(1,)", "1", "standard error of hit_probability"),
     Output("void_chord", "(1,)", "m", "mean way between bounding spheres (Eq. 1)"),
@@ -52,7 +52,8 @@ OUTPUTS = (
       for end in ("", "_error")),
     Output("diffusion_coefficient", "(L,)", "m", "improved (Grosjean) diffusion coefficient"),
     Output("sigma_tr_improved", "(L,)", "1/m", "effective transport coefficient with it"),
-    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True)
+    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True,
+             within=ANY if name in ("g", "correlation") else (0, math.inf))
       for name, units, said in _WALK for end in ("", "_error")),
     Output("random_walk/hits", "(1,)", "1", "hits that were walked", optional=True),
     Output("random_walk/wavelength", "(1,)", "um", "whose indices the grains had; nothing is absorbed", optional=True),
@@ -286,6 +287,7 @@ OF_GRAINS = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    sound=medium.sound,
     measures=measures,
     knobs=(Knob("sigma_t", "effective_medium.sigma_t", "mean_flight", "what sigma_t matches", CHOICES),
            Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),
