@@ -327,8 +327,9 @@ def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
         if isinstance(group, Group) and "input_hash" in group.attributes:
             current[name] = group.attributes["input_hash"]
             try:
-                previous[name] = json.loads(read_text(standing[f"provenance/{name}/inputs"]))
-            except (KeyError, ValueError):
+                parts = json.loads(read_text(standing[f"provenance/{name}/inputs"]))
+                previous |= {name: parts} if isinstance(parts, dict) else {}
+            except (KeyError, ValueError, RecursionError):
                 pass  # made by other hands: the plan can still compare hashes
     same = standing.attributes.get("name") == recipe.name and read_text(standing["recipe"]) == recipe.text
     return previous, current, same
