@@ -17,7 +17,7 @@ def depth(corner) -> int:
 
 
 def broken(corner, node_bounds) -> Iterable[str]:
-    """Broken rules of corners (N, 2) and cells (M, 4), in words; no corner at all is the table of a medium that scatters nothing."""
+    """Broken rules of corners (N, 2) and cells (M, 4), in words; no corner at all is the table of what scatters nothing."""
     if not len(corner):
         return
     size = 1 << (found := depth(corner))
@@ -28,5 +28,5 @@ def broken(corner, node_bounds) -> Iterable[str]:
     if (corner < 0).any() or (corner > (size, ASPECT * size)).any() \
             or len(np.unique(corner[coarse], axis=0)) != (2**COARSE + 1) * (ASPECT * 2**COARSE + 1):
         yield "corner does not hold all places of the coarsest level, or holds others than those of the tree"
-    elif (node_bounds[:, 1] - node_bounds[:, 0]).min() != 1 / size:
-        yield f"corner is for cells of 1/{size} of the plane, node_bounds has {1 / max(node_bounds[:, 1] - node_bounds[:, 0]):.3g}"
+    elif (smallest := (node_bounds[:, 1] - node_bounds[:, 0]).min()) != 1 / size:
+        yield f"corner is for cells of 1/{size} of the plane, the smallest of node_bounds is {smallest:.6g}"

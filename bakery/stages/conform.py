@@ -1,7 +1,7 @@
 """Whether an asset is what its stages declare: names, shapes, types, units, ranges and sizes, and what else readers count on.
 
-Every `bakery.open` asks, so this is quick and imports no physics; `verify` adds the stages' own rules.  Places are named as in the
-asset, findings are one sentence each.
+Every `bakery.open` asks, so this is quick and imports no physics; `verify` adds the stages' own rules.  Places are named as in
+the asset, findings are one sentence each.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ class Output:
     Attributes
     ----------
     path : capital words stand for names of the recipe (`COMPONENT/radius`)
-    shape : such as `(L, A)` or `(K + 1,)`: a letter is one length in all datasets of a group, or of what a capital word stands for;
-        L (wavelengths) and A (angles) are one length in the whole asset.  `(bytes,)` is text
+    shape : such as `(L, A)` or `(K + 1,)`: a letter is one length in all datasets of a group, or of what a capital word stands
+        for; L (wavelengths) and A (angles) are one length in the whole asset.  `(bytes,)` is text
     choices : names of the values of an integer array
     within : smallest and largest value; the largest may be a length, such as `V - 1`
     whole : integers, as indices are

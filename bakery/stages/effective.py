@@ -38,7 +38,7 @@ OUTPUTS = (
     Output("void_chord", "(1,)", "m", "mean way between bounding spheres (Eq. 1)"),
     Output("lambda_beta", "(1,)", "m", "mean way from hit to hit, outside of the spheres hit (Eq. 3)"),
     Output("lambda_beta_error", "(1,)", "m", "standard error of lambda_beta"),
-    Output("lambda_s", "(L,)", "m", "mean way from entry to exit of a hit sphere along the incoming direction"),
+    Output("lambda_s", "(L,)", "m", "mean way from entry to exit of a hit sphere along the incoming direction", within=ANY),
     Output("lambda_s_error", "(L,)", "m", "standard error of lambda_s"),
     Output("mean_square", "(L,)", "m^2", "mean squared distance of entry and exit"),
     Output("mean_square_error", "(L,)", "m^2", "standard error of mean_square"),
@@ -53,7 +53,7 @@ OUTPUTS = (
     Output("diffusion_coefficient", "(L,)", "m", "improved (Grosjean) diffusion coefficient"),
     Output("sigma_tr_improved", "(L,)", "1/m", "effective transport coefficient with it"),
     *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True,
-             within=ANY if name in ("g", "correlation") else (0, math.inf))
+             within=ANY if not end and name in ("g", "correlation", "lambda_s", "mean_square_displacement") else (0, math.inf))
       for name, units, said in _WALK for end in ("", "_error")),
     Output("random_walk/hits", "(1,)", "1", "hits that were walked", optional=True),
     Output("random_walk/wavelength", "(1,)", "um", "whose indices the grains had; nothing is absorbed", optional=True),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bakery.stages import exemplars, rules
-from bakery.stages.declaration import SIGNED, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group, read_text, text
 
@@ -41,11 +41,12 @@ _SAID = {
     "inner_path": ("1", "mean way inside the grain of the light that leaves, in radii of the sphere"),
     "phase": ("1/sr", "phase function of light that leaves changed, linear in cos theta; a node holds the mean over its cell"),
 }
+_WITHIN = {"g": SIGNED, "lambda_s": ANY, "lambda_o": ANY}  # what is thrown back may leave the sphere before where it entered
 
 
 def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
     return tuple(Output(f"{prefix}{name}{end}", shape, _SAID[name][0], ("standard error of " + name) if end else _SAID[name][1],
-                        within=SIGNED if name == "g" else (0, math.inf), **more) for name in names for end in ("", "_error"))
+                        within=_WITHIN.get(name + end, (0, math.inf)), **more) for name in names for end in ("", "_error"))
 
 
 OUTPUTS = (
@@ -53,8 +54,8 @@ OUTPUTS = (
     Output("radius", "(S,)", "m", "radii of bounding spheres that stand for the law of sizes"),
     Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1"),
     Output("COMPONENT/vertices", "(V, 3)", "1", "corners of the exemplar, in radii of its bounding sphere", within=(-1.01, 1.01)),
-    Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only", within=(0, "V - 1"),
-           whole=True),
+    Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only",
+           within=(0, "V - 1"), whole=True),
     Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains"),
     Output("COMPONENT/shape", "(bytes,)", "utf-8", "shape as in the recipe (JSON)"),
     Output("COMPONENT/surface", "(bytes,)", "utf-8", "surface, indices relative to the host (JSON)"),

@@ -20,10 +20,12 @@ _TEXTS = (("coordinates", "map from the position to the unit square that the qua
           ("interpolation", "how a value is looked up"))
 _ARRAYS = (
     Output("node_bounds", "(M, 4)", "1", "u_min, u_max, v_min, v_max of each cell of the quadtree", within=(0, 1)),
-    Output("node_child", "(M,)", "1", "first of the four children of a cell, or -1; nodes 0 and 1 are the roots", within=(-1, "M - 1"), whole=True),
+    Output("node_child", "(M,)", "1", "first of the four children of a cell, or -1; nodes 0 and 1 are the roots",
+           within=(-1, "M - 1"), whole=True),
     Output("corner", "(N, 2)", "1", "place of a corner: u = corner[0] 2^-depth, v = corner[1] 2^-(depth + 1)", whole=True),
     Output("offset", "(N,)", "1", "coefficient 0 at each corner, of the natural logarithm", within=ANY),
-    Output("coefficient", "(N, K)", "1", "coefficients 1 .. K at each corner, in units of coefficient_scale", within=ANY, whole=True),
+    Output("coefficient", "(N, K)", "1", "coefficients 1 .. K at each corner, in units of coefficient_scale", within=ANY,
+           whole=True),
     Output("coefficient_scale", "(K,)", "1", "scales of the coefficients"),
     Output("basis", "(K + 1, S, T)", "1", "functions of the direction, in units of basis_scale", within=ANY, whole=True),
     Output("basis_scale", "(K + 1,)", "1", "scales of the basis"),

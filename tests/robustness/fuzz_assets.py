@@ -30,11 +30,12 @@ from bakery.store.write import write
 from tests.samples import with_member
 
 TIME, MEMORY = 60, 1 << 30  # seconds of processor time of a command; bytes above what the process had taken
-NUMBERS = (0.0, -0.0, 1.0, -1.0, 0.5, 2.0, 1e-300, 1e-30, 1e-9, 1e9, 1e30, 1e99, 1e300, np.nan, np.inf, -np.inf, 127, 2**31, -(2**31))
+NUMBERS = (0.0, -0.0, 1.0, -1.0, 0.5, 2.0, 1e-300, 1e-30, 1e-9, 1e9, 1e30, 1e99, 1e300, np.nan, np.inf, -np.inf, 127, 2**31,
+           -(2**31))
 FACTORS = (1e-30, 1e-12, 0.5, 0.999, 1.001, 2, 128, 2048, 1e12, -1)
 TYPES = ("f4", "f2", "i1", "u1", "i8", "u8", "c16", "?", "S5")
-TEXTS = (b"", b"{}", b"[]", b"null", b"\xff\xfe", b"{" * 3000, b"[" * 100_000, b'{"type": 3}', b"\x1b[2J\x07", b"1e999", b"a\n" * 5000,
-         b'{"multiple_scattering.orders": 100000, "type": "dielectric", "index": [1e300, -1]}')
+TEXTS = (b"", b"{}", b"[]", b"null", b"\xff\xfe", b"{" * 3000, b"[" * 100_000, b'{"type": 3}', b"\x1b[2J\x07", b"1e999",
+         b"a\n" * 5000, b'{"multiple_scattering.orders": 100000, "type": "dielectric", "index": [1e300, -1]}')
 RECIPES = {
     "drops": """\
 bakery: 1
@@ -46,7 +47,10 @@ particles:
   host: air
   number_density: 1e8 /m^3
   components:
-    - {name: drops, fraction: 0.9, material: water, size: {distribution: lognormal, radius: 0.5 um, sigma: 1.2, min: 0.1 um, max: 3 um}}
+    - name: drops
+      fraction: 0.9
+      material: water
+      size: {distribution: lognormal, radius: 0.5 um, sigma: 1.2, min: 0.1 um, max: 3 um}
     - {name: soot, fraction: 0.1, material: soot, size: {distribution: single, radius: 0.1 um}}
 """,
     "milk": """\
@@ -107,10 +111,12 @@ def SHAPES(root, path, member, draw):
     if not isinstance(member, Dataset):
         return ATTRIBUTES(root, path, member, draw)
     data = member.data
-    ways = {"transposed": lambda: data.T, "a row less": lambda: data[:-1], "a row more": lambda: np.concatenate([data, data[-1:]]),
-            "flat": lambda: data.reshape(-1), "one axis more": lambda: data[..., None], "one axis more in front": lambda: data[None],
-            "empty": lambda: data[:0], "one number": lambda: data.reshape(-1)[:1], "a row": lambda: data[0] if data.ndim > 1 else data,
-            "twice": lambda: np.concatenate([data, data]), "a column less": lambda: data[..., :-1],
+    ways = {"transposed": lambda: data.T, "a row less": lambda: data[:-1],
+            "a row more": lambda: np.concatenate([data, data[-1:]]),
+            "flat": lambda: data.reshape(-1), "one axis more": lambda: data[..., None], "one axis in front": lambda: data[None],
+            "empty": lambda: data[:0], "one number": lambda: data.reshape(-1)[:1],
+            "a row": lambda: data[0] if data.ndim > 1 else data, "twice": lambda: np.concatenate([data, data]),
+            "a column less": lambda: data[..., :-1],
             "huge": lambda: np.broadcast_to(data.reshape(-1)[:1], (draw.choice((70_000, 2_000_000)),) + data.shape[1:])
             if data[:1].size < 4 else data[:0],
             "eight axes": lambda: data.reshape(data.shape + (1,) * (8 - data.ndim))}
@@ -130,7 +136,8 @@ def TYPES_(root, path, member, draw):
 def VALUES(root, path, member, draw):
     if not isinstance(member, Dataset) or not member.data.size:
         return ATTRIBUTES(root, path, member, draw)
-    data, way = member.data.copy(), draw.choice(("one", "all", "row", "times", "times", "reversed", "shuffled", "constant", "jump"))
+    data = member.data.copy()
+    way = draw.choice(("one", "all", "row", "times", "times", "reversed", "shuffled", "constant", "jump"))
     flat = data.reshape(-1)
     if way == "times":
         factor = draw.choice(FACTORS)
@@ -198,9 +205,9 @@ def ATTRIBUTES(root, path, member, draw):
 def commands(path: Path, sound: Path, root: Group, folder: Path, draw: random.Random) -> list[list[str]]:
     """Calls of every command that reads an asset."""
     paths = [name for name, _ in root.walk()]
-    arguments = draw.choice(([], ["wavelength=0.55um"], ["theta=10deg"], ["wavelength=0.5um", "theta=[0, 90] deg"], ["radius=0.5um"],
-                             ["rho=1", "z=2", "theta=30deg"]))
-    asked = [draw.choice([*paths, "multiple/point", "multiple/segment", "medium/phase", "medium/achieved_error"]) for _ in range(3)]
+    arguments = draw.choice(([], ["wavelength=0.55um"], ["theta=10deg"], ["wavelength=0.5um", "theta=[0, 90] deg"],
+                             ["radius=0.5um"], ["rho=1", "z=2", "theta=30deg"]))
+    asked = draw.choices([*paths, "multiple/point", "multiple/segment", "medium/phase", "medium/achieved_error"], k=3)
     calls = [["inspect", path], ["inspect", path, "--json"], ["inspect", path, draw.choice(paths)],
              ["plot", path, "-o", folder / "plots"], ["report", path, "-o", folder / "page.html"],
              *(["query", path, one, *arguments, *draw.choice(([], ["--json"]))] for one in asked),
@@ -211,7 +218,7 @@ def commands(path: Path, sound: Path, root: Group, folder: Path, draw: random.Ra
 
 @contextlib.contextmanager
 def sketched():
-    """Pictures are laid out and drawn, but coarsely and into no file: most of the time of `plot` is that of writing PNG and SVG."""
+    """Pictures are laid out and drawn, but coarsely and into no file: writing PNG and SVG takes most of the time of `plot`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from bakery.report import figures
@@ -284,7 +291,8 @@ def verified(path: Path) -> str:
     return "".join(line for line in broken if "cannot be checked" in line)
 
 
-def one(number: int, sound: dict[str, Path], folder: Path, every: bool = False, seed: int = 0) -> tuple[str, list[tuple[str, str]]]:
+def one(number: int, sound: dict[str, Path], folder: Path, every: bool = False,
+        seed: int = 0) -> tuple[str, list[tuple[str, str]]]:
     """Makes the asset with a number and gives it to commands: what was changed, and (call, fault) of each that failed."""
     draw = random.Random(f"{seed} {number}")
     of = sound[draw.choice(sorted(sound))]
