@@ -33,7 +33,7 @@ OUTPUTS = (
     Output("sigma_t_error", "(L,)", "1/m", "standard error of sigma_t from the grains' statistics, or from the random walk"),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
     Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
-    Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits"),
+    Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits", within=(0, 1)),
     Output("hit_probability_error", "(1,)", "1", "standard error of hit_probability"),
     Output("void_chord", "(1,)", "m", "mean way between bounding spheres (Eq. 1)"),
     Output("lambda_beta", "(1,)", "m", "mean way from hit to hit, outside of the spheres hit (Eq. 3)"),
@@ -42,7 +42,8 @@ OUTPUTS = (
     Output("lambda_s_error", "(L,)", "m", "standard error of lambda_s"),
     Output("mean_square", "(L,)", "m^2", "mean squared distance of entry and exit"),
     Output("mean_square_error", "(L,)", "m^2", "standard error of mean_square"),
-    Output("forward_delta", "(L,)", "1", "share of scattered light that keeps its direction; part of phase, below theta[1]"),
+    Output("forward_delta", "(L,)", "1", "share of scattered light that keeps its direction; part of phase, below theta[1]",
+           within=(0, 1)),
     Output("forward_delta_error", "(L,)", "1", "standard error of forward_delta"),
     *(Output(f"sigma_t_{name}{end}", "(L,)", "1/m", ("standard error of sigma_t_" + name) if end else said,
              optional=name == "random_walk")

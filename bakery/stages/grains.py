@@ -41,7 +41,8 @@ _SAID = {
     "inner_path": ("1", "mean way inside the grain of the light that leaves, in radii of the sphere"),
     "phase": ("1/sr", "phase function of light that leaves changed, linear in cos theta; a node holds the mean over its cell"),
 }
-_WITHIN = {"g": SIGNED, "lambda_s": ANY, "lambda_o": ANY}  # what is thrown back may leave the sphere before where it entered
+# what is thrown back may leave the sphere before where it entered
+_WITHIN = dict.fromkeys(_SHARES, (0, 1)) | {"g": SIGNED, "lambda_s": ANY, "lambda_o": ANY}
 
 
 def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
@@ -52,11 +53,11 @@ def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
 OUTPUTS = (
     Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
     Output("radius", "(S,)", "m", "radii of bounding spheres that stand for the law of sizes"),
-    Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1"),
+    Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1", within=(0, 1)),
     Output("COMPONENT/vertices", "(V, 3)", "1", "corners of the exemplar, in radii of its bounding sphere", within=(-1.01, 1.01)),
     Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only",
            within=(0, "V - 1"), whole=True),
-    Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains"),
+    Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains", within=(0, 1)),
     Output("COMPONENT/shape", "(bytes,)", "utf-8", "shape as in the recipe (JSON)"),
     Output("COMPONENT/surface", "(bytes,)", "utf-8", "surface, indices relative to the host (JSON)"),
     Output("COMPONENT/interior", "(L,)", "1/m", "absorption coefficient of the inside"),
@@ -66,7 +67,8 @@ OUTPUTS = (
     Output("COMPONENT/paths", "(1,)", "1", "rays that were followed; 0: closed form", whole=True),
     Output("COMPONENT/hits", "(1,)", "1", "rays that met the surface", whole=True),
     Output("COMPONENT/events", "(1,)", "1", "meetings with the surface of a ray that hits"),
-    Output("COMPONENT/contradicted", "(1,)", "1", "share of rays given up because inside and outside did not agree"),
+    Output("COMPONENT/contradicted", "(1,)", "1", "share of rays given up because inside and outside did not agree",
+           within=(0, 1)),
     Output("COMPONENT/lost", "(1,)", "1", "share of the light of hits that was still under way when its path was cut"),
     *_with_errors("COMPONENT/by_radius/", BY_RADIUS, "(S, L)", optional=True),
     *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),

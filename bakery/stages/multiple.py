@@ -38,9 +38,10 @@ _ARRAYS = (
 )
 OUTPUTS = (
     Output("wavelength", "(L,)", "um", "of the tables w0, w1, ..."),
-    Output("extinction", "(L,)", "1", "sigma_t that the tables' mean free paths belong to, over the medium's: 1 - albedo peak"),
-    Output("albedo", "(L,)", "1", "that the tables were made for, without the peak"),
-    Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered"),
+    Output("extinction", "(L,)", "1", "sigma_t that the tables' mean free paths belong to, over the medium's: 1 - albedo peak",
+           within=(0, 1)),
+    Output("albedo", "(L,)", "1", "that the tables were made for, without the peak", within=(0, 1)),
+    Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered", within=(0, 1)),
     Output("peak_angle", "(L,)", "rad", "angle below which light is in that peak; 0 where there is none"),
     Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those of light in the peak that goes straight on"),
     Output("phase", "(L, A)", "1/sr", "phase function of the tables on medium/theta: without the peak, integral 1"),
