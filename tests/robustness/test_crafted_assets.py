@@ -165,7 +165,6 @@ def seconds_in_words(root):
 CRAFTED = [
     ("tile", one_place, "packing: centers: two spheres overlap, 30 centres lie where one has room"),
     ("haze", far_corners(128), "multiple: point/w0: corner goes to"),
-    ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
     ("fog", two_ranks, "medium/sigma_s: its shape is (3, 2), not (L,)"),
     ("fog", unknown_method, "optics/droplets/method: holds 9, above 2"),
     ("shot", one_vertex, "grains: ball: faces holds a triangle that names a vertex twice"),
@@ -173,6 +172,7 @@ CRAFTED = [
 MORE = [
     ("tile", about_one_place, "packing: centers: two spheres overlap"),
     ("tile", small_cell, "packing: a sphere that overlaps its own images"),
+    ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
     ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
     ("shot", faces_of_nothing, "grains/ball/faces: holds 1"),
     ("fog", numbers_for_words, "medium: attribute `tolerance` is missing or not float"),
@@ -190,7 +190,7 @@ MORE = [
 
 
 @pytest.mark.parametrize(("of", "craft", "words"), CRAFTED,
-                         ids=["one place", "corners 128", "corners 2048", "two ranks", "method", "one vertex"])
+                         ids=["one place", "corners", "two ranks", "method", "one vertex"])
 def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words):
     path, whole = tmp_path / "crafted.h5", tmp_path / "whole.h5"
     write(path, craft(sound[of]))
@@ -253,8 +253,8 @@ def test_letters_are_one_length():
 # ---- the fuzzer
 
 
-@pytest.mark.parametrize("number", range(12))
-def test_fuzzed(sound, tmp_path, monkeypatch, number):
+@pytest.mark.parametrize("number", range(6))
+def test_fuzzed(sound, tmp_path, number):
     whole = {}
     for name, root in sound.items():
         whole[name] = tmp_path / f"{name}.h5"
@@ -268,11 +268,11 @@ def test_the_fuzzer_finds_what_is_planted(sound, tmp_path, monkeypatch):
     """Without the check at opening it meets tracebacks again."""
     from bakery.stages import conform
 
-    write(tmp_path / "x.h5", two_ranks(sound["fog"]))
+    write(tmp_path / "x.h5", unknown_method(sound["fog"]))
+    assert fuzz_assets.ran(["inspect", str(tmp_path / "x.h5")]) == (2, "")
     monkeypatch.setattr(conform, "check", lambda path, root: None)
-    with fuzz_assets.sketched():
-        status, fault = fuzz_assets.ran(["plot", str(tmp_path / "x.h5"), "-o", str(tmp_path / "plots")])
-    assert status == -1 and "Error" in fault
+    status, fault = fuzz_assets.ran(["inspect", str(tmp_path / "x.h5")])
+    assert status == -1 and "ValueError" in fault
 
 
 @pytest.mark.slow
