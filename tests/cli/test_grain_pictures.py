@@ -210,7 +210,7 @@ def test_meshes_come_back(call, mix, tree, tmp_path, form):
 
 def test_tiles_stand_beside_grains(call, tree, tmp_path):
     (tmp_path / "tile.yaml").write_text("bakery: 1\nname: tile\ntolerance: 10%\npacking: {fraction: 0.2, count: 8}\n")
-    packing = bakery.open(bakery.bake(tmp_path / "tile.yaml")).tree["packing"]
+    packing = bakery.open(bakery.bake(tmp_path / "tile.yaml", tmp_path / "packing.h5")).tree["packing"]
     whole = with_member(with_member(tree, "packing", packing), "medium", None)
     bare = with_member(whole, "grains", None)
     for name, root, form, expected in (("both", whole, "ply", ["both-glass.ply", "both-salt.ply", "both_tile.ply"]),
