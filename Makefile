@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: bake test setup lint bench soak pictures scenes clean help
+.PHONY: bake test setup lint bench soak fuzz pictures scenes clean help
 
 help:
 	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
@@ -15,6 +15,7 @@ help:
 	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
+	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
 
 bake: $(VENV)/.ready
@@ -29,6 +30,12 @@ test: $(VENV)/.ready-test
 
 soak: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -q -m slow --timeout 3600 $(PYTEST)
+
+# SEED=1 takes other assets
+SECONDS ?= 600
+SEED ?= 0
+fuzz: $(VENV)/.ready-test
+	$(BIN)/python -m tests.robustness.fuzz_assets --seconds $(SECONDS) --seed $(SEED)
 
 setup: $(VENV)/.ready
 

@@ -30,7 +30,8 @@ def open(path: str | os.PathLike) -> Asset:
 
     Raises
     ------
-    AssetError : missing, damaged, foreign, or of another format version; the text says which and what to do
+    AssetError : missing, damaged, foreign, of another format version, or not what its stages declare; the text says which and
+        what to do
     StoreError : the system would not read it
 
     Examples
@@ -38,7 +39,18 @@ def open(path: str | os.PathLike) -> Asset:
     >>> asset = bakery.open("fog.h5")
     >>> asset.medium.phase(np.radians([0, 90, 180]))      # (L, 3) 1/sr
     """
-    return Asset(read(path), os.fspath(path))
+    return Asset(read_checked(path), os.fspath(path))
+
+
+def read_checked(path: str | os.PathLike) -> Group:
+    """The tree of an asset that is what its stages declare; what every command starts from.  Raises as `open`."""
+    from bakery.stages import conform
+
+    root = read(path)
+    if not {"wavelength", "recipe"} <= root.members.keys():
+        raise AssetError(f"{os.fspath(path)}: holds no recipe and wavelength: an entry of bakery's cache, not an asset")
+    conform.check(os.fspath(path), root)
+    return root
 
 
 class Asset:
@@ -60,13 +72,8 @@ class Asset:
         self.attributes = MappingProxyType(root.attributes)
         self.name = str(root.attributes.get("name", ""))
         self.content_hash = str(root.attributes.get(HASH, ""))
-        try:
-            wavelength, self.recipe = root["wavelength"], read_text(root["recipe"])
-            self.wavelength = with_units(wavelength.data, wavelength.units)
-        except (KeyError, AttributeError):
-            raise AssetError(f"{path}: holds no recipe and wavelength: an entry of bakery's cache, not an asset") from None
-        except UnicodeDecodeError:
-            raise AssetError(f"{path}: damaged: recipe: not UTF-8 text") from None
+        wavelength, self.recipe = root["wavelength"], read_text(root["recipe"])
+        self.wavelength = with_units(wavelength.data, wavelength.units)
         medium = root.members.get("medium")
         theta = medium.members.get("theta") if isinstance(medium, Group) else None
         shared = theta.data if isinstance(theta, Dataset) else None

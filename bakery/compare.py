@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bakery.store.read import read
+from bakery.asset import read_checked
 from bakery.store.tree import Dataset, Group, is_text
 
 _COUNTING_ATTRIBUTES = ("tolerance", "achieved_error", "error_measure")
@@ -59,7 +59,7 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
     ------
     AssetError, StoreError : as `bakery.open`
     """
-    a, b = (side if isinstance(side, Group) else read(side) for side in (a, b))
+    a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
     found = _attributes("", a, b, rtol)
     left, right = (dict(side.walk()) for side in (a, b))
     moved = any(path.rpartition("/")[2] == "theta" and isinstance(one, Dataset) and isinstance(right.get(path), Dataset)

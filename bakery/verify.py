@@ -10,17 +10,12 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 from bakery.errors import AssetError, StoreError
 
 TIME_LIMIT = 120.0  # s; a 20 MB asset takes about one, most of it to import the stages' physics
 MEMORY = 4 << 30  # bytes of address space for a file whose digest is wrong, on top of 8 times its size
-
-STAGE_ATTRIBUTES = {"stage": str, "stage_version": int, "input_hash": str, "content_hash": str, "tolerance": float,
-                    "achieved_error": float, "error_measure": str}
-ROOT_ATTRIBUTES = {"format": str, "format_version": int, "name": str, "bakery_version": str, "content_hash": str}
 
 
 def verify(path: str | os.PathLike, *, time_limit: float = TIME_LIMIT, locate: bool = True) -> list[str]:
@@ -108,7 +103,8 @@ def _broken(path: str) -> list[str]:
     except AssetError as error:
         faults.append(_plain(path, error))
     faults += _checksums(data, root) + broken_hashes(root)
-    return faults + contract(root) + (physics(root) if not faults else [])
+    faults += contract(root)
+    return faults or physics(root)
 
 
 def _hit(path: str) -> list[str]:
@@ -145,139 +141,23 @@ def _checksums(data: bytes, root) -> list[str]:
 
 
 def contract(root) -> list[str]:
-    """Where a tree departs from `docs/asset-format.md`, physics apart."""
-    return list(_contract(root))
+    """Where a tree departs from `docs/asset-format.md` and from what its stages declare, physics apart."""
+    from bakery.stages.conform import faults
 
-
-def _contract(root) -> Iterable[str]:
-    import numpy as np
-
-    from bakery.store.tree import Dataset, Group, is_text
-
-    yield from _attributes("root", root.attributes, ROOT_ATTRIBUTES)
-    recipe, wavelength = root.members.get("recipe"), root.members.get("wavelength")
-    if recipe is None or not is_text(recipe):
-        yield "recipe: missing, or not UTF-8 text in a dataset of bytes"
-    if not isinstance(wavelength, Dataset) or wavelength.data.ndim != 1 or not wavelength.data.size or wavelength.units != "um":
-        yield "wavelength: missing, or not an array (L,) in um"
-    elif not (wavelength.data > 0).all() or not np.isfinite(wavelength.data).all():
-        yield "wavelength: not positive and finite"
-    if not isinstance(root.members.get("provenance"), Group):
-        yield "provenance: missing"
-    stages = {stage.name: stage for stage in _stages(root)}
-    for name, member in root.members.items():
-        if isinstance(member, Group) and name != "provenance":
-            yield from _attributes(name, member.attributes, STAGE_ATTRIBUTES)
-            if member.attributes.get("stage") != name:
-                yield f"{name}: its attribute `stage` is {member.attributes.get('stage')!r}"
-            if name in stages:
-                yield from _outputs(name, member, stages[name])
-        elif name not in ("recipe", "wavelength", "provenance"):
-            yield f"{name}: does not belong into the root of an asset"
-    for path, member in root.walk():
-        if isinstance(member, Dataset):
-            yield from _dataset(path, member, root)
-
-
-def _attributes(place: str, attributes, wanted: dict[str, type]) -> Iterable[str]:
-    for name, kind in wanted.items():
-        value = attributes.get(name)
-        if not isinstance(value, kind) or isinstance(value, bool):
-            yield f"{place}: attribute `{name}` is missing or not {kind.__name__}"
-        elif kind is float and not 0 <= value < float("inf"):
-            yield f"{place}: attribute `{name}` is {value}; not finite, or negative"
-
-
-def _dataset(path: str, dataset, root) -> Iterable[str]:
-    import numpy as np
-
-    from bakery.members import ERROR
-    from bakery.store.tree import is_text, read_text
-
-    if not dataset.units:
-        yield f"{path}: no units"
-    if not dataset.description or "\n" in dataset.description:
-        yield f"{path}: no description in one line"
-    if dataset.choices and dataset.data.size and not 0 <= dataset.data.min() <= dataset.data.max() < len(dataset.choices):
-        yield f"{path}: a value that its enumeration does not name"
-    if is_text(dataset):
-        try:
-            read_text(dataset)
-        except UnicodeDecodeError:
-            yield f"{path}: not UTF-8 text"
-    elif dataset.data.dtype.kind in "fc" and not np.isfinite(dataset.data).all():
-        yield f"{path}: not finite"
-    if path.endswith(ERROR):
-        try:
-            of = root[path.removesuffix(ERROR)]
-        except KeyError:
-            yield f"{path}: standard errors of nothing"
-            return
-        if getattr(getattr(of, "data", None), "shape", None) != dataset.data.shape:
-            yield f"{path}: not of the shape of {path.removesuffix(ERROR)}"
-        elif of.units != dataset.units:
-            yield f"{path}: its units are {dataset.units!r}, those of {path.removesuffix(ERROR)} {of.units!r}"
-        elif (dataset.data < 0).any():
-            yield f"{path}: a negative standard error"
-
-
-def _outputs(name: str, group, stage) -> Iterable[str]:
-    """Datasets that the stage declares."""
-    from bakery.store.tree import Dataset
-
-    for output in stage.outputs:
-        places = _places(group, output.path.split("/"))
-        if not places and not output.optional:
-            yield f"{name}/{output.path}: missing"
-        for path, member in places.items():
-            if member is None and not output.optional:
-                yield f"{name}/{path}: missing"
-            elif isinstance(member, Dataset) and member.units != output.units:
-                yield f"{name}/{path}: its units are {member.units!r}, not {output.units!r}"
-
-
-def _places(group, parts: list[str]) -> dict:
-    """Where a declared path leads in a group; a part in capitals stands for every group there is.  None where nothing is."""
-    from bakery.store.tree import Group
-
-    head, *rest = parts
-    if head.isupper():
-        heads = [name for name, member in group.members.items() if isinstance(member, Group)]
-    else:
-        heads = [head]
-    places = {}
-    for name in heads:
-        member = group.members.get(name)
-        if rest:
-            inner = _places(member, rest) if isinstance(member, Group) else {"/".join(rest): None}
-            places |= {f"{name}/{path}": found for path, found in inner.items()}
-        else:
-            places[name] = member
-    return places
+    return faults(root)
 
 
 def physics(root) -> list[str]:
     """What the stages' own checks say of their groups."""
+    from bakery.stages.conform import stages_of
+
     broken = []
-    for stage in _stages(root):
+    for stage in stages_of(root):
         try:
             broken += [f"{stage.name}: {rule}" for rule in stage.check(root.members[stage.name])]
         except Exception as error:  # a check trips over a group that lacks what it needs: the contract says what
             broken.append(f"{stage.name}: its rules cannot be checked ({type(error).__name__}: {error})")
     return broken
-
-
-def _stages(root) -> list:
-    """The declaration of each stage that the asset holds; of two that fill one group, the one that needs most of it."""
-    from bakery.stages import all_stages
-    from bakery.store.tree import Group
-
-    chosen = {}
-    for stage in all_stages():
-        if isinstance(root.members.get(stage.name), Group) and all(need in root.members for need in stage.needs) \
-                and len(stage.needs) >= len(getattr(chosen.get(stage.name), "needs", ())):
-            chosen[stage.name] = stage
-    return list(chosen.values())
 
 
 def _plain(path: str, error: Exception) -> str:

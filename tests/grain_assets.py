@@ -81,6 +81,8 @@ def component(shape, surface, *, interior=(0.0,) * 3, weight=1.0, triangles=1300
     phase, error = (evaluate(theta, np.stack([np.broadcast_to(values(one), (1, len(theta)))[0] for one in found]), angles())
                     for values in (lambda one: one.phase, lambda one: one.errors["phase"]))
     members |= _with_error("phase", normalised(angles(), phase)[0], error, "1/sr", "phase function of what leaves changed")
+    members["lossless"] = Group({name + end: members[name + end] for name in ("lambda_s", "mean_square", "g", "forward_delta")
+                                 for end in ("", "_error")})  # not measured: what is drawn here does not ask for it
     if by_radius:
         members["by_radius"] = Group({name: Dataset(np.stack([members[name].data * factor for factor in (1.0, 0.97, 0.9)]),
                                                     members[name].units, name)

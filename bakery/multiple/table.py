@@ -15,8 +15,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bakery.multiple import basis as bases
-from bakery.multiple import frame, point, segment
+from bakery.multiple import frame, point, segment, tree
 from bakery.multiple.frame import POINT, SEGMENT
+from bakery.multiple.tree import ASPECT
 
 KINDS = ("point", "segment")
 COORDINATES = (
@@ -39,8 +40,7 @@ OUTSIDE = 1e-5  # share of the light beyond which no table goes
 LENGTH = 2.0  # mfp of the tabulated segment
 TOLERANCE = 2e-3
 COUNTS = (0, 7, 15, 23, 31)  # functions of a basis; with a_0 whole vectors of a processor
-ASPECT = 2  # cells are squares of half the side of the plane: two roots, side by side in v
-_COARSE, _FINE = 4, 6  # depths between which cells are divided
+_COARSE, _FINE = tree.COARSE, 6  # depths between which cells are divided
 _SOLVED = 0.9  # of the solver's longest distance: room for the length of a segment
 _GAIN = 2  # of the error from a cell to its quarters, at least
 _SAMPLE = 300  # places for the basis
@@ -90,7 +90,7 @@ class Table:
 
     @property
     def depth(self) -> int:
-        return int(self.corner[:, 0].max(initial=1)).bit_length() - 1
+        return tree.depth(self.corner)
 
     @property
     def nbytes(self) -> int:
@@ -134,12 +134,8 @@ def from_arrays(arrays, *, kind, length, extent, k0, error=0.0, error_with_solve
             raise ValueError(f"{name} has shape {a[name].shape}; with the other arrays of the table it would be {expected}")
     table = Table(kind, float(length), float(extent), float(k0), **a, error=error, error_with_solver=error_with_solver,
                   worst=worst)
-    if corners:
-        size = 1 << table.depth
-        coarse = (a["corner"] % (size >> min(_COARSE, table.depth)) == 0).all(axis=1).sum()
-        if table.depth < _COARSE or coarse != (2**_COARSE + 1) * (ASPECT * 2**_COARSE + 1) or (a["corner"] < 0).any() \
-                or (a["corner"] > (size, ASPECT * size)).any():
-            raise ValueError("corner does not hold all places of the coarsest level, or holds others than those of the tree")
+    for fault in tree.broken(a["corner"], a["node_bounds"]):
+        raise ValueError(fault)
     return table
 
 

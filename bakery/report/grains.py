@@ -380,7 +380,7 @@ def _json(component: Group, name: str) -> dict:
         return {}
     try:
         found = json.loads(read_text(member))
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

@@ -27,6 +27,7 @@ _LOST = 0.15  # relative standard error of photons above which a point says noth
 _MAP, _FEW, _DEAR = (25, 37), (15, 23), 64  # positions of the error map; where more orders were solved
 _NEAR = 0.05  # mfp from the ends of the source, nearer than which the tables count errors in proportion
 _CROWD = 2500  # cell edges above which an SVG holds them as an image
+_ORDERS = 128  # most that a recipe may ask for
 _SEED = 7
 
 
@@ -102,12 +103,12 @@ def pictures(root: Group) -> Iterator:
 
 
 def _orders(root: Group) -> int | None:
-    """The recipe's `orders`, as the stage recorded it; None: as many as it takes."""
+    """The recipe's `orders`, as the stage recorded it; None: as many as it takes, or nothing that a recipe could say."""
     try:
         said = json.loads(bytes(root["provenance/multiple/inputs"].data))["multiple_scattering.orders"]
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, TypeError, RecursionError):
         return None
-    return int(said) if isinstance(said, int | float) else None
+    return said if isinstance(said, int) and 2 <= said <= _ORDERS else None
 
 
 # ---- the plane

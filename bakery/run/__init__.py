@@ -329,7 +329,10 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
 
 def _broken(plan: Plan, root: Group) -> list[str]:
     """Broken rules of what was read back from disk; the store keeps nothing that breaks one."""
-    return [f"{step.stage.name}: {rule}" for step in plan.steps for rule in step.stage.check(root[step.stage.name])]
+    from bakery.stages.conform import faults
+
+    return faults(root) or [f"{stage.name}: {rule}" for stage in (step.stage for step in plan.steps)
+                            for rule in stage.check(root[stage.name])]
 
 
 def _readable(text: str) -> str:
@@ -351,12 +354,15 @@ def _now() -> str:
 
 def _standing(path: Path) -> Group | None:
     """The intact asset that stands at the output path, or None: a damaged one is replaced, not read."""
+    from bakery.stages import conform
     from bakery.store.read import read
 
     if not path.is_file():
         return None
     try:
-        return read(path)
+        root = read(path)
+        conform.check(os.fspath(path), root)
+        return root
     except (AssetError, StoreError, OSError):
         return None
 
@@ -372,8 +378,9 @@ def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
         if isinstance(group, Group) and "input_hash" in group.attributes:
             current[name] = group.attributes["input_hash"]
             try:
-                previous[name] = json.loads(read_text(standing[f"provenance/{name}/inputs"]))
-            except (KeyError, ValueError):
+                parts = json.loads(read_text(standing[f"provenance/{name}/inputs"]))
+                previous |= {name: parts} if isinstance(parts, dict) else {}
+            except (KeyError, ValueError, RecursionError):
                 pass  # made by other hands: the plan can still compare hashes
     same = standing.attributes.get("name") == recipe.name and read_text(standing["recipe"]) == recipe.text
     return previous, current, same

@@ -28,7 +28,7 @@ OUTPUTS = (
     *(Output(f"{name}_rms", "(L,)", "1", f"relative root mean square difference of {name} from photons, less their noise")
       for name in MEASURES),
     *(Output(f"{name}_noise", "(L,)", "1", f"the photons' own noise, in the measure of {name}_rms") for name in MEASURES),
-    Output("photons", "(L,)", "1", "that were counted for each"),
+    Output("photons", "(L,)", "1", "that were counted for each", whole=True),
 )
 _REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
 _NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
@@ -142,6 +142,12 @@ def kernels_of(group: Group, medium: Group) -> list:
 # ---- rules and plan
 
 
+def sound(group: Group) -> Iterable[str]:
+    """Whether the coordinates of the tables ascend."""
+    if not all((np.diff(group[name].data) > 0).all() and group[name].data[0] > 0 for name in ("depth", "ratio")):
+        yield "depth or ratio do not ascend from above 0"
+
+
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `beam` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items()}
@@ -149,8 +155,9 @@ def check(group: Group) -> Iterable[str]:
     yield from faults
     if faults:
         return
-    if not all((np.diff(v[name]) > 0).all() and v[name][0] > 0 for name in ("depth", "ratio")):
-        yield "depth or ratio do not ascend from above 0"
+    faults = list(sound(group))
+    yield from faults
+    if faults:
         return
     for name in v:
         if name not in ("depth", "ratio") and (v[name] < 0).any():
@@ -203,6 +210,7 @@ STAGE = Stage(
     compute=compute,
     check=check,
     tolerance_key="beam.tolerance",
+    sound=sound,
     knobs=(Knob("photons", "beam.photons", "auto", "photons that measure the error", ("20000", "200000")),),
     measures=measures,
 )

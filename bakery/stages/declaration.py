@@ -17,17 +17,32 @@ import numpy as np
 
 from bakery.store.tree import Dataset, Group
 
+ANY = (-math.inf, math.inf)  # `within` of what may be of either sign
+SIGNED = (-1.0, 1.0)  # of cosines
+
 
 @dataclass(frozen=True)
 class Output:
-    """A dataset that the stage writes.  Capital words in `path` stand for names of the recipe (`COMPONENT/radius`)."""
+    """A dataset that the stage writes; `stages.conform` holds every asset to it.
+
+    Attributes
+    ----------
+    path : capital words stand for names of the recipe (`COMPONENT/radius`)
+    shape : such as `(L, A)` or `(K + 1,)`: a letter is one length in all datasets of a group, or of what a capital word stands
+        for; L (wavelengths) and A (angles) are one length in the whole asset.  `(bytes,)` is text
+    choices : names of the values of an integer array
+    within : smallest and largest value; the largest may be a length, such as `V - 1`
+    whole : integers, as indices are
+    """
 
     path: str
     shape: str
     units: str
     description: str
     optional: bool = False
-    choices: tuple[str, ...] = ()  # names of the values of an integer array
+    choices: tuple[str, ...] = ()
+    within: tuple[float, float | str] = (0.0, math.inf)
+    whole: bool = False
 
 
 def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str = "") -> dict[str, Dataset]:
@@ -146,6 +161,8 @@ class Stage:
     inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
     compute : (inputs, context) -> Result
     check : group -> broken rules, in words (normalisation, energy, ranges); `verify` and the store run it
+    sound : group as declared -> broken rules that its readers count on (order, indices, room that a table takes), in words; quick
+        and without heavy imports, for every `bakery.open` runs it
     measures : (group, converged group) -> true errors by name, the one that settings are ranked by first; None where settings
         cannot be compared.  Errors are finite and in the unit of the tolerance
     reference : recipe key -> text: where the knobs stand for a converged group, besides the tolerance
@@ -168,6 +185,7 @@ class Stage:
     measures: Callable[[Group, Group], Mapping[str, float]] | None = None
     reference: Mapping[str, str] = field(default_factory=dict, hash=False)
     tolerance_key: str = "tolerance"
+    sound: Callable[[Group], Iterable[str]] = lambda group: ()
 
     def tolerance(self, recipe) -> float:
         """The error that the stage has to reach."""

@@ -10,7 +10,7 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.stages import grains as grain_stage
 from bakery.stages import medium
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group
 
@@ -34,17 +34,18 @@ OUTPUTS = (
     *medium.OUTPUTS,
     Output("sigma_t_error", "(L,)", "1/m", "error of sigma_t: standard error, and how far light spreads otherwise in the grains"),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
-    Output("fraction", "(1,)", "1", "share of the volume in bounding spheres"),
-    Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits"),
+    Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
+    Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits", within=(0, 1)),
     Output("hit_probability_error", "(1,)", "1", "standard error of hit_probability"),
     Output("void_chord", "(1,)", "m", "mean way between bounding spheres (Eq. 1)"),
     Output("lambda_beta", "(1,)", "m", "mean way from hit to hit, outside of the spheres hit (Eq. 3)"),
     Output("lambda_beta_error", "(1,)", "m", "standard error of lambda_beta"),
-    Output("lambda_s", "(L,)", "m", "mean way from entry to exit of a hit sphere along the incoming direction"),
+    Output("lambda_s", "(L,)", "m", "mean way from entry to exit of a hit sphere along the incoming direction", within=ANY),
     Output("lambda_s_error", "(L,)", "m", "standard error of lambda_s"),
     Output("mean_square", "(L,)", "m^2", "mean squared distance of entry and exit"),
     Output("mean_square_error", "(L,)", "m^2", "standard error of mean_square"),
-    Output("forward_delta", "(L,)", "1", "share of scattered light that keeps its direction; part of phase, below theta[1]"),
+    Output("forward_delta", "(L,)", "1", "share of scattered light that keeps its direction; part of phase, below theta[1]",
+           within=(0, 1)),
     Output("forward_delta_error", "(L,)", "1", "standard error of forward_delta"),
     *(Output(f"sigma_t_{name}{end}", "(L,)", "1/m", ("standard error of sigma_t_" + name) if end else said,
              optional=name == "random_walk")
@@ -54,7 +55,8 @@ OUTPUTS = (
       for end in ("", "_error")),
     Output("diffusion_coefficient", "(L,)", "m", "improved (Grosjean) diffusion coefficient"),
     Output("sigma_tr_improved", "(L,)", "1/m", "effective transport coefficient with it"),
-    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True)
+    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True,
+             within=ANY if not end and name in ("g", "correlation", "lambda_s", "mean_square_displacement") else (0, math.inf))
       for name, units, said in _WALK for end in ("", "_error")),
     Output("random_walk/hits", "(1,)", "1", "hits that were walked", optional=True),
     Output("random_walk/wavelength", "(1,)", "um", "whose indices the grains had; nothing is absorbed", optional=True),
@@ -292,6 +294,7 @@ OF_GRAINS = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    sound=medium.sound,
     measures=measures,
     knobs=(Knob("sigma_t", "effective_medium.sigma_t", "auto", "what sigma_t matches", CHOICES),
            Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from bakery.stages import exemplars, rules
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.measures import integrated_difference
-from bakery.store.tree import Dataset, Group, text
+from bakery.store.tree import Dataset, Group, read_text, text
 
 PEAK = 1e-3  # rad, second angle of the table: room for light that leaves unchanged, in tables of media
 _APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
@@ -44,30 +44,34 @@ _SAID = {
     "inner_path": ("1", "mean way inside the grain of the light that leaves, in radii of the sphere"),
     "phase": ("1/sr", "phase function of light that leaves changed, linear in cos theta; a node holds the mean over its cell"),
 }
+# what is thrown back may leave the sphere before where it entered
+_WITHIN = dict.fromkeys(_SHARES, (0, 1)) | {"g": SIGNED, "lambda_s": ANY, "lambda_o": ANY}
 
 
 def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
     return tuple(Output(f"{prefix}{name}{end}", shape, _SAID[name][0], ("standard error of " + name) if end else _SAID[name][1],
-                        **more) for name in names for end in ("", "_error"))
+                        within=_WITHIN.get(name + end, (0, math.inf)), **more) for name in names for end in ("", "_error"))
 
 
 OUTPUTS = (
-    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
     Output("radius", "(S,)", "m", "radii of bounding spheres that stand for the law of sizes"),
-    Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1"),
-    Output("COMPONENT/vertices", "(V, 3)", "1", "corners of the exemplar, in radii of its bounding sphere"),
-    Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only"),
-    Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains"),
+    Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1", within=(0, 1)),
+    Output("COMPONENT/vertices", "(V, 3)", "1", "corners of the exemplar, in radii of its bounding sphere", within=(-1.01, 1.01)),
+    Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only",
+           within=(0, "V - 1"), whole=True),
+    Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains", within=(0, 1)),
     Output("COMPONENT/shape", "(bytes,)", "utf-8", "shape as in the recipe (JSON)"),
     Output("COMPONENT/surface", "(bytes,)", "utf-8", "surface, indices relative to the host (JSON)"),
     Output("COMPONENT/interior", "(L,)", "1/m", "absorption coefficient of the inside"),
     *_with_errors("COMPONENT/", SCALARS, "(1,)"),
     *_with_errors("COMPONENT/", FIGURES, "(L,)"),
     *_with_errors("COMPONENT/", ("phase",), "(L, A)"),
-    Output("COMPONENT/paths", "(1,)", "1", "rays that were followed; 0: closed form"),
-    Output("COMPONENT/hits", "(1,)", "1", "rays that met the surface"),
+    Output("COMPONENT/paths", "(1,)", "1", "rays that were followed; 0: closed form", whole=True),
+    Output("COMPONENT/hits", "(1,)", "1", "rays that met the surface", whole=True),
     Output("COMPONENT/events", "(1,)", "1", "meetings with the surface of a ray that hits"),
-    Output("COMPONENT/contradicted", "(1,)", "1", "share of rays given up because inside and outside did not agree"),
+    Output("COMPONENT/contradicted", "(1,)", "1", "share of rays given up because inside and outside did not agree",
+           within=(0, 1)),
     Output("COMPONENT/lost", "(1,)", "1", "share of the light of hits that was still under way when its path was cut"),
     *_with_errors("COMPONENT/by_radius/", BY_RADIUS, "(S, L)", optional=True),
     *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),
@@ -251,6 +255,33 @@ def _reached(values, walks, name) -> tuple[float, list[str]]:
 # ---- rules
 
 
+def sound(group: Group) -> Iterable[str]:
+    """Whether angles ascend, and every grain is a mesh in the unit sphere with a shape and a surface that can be read."""
+    yield from rules.angles(group["theta"].data)
+    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
+    if not parts:
+        yield "holds no grain"
+    for name, part in parts.items():
+        yield from (f"{name}: {fault}" for fault in (*_mesh(part["vertices"].data, part["faces"].data), *_texts(part)))
+
+
+def _mesh(vertices, faces) -> Iterable[str]:
+    if (faces[:, 0] == faces[:, 1]).any() or (faces[:, 1] == faces[:, 2]).any() or (faces[:, 2] == faces[:, 0]).any():
+        yield "faces holds a triangle that names a vertex twice"
+    if np.sqrt((vertices**2).sum(axis=1)).max() > 1 + 1e-9:
+        yield "a vertex outside of the bounding sphere"
+
+
+def _texts(part: Group) -> Iterable[str]:
+    for name in ("shape", "surface"):
+        try:
+            found = json.loads(read_text(part[name]))
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, dict):
+            yield f"{name} is no JSON object"
+
+
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `grains` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
@@ -285,8 +316,7 @@ def _check_component(part: Group, theta) -> Iterable[str]:
             or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
         yield "faces do not name vertices"
         return
-    if np.sqrt((vertices**2).sum(axis=1)).max() > 1 + 1e-9:
-        yield "a vertex outside of the bounding sphere"
+    yield from _mesh(vertices, faces)
     if (v["interior"] < 0).any():
         yield "interior below 0"
     for path, value in v.items():
@@ -401,6 +431,7 @@ STAGE = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    sound=sound,
     tolerance_key="scatterometer.tolerance",
     knobs=(
         Knob("tolerance", "scatterometer.tolerance", 0.005, "standard error of the statistics, where paths is auto",

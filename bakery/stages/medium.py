@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import optics, rules
-from bakery.stages.declaration import Cost, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
@@ -17,20 +18,20 @@ OUTPUTS = (
     Output("sigma_s", "(L,)", "1/m", "scattering coefficient"),
     Output("sigma_a", "(L,)", "1/m", "absorption coefficient"),
     Output("sigma_a_error", "(L,)", "1/m", "change of sigma_a when the nodes over sizes are halved", optional=True),
-    Output("albedo", "(L,)", "1", "single-scattering albedo, sigma_s / sigma_t"),
-    Output("g", "(L,)", "1", "mean cosine of the tabulated phase function"),
+    Output("albedo", "(L,)", "1", "single-scattering albedo, sigma_s / sigma_t", within=(0, 1)),
+    Output("g", "(L,)", "1", "mean cosine of the tabulated phase function", within=SIGNED),
     Output("sigma_t_reduced", "(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
-    Output("albedo_reduced", "(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced"),
+    Output("albedo_reduced", "(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced", within=(0, 1)),
     Output("sigma_tr", "(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
     Output("sigma_tr_error", "(L,)", "1/m", "the part of sigma_a_error in sigma_tr", optional=True),
-    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
     Output("phase", "(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
     Output("phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
-    Output("cdf", "(L, A)", "1", "probability of a scattering angle below theta"),
+    Output("cdf", "(L, A)", "1", "probability of a scattering angle below theta", within=(0, 1)),
     Output("s11", "(L, A)", "1/sr", "Mueller element s11, equal to phase", optional=True),
-    Output("s12", "(L, A)", "1/sr", "Mueller element s12", optional=True),
-    Output("s33", "(L, A)", "1/sr", "Mueller element s33", optional=True),
-    Output("s34", "(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)", optional=True),
+    Output("s12", "(L, A)", "1/sr", "Mueller element s12", optional=True, within=ANY),
+    Output("s33", "(L, A)", "1/sr", "Mueller element s33", optional=True, within=ANY),
+    Output("s34", "(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)", optional=True, within=ANY),
 )
 _REQUIRED = tuple(output.path for output in OUTPUTS if not output.optional and output.path != "phase_error")
 
@@ -143,6 +144,11 @@ def _cost_of_coefficients(recipe) -> Cost:
                 f"about {angles} angles", kind="of coefficients")
 
 
+def sound(group: Group) -> Iterable[str]:
+    """Whether the angles ascend."""
+    return rules.angles(group["theta"].data)
+
+
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `medium` group, in words."""
     from bakery.medium import phase, similarity
@@ -197,6 +203,7 @@ OF_PARTICLES = Stage(
     inputs=_inputs_of_particles,
     compute=_compute_of_particles,
     check=check,
+    sound=sound,
 )
 
 OF_COEFFICIENTS = Stage(
@@ -213,4 +220,5 @@ OF_COEFFICIENTS = Stage(
     inputs=_inputs_of_coefficients,
     compute=_compute_of_coefficients,
     check=check,
+    sound=sound,
 )

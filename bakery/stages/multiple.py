@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group, text
 
 KINDS = ("point", "segment")
@@ -18,26 +19,29 @@ _TEXTS = (("coordinates", "map from the position to the unit square that the qua
           ("singular", "part that was divided out before interpolation"),
           ("interpolation", "how a value is looked up"))
 _ARRAYS = (
-    Output("node_bounds", "(M, 4)", "1", "u_min, u_max, v_min, v_max of each cell of the quadtree"),
-    Output("node_child", "(M,)", "1", "first of the four children of a cell, or -1; nodes 0 and 1 are the roots"),
-    Output("corner", "(N, 2)", "1", "place of a corner: u = corner[0] 2^-depth, v = corner[1] 2^-(depth + 1)"),
-    Output("offset", "(N,)", "1", "coefficient 0 at each corner, of the natural logarithm"),
-    Output("coefficient", "(N, K)", "1", "coefficients 1 .. K at each corner, in units of coefficient_scale"),
+    Output("node_bounds", "(M, 4)", "1", "u_min, u_max, v_min, v_max of each cell of the quadtree", within=(0, 1)),
+    Output("node_child", "(M,)", "1", "first of the four children of a cell, or -1; nodes 0 and 1 are the roots",
+           within=(-1, "M - 1"), whole=True),
+    Output("corner", "(N, 2)", "1", "place of a corner: u = corner[0] 2^-depth, v = corner[1] 2^-(depth + 1)", whole=True),
+    Output("offset", "(N,)", "1", "coefficient 0 at each corner, of the natural logarithm", within=ANY),
+    Output("coefficient", "(N, K)", "1", "coefficients 1 .. K at each corner, in units of coefficient_scale", within=ANY,
+           whole=True),
     Output("coefficient_scale", "(K,)", "1", "scales of the coefficients"),
-    Output("basis", "(K + 1, S, T)", "1", "functions of the direction, in units of basis_scale"),
+    Output("basis", "(K + 1, S, T)", "1", "functions of the direction, in units of basis_scale", within=ANY, whole=True),
     Output("basis_scale", "(K + 1,)", "1", "scales of the basis"),
     Output("error", "(1,)", "1", "relative error of a lobe between the corners, of the table alone"),
     Output("error_with_solver", "(1,)", "1", "the same with what the solver, or the noise of photons, contributes"),
     Output("error_worst", "(1,)", "1", "largest error of the positions that were looked at"),
     Output("offset_error", "(N,)", "1", "standard error of offset, that of the integral over directions; tables of photons only"),
-    Output("photons", "(1,)", "1", "photons that were followed; tables of photons only"),
+    Output("photons", "(1,)", "1", "photons that were followed; tables of photons only", whole=True),
     Output("resolution", "(1,)", "rad", "of cones that narrow peaks were spread over, 0: none; tables of photons only"),
 )
 OUTPUTS = (
     Output("wavelength", "(L,)", "um", "of the tables w0, w1, ..."),
-    Output("extinction", "(L,)", "1", "sigma_t that the tables' mean free paths belong to, over the medium's: 1 - albedo peak"),
-    Output("albedo", "(L,)", "1", "that the tables were made for, without the peak"),
-    Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered"),
+    Output("extinction", "(L,)", "1", "sigma_t that the tables' mean free paths belong to, over the medium's: 1 - albedo peak",
+           within=(0, 1)),
+    Output("albedo", "(L,)", "1", "that the tables were made for, without the peak", within=(0, 1)),
+    Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered", within=(0, 1)),
     Output("peak_angle", "(L,)", "rad", "angle below which light is in that peak; 0 where there is none"),
     Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those of light in the peak that goes straight on"),
     Output("phase", "(L, A)", "1/sr", "phase function of the tables on medium/theta: without the peak, integral 1"),
@@ -45,8 +49,9 @@ OUTPUTS = (
     Output("extent", "(L,)", "1", "where the tables end, mean free paths"),
     Output("length", "(1,)", "1", "of the tabulated segment, mean free paths"),
     *(Output(f"{kind}/{name}", "(bytes,)", "utf-8", said, optional=True) for kind in KINDS for name, said in _TEXTS),
-    *(Output(f"{kind}/WAVELENGTH/{o.path}", o.shape, o.units, o.description, optional=True) for kind in KINDS for o in _ARRAYS),
+    *(replace(o, path=f"{kind}/WAVELENGTH/{o.path}", optional=True) for kind in KINDS for o in _ARRAYS),
 )
+_OF_PHOTONS = ("offset_error", "photons", "resolution")
 _REQUIRED = ("wavelength", "extinction", "albedo", "peak", "peak_angle", "peak_effect", "phase", "k0", "extent", "length")
 _WHOLE, _CUT = 96, 40  # orders that are solved in full; orders that are kept where more would be needed
 _MOMENTS = 140
@@ -256,6 +261,24 @@ def tables_of(group: Group, kind: str) -> list:
 # ---- rules and plan
 
 
+def sound(group: Group) -> Iterable[str]:
+    """Whether every table is there, and its tree takes no more room than its depth says."""
+    from bakery.multiple import tree
+
+    kinds = [kind for kind in KINDS if kind in group.members]
+    if not kinds:
+        yield "holds neither point nor segment"
+    for kind in kinds:
+        for k in range(len(group["wavelength"].data)):
+            place = group[kind].members.get(f"w{k}")
+            held = place.members if isinstance(place, Group) else {}
+            missing = [output.path for output in _ARRAYS if output.path not in held and output.path not in _OF_PHOTONS]
+            if missing:
+                yield f"{kind}/w{k}: {', '.join(missing)} missing"
+            else:
+                yield from (f"{kind}/w{k}: {fault}" for fault in tree.broken(held["corner"].data, held["node_bounds"].data))
+
+
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `multiple` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
@@ -270,10 +293,9 @@ def check(group: Group) -> Iterable[str]:
             yield f"{name} outside 0 .. 1"
     if (v["k0"] < 0).any() or (v["extent"] <= 0).any() or (v["length"] <= 0).any():
         yield "k0 below 0, or extent or length not above 0"
-    kinds = [kind for kind in KINDS if kind in group.members]
-    if not kinds:
-        yield "holds neither point nor segment"
-    for kind in kinds:
+    faults = list(sound(group))
+    yield from faults
+    for kind in [kind for kind in KINDS if kind in group.members and not faults]:
         try:
             made = tables_of(group, kind)
         except (KeyError, ValueError) as fault:
@@ -358,6 +380,7 @@ STAGE = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    sound=sound,
     tolerance_key="multiple_scattering.tolerance",
     measures=measures,
     knobs=(Knob("tolerance", "multiple_scattering.tolerance", 0.01, "error of the tables", ("10%", "3%", "1%", "0.3%", "0.1%")),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import declaration, measures, rules
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group, read_text, text
 
 _KERNELS = ("mie._kernels",)
@@ -23,9 +24,9 @@ ELEMENTS = ("s12", "s33", "s34")
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
              "mean_absorption", "phase")
 OUTPUTS = (
-    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi"),
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
     Output("COMPONENT/radius", "(R,)", "um", "quadrature nodes of the size distribution"),
-    Output("COMPONENT/weight", "(R,)", "1", "share of the particle number at each node, adding up to 1"),
+    Output("COMPONENT/weight", "(R,)", "1", "share of the particle number at each node, adding up to 1", within=(0, 1)),
     Output("COMPONENT/mean_volume", "(1,)", "um^3", "mean volume of a particle, exact"),
     Output("COMPONENT/extinction", "(L, R)", "um^2", "extinction cross section of a sphere"),
     Output("COMPONENT/scattering", "(L, R)", "um^2", "scattering cross section of a sphere"),
@@ -41,7 +42,8 @@ OUTPUTS = (
            optional=True),
     Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
     Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
-    *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True)
+    *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True,
+             within=ANY)
       for name in ELEMENTS),
 )
 
@@ -231,6 +233,19 @@ def _group(component, average, wavelength, host) -> Group:
     return Group(datasets(OUTPUTS, values, "COMPONENT/"))
 
 
+def sound(group: Group) -> Iterable[str]:
+    """Whether angles and radii ascend."""
+    yield from rules.angles(group["theta"].data)
+    for name, part in group.members.items():
+        if isinstance(part, Group):
+            yield from (f"{name}: {fault}" for fault in _ascending(part["radius"].data))
+
+
+def _ascending(radius) -> Iterable[str]:
+    if not ((radius > 0).all() and (np.diff(radius) >= 0).all()):
+        yield "radius not above 0 and ascending"
+
+
 def check(group: Group) -> Iterable[str]:
     """Broken rules of an `optics` group, in words."""
     theta = group["theta"].data if "theta" in group.members else None
@@ -250,8 +265,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
     if faults:
         return
     radius, weight = values["radius"], values["weight"]
-    if not ((radius > 0).all() and (np.diff(radius) >= 0).all()):
-        yield "radius not above 0 and ascending"
+    yield from _ascending(radius)
     if (weight < 0).any() or abs(weight.sum() - 1) > 1e-12:
         yield "weight does not add up to 1"
     for prefix in ("", "mean_"):
@@ -297,6 +311,7 @@ STAGE = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    sound=sound,
     knobs=(
         Knob("tolerance", "tolerance", 0.01, "largest error of cross sections and phase function",
              ("30%", "10%", "3%", "1%", "0.3%")),

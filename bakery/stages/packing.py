@@ -6,13 +6,14 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Dataset, Group
 
 LEAST_GAP = -1e-9  # of the mean diameter: less is rounding, more an overlap
@@ -24,9 +25,9 @@ _TILE = (
     Output("centers", "(N, 3)", "1", "centres of the spheres, in mean radii, from 0 to the edges of the cell"),
     Output("radii", "(N,)", "1", "radii of the spheres over their mean"),
     Output("cell", "(3,)", "1", "edges of the periodic cell, in mean radii"),
-    Output("fraction", "(1,)", "1", "share of the cell in spheres"),
-    Output("fraction_wished", "(1,)", "1", "share that the recipe asks for"),
-    Output("smallest_gap", "(1,)", "1", "smallest distance of two surfaces, in mean diameters"),
+    Output("fraction", "(1,)", "1", "share of the cell in spheres", within=(0, 1)),
+    Output("fraction_wished", "(1,)", "1", "share that the recipe asks for", within=(0, 1)),
+    Output("smallest_gap", "(1,)", "1", "smallest distance of two surfaces, in mean diameters", within=ANY),
     Output("contacts_per_sphere", "(1,)", "1", "mean number of gaps below 1e-3 mean diameters a sphere"),
     Output("contacts_per_sphere_error", "(1,)", "1", "standard error of contacts_per_sphere, between tiles of the kind"),
     Output("rattlers", "(1,)", "1", "share of spheres with fewer than four contacts, other such spheres not counted"),
@@ -34,13 +35,14 @@ _TILE = (
     Output("bond_order_random", "(1,)", "1", "Q6 of as many bonds in random directions"),
     Output("bond_order_local", "(1,)", "1", "mean over spheres of q6 of their own bonds"),
     Output("pressure", "(1,)", "1", "PV/NkT at the end of the dynamics", optional=True),
-    Output("pair_correlation/edges", "(E,)", "1", "edges of the bins of r", optional=True),
-    Output("pair_correlation/r", "(B,)", "1", "distance of centres in mean radii, middle of the bin", optional=True),
-    Output("pair_correlation/g", "(B,)", "1", "density of centres over the mean density, mean over the shell", optional=True),
-    Output("pair_correlation/g_error", "(B,)", "1", "standard error of g, between tiles of the kind", optional=True),
-    Output("chord_length/edges", "(E,)", "1", "edges of the bins of length, in mean radii; the last is the longest chord seen"),
-    Output("chord_length/density", "(B,)", "1", "density of chords between spheres along isotropic lines, mean over the bin"),
-    Output("chord_length/density_error", "(B,)", "1", "standard error of density, from the number of lines"),
+    Output("pair_correlation/edges", "(P + 1,)", "1", "edges of the bins of r", optional=True),
+    Output("pair_correlation/r", "(P,)", "1", "distance of centres in mean radii, middle of the bin", optional=True),
+    Output("pair_correlation/g", "(P,)", "1", "density of centres over the mean density, mean over the shell", optional=True),
+    Output("pair_correlation/g_error", "(P,)", "1", "standard error of g, between tiles of the kind", optional=True),
+    Output("chord_length/edges", "(C + 1,)", "1",
+           "edges of the bins of length, in mean radii; the last is the longest chord seen"),
+    Output("chord_length/density", "(C,)", "1", "density of chords between spheres along isotropic lines, mean over the bin"),
+    Output("chord_length/density_error", "(C,)", "1", "standard error of density, from the number of lines"),
     Output("chord_length/mean", "(1,)", "1", "mean chord in mean radii"),
     Output("chord_length/mean_error", "(1,)", "1", "standard error of mean, from the number of lines"),
     Output("chord_length/mean_exact", "(1,)", "1", "4 V/S, volume outside over surface of the spheres"),
@@ -48,7 +50,7 @@ _TILE = (
     Output("chord_length/second_moment_error", "(1,)", "1", "standard error of second_moment, from the number of lines"),
     Output("chord_length/cut", "(1,)", "1", "share of the chords that were followed no further than 1000 mean chords"),
 )
-OUTPUTS = tuple(Output(prefix + output.path, output.shape, output.units, output.description, True)
+OUTPUTS = tuple(replace(output, path=prefix + output.path, optional=True)
                 for prefix in ("", "TILE/") for output in _TILE)
 _REQUIRED = tuple(output.path for output in _TILE if not output.optional)
 
@@ -117,8 +119,6 @@ def inputs(recipe, upstream) -> dict:
 
 def _schedule(tolerance: float, growth: float | None, equilibration: int | None):
     """Growth and rest of the spheres: by the tolerance unless the recipe says otherwise."""
-    from dataclasses import replace
-
     from bakery.packing import SCHEDULES
 
     chosen = SCHEDULES["draft" if tolerance >= 0.1 else "preview" if tolerance >= 0.03 else "final"]
@@ -273,6 +273,53 @@ def _measured(tile, seed: int, context) -> tuple[Group, float]:
 # ---- rules
 
 
+def sound(group: Group) -> Iterable[str]:
+    """Whether each tile is complete, its spheres have room in it, and its bins ascend."""
+    found = tiles(group)
+    if not found:
+        yield "holds no tile"
+    for name, tile in found.items():
+        v = {path: member.data for path, member in tile.walk() if isinstance(member, Dataset)}
+        missing = [path for path in _REQUIRED if path not in v]
+        faults = [f"{', '.join(missing)} missing"] if missing else [*_room(v["centers"], v["radii"], v["cell"]), *_bins(v)]
+        yield from (f"{name}: {fault}" if name else fault for fault in faults)
+
+
+def _room(centers, radii, cell) -> Iterable[str]:
+    """Whether spheres (N, 3), (N,) can lie in a cell (3,) at all.
+
+    What searches for neighbours takes time and memory by the number of spheres in reach; this holds it down without a search.
+    """
+    if not radii.size or not (radii > 0).all() or not (cell > 0).all():
+        yield "radii and cell are not above 0"
+    elif abs(radii.mean() - 1) > 1e-12:
+        yield f"the mean radius is {radii.mean():.15g}, not the unit 1"
+    elif cell.min() < 2 * radii.max() * (1 + 2 * LEAST_GAP):
+        yield "a sphere that overlaps its own images: cell is smaller than its diameter"
+    elif (centers < 0).any() or (centers >= cell).any():
+        yield "a centre outside of the cell"
+    elif 4 / 3 * np.pi * np.sum(radii**3) > np.prod(cell) * (1 + 1e-9):
+        yield "centers, radii: more spheres than the cell has room for"
+    else:
+        kind = np.floor(np.log2(radii / radii.min())).astype(int)
+        for of in np.unique(kind):
+            ours = kind == of
+            # two centres in a cube are at most its diagonal apart, here just below the distance of two of these spheres
+            cube = (2 * radii[ours].min() - 4e-9) / np.sqrt(3)
+            _, number = np.unique(np.floor(centers[ours] / cube), axis=0, return_counts=True)
+            if number.max() > 1:
+                yield f"centers: two spheres overlap, {number.max()} centres lie where one has room"
+                return
+
+
+def _bins(v: Mapping[str, np.ndarray]) -> Iterable[str]:
+    edges = v["chord_length/edges"]
+    if edges[0] != 0 or not (np.diff(edges) > 0).all():
+        yield "chord_length: edges do not ascend from 0, one more than density has bins"
+    if "pair_correlation/g" in v and not (np.diff(v.get("pair_correlation/edges", np.zeros(2))) > 0).all():
+        yield "pair_correlation: edges do not ascend, one more than g has bins"
+
+
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `packing` group, in words."""
     found = tiles(group)
@@ -295,10 +342,10 @@ def _check_tile(tile: Group) -> Iterable[str]:
             or not (radii > 0).all() or not (cell > 0).all():
         yield "centers, radii and cell are not (N, 3), (N,) and (3,), radii and cell above 0"
         return
-    if abs(radii.mean() - 1) > 1e-12:
-        yield f"the mean radius is {radii.mean():.15g}, not the unit 1"
-    if (centers < 0).any() or (centers >= cell).any():
-        yield "a centre outside of the cell"
+    faults = list(_room(centers, radii, cell))
+    yield from faults
+    if faults:
+        return
     gap = structure.smallest_gap(centers, radii, cell)
     if not gap >= LEAST_GAP:
         yield f"two spheres overlap by {-gap:.2g} mean diameters"
@@ -403,6 +450,7 @@ STAGE = Stage(
     inputs=inputs,
     compute=compute,
     check=check,
+    sound=sound,
     knobs=(
         Knob("tolerance", "tolerance", 0.01, "error of the law of chords; and how slowly spheres grow, where growth is auto",
              ("10%", "3%", "1%")),

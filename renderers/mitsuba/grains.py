@@ -200,7 +200,7 @@ def _mesh(part, name):
 def _json(part, name, key) -> dict:
     try:
         found = json.loads(part[key])
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         found = None
     if not isinstance(found, dict):
         raise AssetError(f"grains/{name}/{key}: is no JSON object; run `bake verify` on the asset")

@@ -204,8 +204,11 @@ def test_colour_in_stock_mitsuba(call, root, tmp_path):
     albedo = np.array([0.9, 0.8, 1.0])
     three = with_member(root, "wavelength", Dataset(np.array([0.465, 0.61, 0.55]), "um", "wavelengths"))
     for name, values in (("sigma_t", sigma_t), ("sigma_s", sigma_t * albedo), ("albedo", albedo)):
-        three = with_member(three, f"medium/{name}", Dataset(values, "1/m", name))
+        three = with_member(three, f"medium/{name}", Dataset(values, root[f"medium/{name}"].units, name))
     three = with_member(three, "medium/phase", Dataset(root["medium/phase"].data[[0, 0, 0]], "1/sr", "phase"))
+    for name, member in root["medium"].members.items():
+        if three[f"medium/{name}"].data.shape[0] == 2:
+            three = with_member(three, f"medium/{name}", Dataset(member.data[[0, 0, 0]], member.units, name))
     write(tmp_path / "thick.h5", with_member(three, "optics", None))
     assert call("export", tmp_path / "thick.h5", "--to", "mitsuba")[0] == 0
     scene = mi.load_file(str(tmp_path / "thick-mitsuba" / "thick.xml"))
@@ -403,7 +406,7 @@ def test_wrong_calls(call, fog, args, said):
 
 def test_a_medium_that_only_absorbs(call, root, tmp_path):
     for name, values in (("sigma_s", np.zeros(2)), ("albedo", np.zeros(2))):
-        root = with_member(root, f"medium/{name}", Dataset(values, "1/m", name))
+        root = with_member(root, f"medium/{name}", Dataset(values, root[f"medium/{name}"].units, name))
     write(tmp_path / "black.h5", root)
     assert call("export", tmp_path / "black.h5", "--to", "mitsuba")[0] == 0
     assert 'name="albedo" value="0.0, 0.0, 0.0"' in (tmp_path / "black-mitsuba" / "black.xml").read_text()

@@ -36,7 +36,7 @@ def hostile(tmp_path):
     medium = root["medium"]
     root = with_member(root, "medium", Group(medium.members, medium.attributes | {"error_measure": HOSTILE}))
     root = with_member(root, "provenance", Group(root["provenance"].members, {"command": HOSTILE}))
-    root = with_member(with_member(root, "medium/phase", None), "optics", None)  # leaves one picture to draw
+    root = with_member(root, "optics", None)  # leaves few pictures to draw
     path = tmp_path / "hostile.h5"
     write(path, Group(root.members, root.attributes | {"name": HOSTILE}))
     return path

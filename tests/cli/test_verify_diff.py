@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bakery.store.tree import Group
 from bakery.store.write import write
 from tests.conftest import MILK
 from tests.samples import small_asset, with_member
@@ -69,7 +70,7 @@ def test_what_is_no_asset(call, milk, tmp_path):
 def test_equal_assets(call, tmp_path):
     root = small_asset()
     write(tmp_path / "a.h5", root)
-    write(tmp_path / "b.h5", with_member(root, "provenance", None))
+    write(tmp_path / "b.h5", with_member(root, "provenance", Group()))
     status, out, _ = call("diff", tmp_path / "a.h5", tmp_path / "b.h5")
     assert status == 0 and out.startswith("equal: ")
     found = json.loads(call("diff", tmp_path / "a.h5", tmp_path / "b.h5", "--json")[1])
@@ -84,14 +85,14 @@ def test_differences_by_dataset(call, tmp_path):
     other = with_member(root, "medium/g", replace(g, data=g.data * [1, 1 + 1e-9]))
     sigma = root["optics/droplets/scattering"]
     other = with_member(other, "optics/droplets/scattering", replace(sigma, data=sigma.data * (1 + 3e-4)))
-    write(b, with_member(other, "medium/cdf", None))
+    write(b, with_member(other, "medium/more", replace(g, description="one more")))
     status, out, _ = call("diff", a, b)
     rows = {line.split()[0]: line.split() for line in out.splitlines()[3:]}
-    assert status == 1 and set(rows) == {"medium/g", "optics/droplets/scattering", "medium/cdf"}
+    assert status == 1 and set(rows) == {"medium/g", "optics/droplets/scattering", "medium/more"}
     assert float(rows["medium/g"][1]) == pytest.approx(1e-9, rel=0.01) and rows["medium/g"][3] == "-"
     # each side states 1e-4 of the value, so 3e-4 apart are 3 / sqrt(2) standard errors of the difference
     assert float(rows["optics/droplets/scattering"][3]) == pytest.approx(3 / np.sqrt(2), rel=0.01)
-    assert "only in A" in out
+    assert "only in B" in out
     found = json.loads(call("diff", a, b, "--json")[1])
     assert {row["path"] for row in found["differences"]} == set(rows) and not found["equal"]
     # a tolerance lets numbers pass, never structure

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.medium.phase import mean_cosine, normalised
+from bakery.medium.phase import normalised
+from bakery.stages.medium import members_of
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
 
@@ -32,11 +33,8 @@ def asset_file(path, phase, *, theta=None, wavelength=(0.55,), sigma_t=1.0, albe
     table, scale = normalised(theta, phase)
     count = len(wavelength)
     sigma_t, albedo = (np.broadcast_to(np.asarray(value, dtype=float), (count,)).copy() for value in (sigma_t, albedo))
-    members = {"sigma_t": Dataset(sigma_t, "1/m", "extinction coefficient"),
-               "albedo": Dataset(albedo, "1", "single-scattering albedo"),
-               "g": Dataset(mean_cosine(theta, table), "1", "mean cosine"),
-               "theta": Dataset(np.asarray(theta, dtype=float), "rad", "angle"),
-               "phase": Dataset(table, "1/sr", "phase function")}
+    members = members_of(albedo * sigma_t, (1 - albedo) * sigma_t, np.asarray(theta, dtype=float), table[:, None],
+                         np.zeros_like(table), sigma_t, albedo)
     for key, value in (elements or {}).items():
         members[key] = Dataset(np.atleast_2d(value) * (table[:, :1] / phase[:, :1]), "1/sr", "Mueller element")
     stage = {"stage": "medium", "stage_version": 1, "input_hash": "0" * 64, "tolerance": 0.01, "achieved_error": 0.001,

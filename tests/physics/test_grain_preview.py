@@ -170,5 +170,5 @@ def test_faces_that_name_no_vertex_are_refused(tree, tmp_path):
     faces = tree["grains/clay/faces"]
     broken = type(faces)(faces.data + 5, faces.units, faces.description)
     write(tmp_path / "x.h5", with_member(tree, "grains/clay/faces", broken))
-    with pytest.raises(AssetError, match="no mesh"):
+    with pytest.raises(AssetError, match="grains/clay/faces: holds"):
         renderer.preview(tmp_path / "x.h5", tmp_path / "x.png", width=48, spp=2)

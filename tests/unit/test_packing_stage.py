@@ -197,7 +197,8 @@ def moved(to):
 
 
 @pytest.mark.parametrize("path, change, words", [
-    ("f20/centers", lambda c: np.vstack([c[1:2] + 1e-3, c[1:]]), "two spheres overlap by "),
+    ("f20/centers", lambda c: np.vstack([c[1:2] + 1e-3, c[1:]]), "two spheres overlap, 2 centres lie where one has room"),
+    ("f20/centers", lambda c: np.vstack([c[1:][np.argmin(c[1:, 2])] + [0, 0, 1.9], c[1:]]), "two spheres overlap by "),
     ("f20/centers", lambda c: c - 50, "a centre outside"),
     ("f20/radii", lambda r: 1.01 * r, "mean radius is 1.01"),
     ("f20/cell", lambda c: 1.001 * c, "fraction is not the volume"),

@@ -148,5 +148,5 @@ def test_rules_find_what_is_wrong(bake):
     corner = place["corner"]
     cut = Group({**place.members, "corner": Dataset(corner.data[:-1], corner.units, corner.description)})
     broken = Group({**group.members, "point": Group({**group["point"].members, "w0": cut})})
-    assert any(fault.startswith("point: ") for fault in multiple.check(broken))
+    assert any(fault.startswith("point/w0: ") for fault in multiple.check(broken))
     assert multiple.measures(group, group)["error"] == 0

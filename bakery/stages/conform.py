@@ -1,0 +1,272 @@
+"""Whether an asset is what its stages declare: names, shapes, types, units, ranges and sizes, and what else readers count on.
+
+Every `bakery.open` asks, so this is quick and imports no physics; `verify` adds the stages' own rules.  Places are named as in
+the asset, findings are one sentence each.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from bakery.errors import AssetError
+from bakery.stages import all_stages
+from bakery.stages.declaration import Output, Stage
+from bakery.store.tree import TEXT, Dataset, Group, is_text, read_text
+
+ERROR = "_error"  # X_error is the standard error of X
+STAGE_ATTRIBUTES = {"stage": str, "stage_version": int, "input_hash": str, "content_hash": str, "tolerance": float,
+                    "achieved_error": float, "error_measure": str}
+ROOT_ATTRIBUTES = {"format": str, "format_version": int, "name": str, "bakery_version": str, "content_hash": str}
+PROVENANCE = {"seconds": float, "peak_memory": float, "workers": int, "bakery_version": str, "finished": str}
+SHARED = "LA"  # letters that are one length in the whole asset
+LONGEST = {"L": 4096, "A": 1_000_000, "R": 100_000, "S": 4096, "F": 5_000_000, "V": 5_000_000}  # of an axis, by its letter
+OTHERS = 1_000_000
+EMPTY = "NK"  # letters of axes that may be empty: the tables of a medium that scatters nothing
+LARGEST = 1e100  # squares and cubes of what is stored stay within floating point
+ROUNDING = 1e-9  # of shares and angles
+_TERM = re.compile(r"(?:([A-Z])(?: ([+-]) (\d+))?|(\d+))")
+
+
+def check(path: str, root: Group) -> None:
+    """AssetError that names the first place where an asset departs from what its stages declare.
+
+    What no stage declares is let pass: other hands, and later versions, may add to an asset.
+    """
+    found = declared(root)
+    if found:
+        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+        raise AssetError(f"{path}: damaged, or not written by bakery: {found[0]}{more}; `bake verify` lists all")
+
+
+def declared(root: Group) -> list[str]:
+    """Where a tree departs from what its stages declare, in words: what readers count on."""
+    found = [*_root(root), *_stage_groups(root)]
+    # sums and indices over what may not even be an array would only trip
+    return found or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.sound(root.members[stage.name])]
+
+
+def faults(root: Group) -> list[str]:
+    """Where a tree departs from `docs/asset-format.md`, physics apart."""
+    return list(dict.fromkeys([*declared(root), *_others(root), *_datasets(root)]))
+
+
+def stages_of(root: Group) -> list[Stage]:
+    """The declaration of each stage that the asset holds; of two that fill one group, the one that needs most of it."""
+    chosen: dict[str, Stage] = {}
+    for stage in all_stages():
+        if isinstance(root.members.get(stage.name), Group) and all(need in root.members for need in stage.needs) \
+                and len(stage.needs) >= len(getattr(chosen.get(stage.name), "needs", ())):
+            chosen[stage.name] = stage
+    return list(chosen.values())
+
+
+# ---- what every asset has
+
+
+def _root(root: Group) -> Iterable[str]:
+    yield from _attributes("root", root.attributes, ROOT_ATTRIBUTES)
+    recipe, wavelength, provenance = (root.members.get(name) for name in ("recipe", "wavelength", "provenance"))
+    if recipe is None or not is_text(recipe) or not _decodes(recipe):
+        yield "recipe: missing, or not UTF-8 text in a dataset of bytes"
+    if not isinstance(wavelength, Dataset) or wavelength.data.ndim != 1 or not 0 < wavelength.data.size <= LONGEST["L"] \
+            or wavelength.data.dtype.kind != "f" or wavelength.units != "um":
+        yield f"wavelength: missing, or not an array (L,) in um of up to {LONGEST['L']} numbers"
+    elif not (wavelength.data > 0).all() or not (wavelength.data < LARGEST).all():
+        yield "wavelength: not positive and finite"
+    for name, spent in (provenance.members if isinstance(provenance, Group) else {}).items():
+        if isinstance(spent, Group):
+            held = {key: kind for key, kind in PROVENANCE.items() if key in spent.attributes}
+            yield from _attributes(f"provenance/{name}", spent.attributes, held)
+            yield from (f"provenance/{name}/{key}: not text" for key, member in spent.members.items()
+                        if not is_text(member) or not _decodes(member))
+
+
+def _attributes(place: str, attributes: Mapping, wanted: Mapping[str, type]) -> Iterable[str]:
+    for name, kind in wanted.items():
+        value = attributes.get(name)
+        if not isinstance(value, kind) or isinstance(value, bool):
+            yield f"{place}: attribute `{name}` is missing or not {kind.__name__}"
+        elif kind is float and not 0 <= value < LARGEST:
+            yield f"{place}: attribute `{name}` is {value}; not finite, or negative"
+
+
+def _others(root: Group) -> Iterable[str]:
+    """Rules of groups that no stage declares."""
+    if not isinstance(root.members.get("provenance"), Group):
+        yield "provenance: missing"
+    known = {"recipe", "wavelength", "provenance", *(stage.name for stage in stages_of(root))}
+    for name in [name for name in root.members if name not in known]:
+        member = root.members[name]
+        if isinstance(member, Group):
+            yield from _stage_attributes(name, member)
+        else:
+            yield f"{name}: does not belong into the root of an asset"
+
+
+def _stage_attributes(name: str, group: Group) -> Iterable[str]:
+    yield from _attributes(name, group.attributes, STAGE_ATTRIBUTES)
+    if group.attributes.get("stage") != name:
+        yield f"{name}: its attribute `stage` is {group.attributes.get('stage')!r}"
+
+
+def _datasets(root: Group) -> Iterable[str]:
+    """Rules of every dataset, declared or not."""
+    for path, member in root.walk():
+        if isinstance(member, Dataset):
+            yield from _dataset(path, member, root)
+
+
+def _dataset(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
+    data = dataset.data
+    if not dataset.units:
+        yield f"{path}: no units"
+    if not dataset.description or "\n" in dataset.description:
+        yield f"{path}: no description in one line"
+    if dataset.choices and data.size and not 0 <= data.min() <= data.max() < len(dataset.choices):
+        yield f"{path}: a value that its enumeration does not name"
+    if is_text(dataset) and not _decodes(dataset):
+        yield f"{path}: not UTF-8 text"
+    elif data.dtype.kind in "fc" and not np.isfinite(data).all():
+        yield f"{path}: not finite"
+    if path.endswith(ERROR):
+        yield from _error_of(path, dataset, root)
+
+
+def _decodes(dataset: Dataset) -> bool:
+    try:
+        read_text(dataset)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _error_of(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
+    name = path.removesuffix(ERROR)
+    try:
+        of = root[name]
+    except KeyError:
+        yield f"{path}: standard errors of nothing"
+        return
+    if getattr(getattr(of, "data", None), "shape", None) != dataset.data.shape:
+        yield f"{path}: not of the shape of {name}"
+    elif of.units != dataset.units:
+        yield f"{path}: its units are {dataset.units!r}, those of {name} {of.units!r}"
+    elif dataset.data.dtype.kind not in "fiu":
+        yield f"{path}: not numbers"
+    elif (dataset.data < 0).any():
+        yield f"{path}: a negative standard error"
+
+
+# ---- what the stages declare
+
+
+def _stage_groups(root: Group) -> Iterable[str]:
+    wavelength = root.members.get("wavelength")
+    shared = {"L": wavelength.data.size} if isinstance(wavelength, Dataset) else {}
+    for stage in stages_of(root):  # upstream ones first: a wrong length is laid to the group that departs from them
+        group = root.members[stage.name]
+        yield from _stage_attributes(stage.name, group)
+        yield from _outputs(stage.name, group, stage.outputs, shared)
+
+
+def _outputs(name: str, group: Group, outputs: Iterable[Output], shared: dict[str, int]) -> Iterable[str]:
+    """Datasets that a stage declares; `shared` learns the lengths of letters of the whole asset."""
+    lengths: dict[str, dict[str, int]] = {}
+    for output in outputs:
+        places = list(_places(group, output.path.split("/")))
+        if not places and not output.optional:
+            yield f"{name}/{output.path}: missing"
+        for path, scope, member in places:
+            place = f"{name}/{path}"
+            if member is None:
+                if not output.optional:
+                    yield f"{place}: missing"
+            elif isinstance(member, Group):
+                yield f"{place}: a group, where a dataset belongs"
+            else:
+                known = ChainMap(lengths.setdefault(scope, {}), lengths.setdefault("", {}), shared)
+                yield from (f"{place}: {fault}" for fault in _declared(member, output, known, shared))
+
+
+def _places(group: Group, parts: list[str], above: str = "", scope: str = "") -> Iterable[tuple]:
+    """Where a declared path leads: path, the part of it up to its last word in capitals, the member or None.
+
+    A word in capitals stands for every group there is; none where there is no group.
+    """
+    head, *rest = parts
+    wild = head.isupper()
+    for name in [name for name, member in group.members.items() if isinstance(member, Group)] if wild else [head]:
+        member, here = group.members.get(name), above + name
+        if not rest:
+            yield here, scope, member
+        elif isinstance(member, Group):
+            yield from _places(member, rest, here + "/", here if wild else scope)
+        else:
+            yield here + "/" + "/".join(rest), scope, None
+
+
+def _declared(dataset: Dataset, output: Output, known: Mapping[str, int], shared: dict[str, int]) -> Iterable[str]:
+    """How a dataset departs from its declaration; `known` holds the lengths of letters and learns new ones."""
+    data = dataset.data
+    if dataset.units != output.units:
+        yield f"its units are {dataset.units!r}, not {output.units!r}"
+    if output.units == TEXT:
+        if not is_text(dataset) or not _decodes(dataset):
+            yield "not UTF-8 text in an array of bytes"
+        return
+    if dataset.choices != output.choices:
+        yield f"an enumeration of {', '.join(dataset.choices) or 'nothing'}, not of {', '.join(output.choices) or 'nothing'}"
+        return
+    if data.dtype.kind not in ("iu" if output.whole or output.choices else "f") or data.dtype.str[1:] == "f2":
+        yield f"its type is {data.dtype}; {'integers' if output.whole or output.choices else 'float32 or float64'} belong there"
+        return
+    fault = _shape(data.shape, output.shape, known, shared)
+    if fault:
+        yield fault
+    elif data.size:
+        yield from _values(data, output, known)
+
+
+def _values(data: np.ndarray, output: Output, known: Mapping[str, int]) -> Iterable[str]:
+    if not np.isfinite(data).all():
+        yield "not finite"
+        return
+    least, most = (0, len(output.choices) - 1) if output.choices else output.within
+    most = _length(most, known) if isinstance(most, str) else most
+    least, most = max(least, -LARGEST), min(most, LARGEST)
+    low, high = float(data.min()), float(data.max())
+    room = ROUNDING * max(-least, most) if max(-least, most) < 10 else 0.0
+    if low < least - room or high > most + room:
+        far = f"{low:.6g}, below {least:g}" if low < least - room else f"{high:.6g}, above {most:g}"
+        yield f"holds {far}" + (", a number that its enumeration does not name" if output.choices else "")
+
+
+def _shape(shape: tuple[int, ...], declared: str, known: Mapping[str, int], shared: dict[str, int]) -> str:
+    """What is wrong with a shape, or nothing."""
+    terms = _TERM.findall(declared)
+    if len(terms) != len(shape):
+        return f"its shape is {shape}, not {declared}"
+    for (letter, sign, more, number), length in zip(terms, shape, strict=True):
+        if number:
+            if length != int(number):
+                return f"its shape is {shape}, not {declared}"
+            continue
+        own = length - (int(sign + more) if more else 0)
+        if letter not in known:
+            if own > LONGEST.get(letter, OTHERS) or own < (letter not in EMPTY):
+                return f"its shape is {shape}; {letter} of {declared} is 1 to {LONGEST.get(letter, OTHERS)}"
+            (shared if letter in SHARED else known)[letter] = own
+        elif known[letter] != own:
+            return f"its shape is {shape}, not {declared} with {letter} = {known[letter]}"
+    return ""
+
+
+def _length(term: str, known: Mapping[str, int]) -> float:
+    """The value of `V - 1`; without bound where V is not known, as its dataset is missing."""
+    letter, sign, more, _ = _TERM.fullmatch(term).groups()
+    return known[letter] + (int(sign + more) if more else 0) if letter in known else math.inf

@@ -1,0 +1,282 @@
+"""Assets made by other hands, checksums right: each command says in one line what is wrong, `verify` finds it.
+
+The fuzzer of `fuzz_assets.py` found most of these; a handful of its assets run here, ten minutes of them in `make fuzz`.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.errors import AssetError
+from bakery.stages import all_stages
+from bakery.stages.conform import declared, faults
+from bakery.store.hashes import seal
+from bakery.store.read import read
+from bakery.store.tree import Dataset, Group, text
+from bakery.store.write import write
+from bakery.verify import _broken, verify
+from tests.conftest import ROOT
+from tests.robustness import fuzz_assets
+from tests.samples import small_asset, with_member
+
+TINY = {
+    "tile": "bakery: 1\nname: tile\ntolerance: 10%\npacking: {fraction: 0.3, count: 30}\n",
+    "haze": """\
+bakery: 1
+name: haze
+wavelengths: [0.61, 0.465]
+tolerance: 10%
+medium: {albedo: [0.9, 0.5], mean_free_path: 1 mm, phase: {type: isotropic}}
+multiple_scattering: {sources: [point], tolerance: 10%}
+beam: {photons: 20000}
+""",
+    "shot": """\
+bakery: 1
+name: shot
+wavelengths: [0.61, 0.465]
+tolerance: 10%
+grains:
+  radius: 0.25 mm
+  components:
+    - {name: ball, shape: {type: sphere}, surface: {type: diffuse, reflectance: 0.5}}
+packing: {fraction: 0.3, count: 30}
+effective_medium: {walks: 10000}
+""",
+}
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """Baked trees that hold every stage between them, and an asset by hand."""
+    folder = tmp_path_factory.mktemp("sound")
+    os.environ["BAKERY_CACHE"] = str(folder / "cache")
+    found = {"fog": seal(small_asset())}
+    for name, recipe in TINY.items():
+        (folder / f"{name}.yaml").write_text(recipe)
+        found[name] = read(bakery.bake(folder / f"{name}.yaml", folder / f"{name}.h5"))
+    return found
+
+
+def test_what_is_baked_is_what_is_declared(sound):
+    """Every declared dataset of every stage stands in one of the assets, and all keep to their declarations."""
+    held: set = set()
+    for name, root in sound.items():
+        assert faults(root) == [], name
+        held |= {stage for stage in root.members if stage != "provenance"}
+    assert held >= {stage.name for stage in all_stages()}
+
+
+# ---- crafted ones
+
+
+def with_data(root: Group, path: str, data) -> Group:
+    return with_member(root, path, replace(root[path], data=np.ascontiguousarray(data)))
+
+
+def one_place(root):
+    return with_data(root, "packing/centers", np.ones((30, 3)))
+
+
+def about_one_place(root):
+    return with_data(root, "packing/centers", 1 + 1e-3 * np.arange(90.0).reshape(30, 3))
+
+
+def small_cell(root):
+    return with_data(root, "packing/cell", [1e-6, 1e-6, 1e-6])
+
+
+def far_corners(factor):
+    def crafted(root):
+        corner = root["multiple/point/w0/corner"]
+        return with_data(root, "multiple/point/w0/corner", (corner.data.astype(np.int32) * factor))
+
+    return crafted
+
+
+def two_ranks(root):
+    return with_data(root, "medium/sigma_s", np.stack([root["medium/sigma_s"].data] * 3))
+
+
+def unknown_method(root):
+    method = root["optics/droplets/method"]
+    return with_data(root, "optics/droplets/method", np.full_like(method.data, 9))
+
+
+def one_vertex(root):
+    return with_data(root, "grains/ball/faces", 0 * root["grains/ball/faces"].data)
+
+
+def faces_of_nothing(root):
+    return with_data(root, "grains/ball/faces", 10**6 + root["grains/ball/faces"].data)
+
+
+def numbers_for_words(root):
+    return with_member(root, "medium", replace(root["medium"], attributes=root["medium"].attributes | {"tolerance": "small"}))
+
+
+def no_phase(root):
+    return with_member(root, "medium/phase", None)
+
+
+def small_integers(root):
+    return with_data(root, "medium/phase", root["medium/phase"].data.astype(np.int8))
+
+
+def other_angles(root):
+    return with_data(root, "medium/theta", root["medium/theta"].data[:-1])
+
+
+def beyond_numbers(root):
+    return with_data(root, "medium/sigma_t", [1e200, 1e200])
+
+
+def group_for_dataset(root):
+    return with_member(root, "medium/g", Group({"g": root["medium/g"]}))
+
+
+def deep_json(root):
+    return with_member(root, "grains/ball/surface", text("[" * 100_000, "surface"))
+
+
+def no_table(root):
+    return with_member(root, "multiple/point/w1", None)
+
+
+def depths_in_disorder(root):
+    return with_data(root, "beam/depth", root["beam/depth"].data[::-1])
+
+
+def many_wavelengths(root):
+    return with_data(root, "wavelength", np.linspace(0.4, 0.7, 5000))
+
+
+def seconds_in_words(root):
+    spent = root["provenance/beam"]
+    return with_member(root, "provenance/beam", replace(spent, attributes=spent.attributes | {"seconds": "many"}))
+
+
+CRAFTED = [
+    ("tile", one_place, "packing: centers: two spheres overlap, 30 centres lie where one has room"),
+    ("haze", far_corners(128), "multiple: point/w0: corner goes to"),
+    ("fog", two_ranks, "medium/sigma_s: its shape is (3, 2), not (L,)"),
+    ("fog", unknown_method, "optics/droplets/method: holds 9, above 2"),
+    ("shot", one_vertex, "grains: ball: faces holds a triangle that names a vertex twice"),
+]
+MORE = [
+    ("tile", about_one_place, "packing: centers: two spheres overlap"),
+    ("tile", small_cell, "packing: a sphere that overlaps its own images"),
+    ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
+    ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
+    ("shot", faces_of_nothing, "grains/ball/faces: holds 1"),
+    ("fog", numbers_for_words, "medium: attribute `tolerance` is missing or not float"),
+    ("fog", no_phase, "medium/phase: missing"),
+    ("fog", small_integers, "medium/phase: its type is int8"),
+    ("fog", other_angles, "medium/theta: its shape is ("),
+    ("fog", beyond_numbers, "medium/sigma_t: holds 1e+200, above 1e+100"),
+    ("fog", group_for_dataset, "medium/g: a group, where a dataset belongs"),
+    ("shot", deep_json, "grains: ball: surface is no JSON object"),
+    ("haze", no_table, "multiple: point/w1: node_bounds, "),
+    ("haze", depths_in_disorder, "beam: depth or ratio do not ascend"),
+    ("fog", many_wavelengths, "wavelength: missing, or not an array (L,) in um of up to 4096 numbers"),
+    ("haze", seconds_in_words, "provenance/beam: attribute `seconds` is missing or not float"),
+]
+
+
+@pytest.mark.parametrize(("of", "craft", "words"), CRAFTED,
+                         ids=["one place", "corners", "two ranks", "method", "one vertex"])
+def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words):
+    path, whole = tmp_path / "crafted.h5", tmp_path / "whole.h5"
+    write(path, craft(sound[of]))
+    write(whole, sound[of])
+    assert any(line.startswith(words) for line in _broken(str(path)))
+    for args in (("inspect", path), ("inspect", path, "--json"), ("plot", path), ("report", path), ("query", path, "wavelength"),
+                 ("export", path, "--to", "csv"), ("export", path, "--to", "mitsuba"), ("export", path, "--to", "hg"),
+                 ("export", path, "--to", "ply"), ("diff", path, whole), ("diff", whole, path), ("render", path)):
+        status, out, err = call(*args)
+        assert status == 2 and err.count("\n") == 1 and f"{path}: " in err and words in err, (args, err)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["crafted.h5", "whole.h5"]
+
+
+@pytest.mark.parametrize(("of", "craft", "words"), MORE, ids=[craft.__name__ for _, craft, _ in MORE])
+def test_opening_says_it_in_a_line(sound, tmp_path, of, craft, words):
+    path = tmp_path / "crafted.h5"
+    write(path, craft(sound[of]))
+    with pytest.raises(AssetError) as caught:
+        bakery.open(path)
+    assert str(caught.value).startswith(f"{path}: damaged, or not written by bakery: {words}") and "\n" not in str(caught.value)
+
+
+def test_verify_names_it_to_the_user(call, sound, tmp_path):
+    """Through the child process, and with more than one fault."""
+    write(tmp_path / "x.h5", no_phase(two_ranks(sound["fog"])))
+    found = verify(tmp_path / "x.h5")
+    assert [line.split(":")[0] for line in found] == ["medium/sigma_s", "medium/phase", "medium/phase_error"]
+    with pytest.raises(AssetError, match=r"medium/sigma_s.* and 1 more; `bake verify`"):
+        bakery.open(tmp_path / "x.h5")
+
+
+def test_what_no_stage_declares_is_let_pass(sound, tmp_path):
+    """Later versions may add datasets and groups."""
+    root = with_member(sound["fog"], "medium/colour", Dataset(np.array([np.nan]), "1", "not known here"))
+    root = with_member(root, "shards", Group({"x": Dataset(np.zeros((2, 2), complex), "m", "places")}))
+    write(tmp_path / "x.h5", root)
+    assert bakery.open(tmp_path / "x.h5").shards.x.shape == (2, 2)
+    assert any(line.startswith("medium/colour: not finite") for line in verify(tmp_path / "x.h5"))
+
+
+def test_opening_imports_no_physics(sound, tmp_path):
+    write(tmp_path / "x.h5", sound["haze"])
+    script = f"import sys, bakery; bakery.open({str(tmp_path / 'x.h5')!r}); print({{'numba', 'scipy'}} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True,
+                          text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+def test_letters_are_one_length():
+    """The rules of shapes themselves: a letter is learnt once, L and A for the whole asset, others a group or component."""
+    root = seal(small_asset())
+    longer = np.append(root["optics/droplets/radius"].data, 70.0)
+    (fault,) = [line for line in declared(with_data(root, "optics/droplets/weight", np.full(61, 1 / 61))) if "weight" in line]
+    assert fault == "optics/droplets/weight: its shape is (61,), not (R,) with R = 60"
+    found = declared(with_data(root, "optics/droplets/radius", longer))
+    assert found and all("R = 61" in line for line in found)
+    assert declared(root) == []
+
+
+# ---- the fuzzer
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_fuzzed(sound, tmp_path, number):
+    whole = {}
+    for name, root in sound.items():
+        whole[name] = tmp_path / f"{name}.h5"
+        write(whole[name], root)
+    with fuzz_assets.sketched():
+        said, failed = fuzz_assets.one(number, whole, tmp_path)
+    assert not failed, said
+
+
+def test_the_fuzzer_finds_what_is_planted(sound, tmp_path, monkeypatch):
+    """Without the check at opening it meets tracebacks again."""
+    from bakery.stages import conform
+
+    write(tmp_path / "x.h5", unknown_method(sound["fog"]))
+    assert fuzz_assets.ran(["inspect", str(tmp_path / "x.h5")]) == (2, "")
+    monkeypatch.setattr(conform, "check", lambda path, root: None)
+    status, fault = fuzz_assets.ran(["inspect", str(tmp_path / "x.h5")])
+    assert status == -1 and "ValueError" in fault
+
+
+@pytest.mark.slow
+def test_fuzzed_for_long(tmp_path):
+    done = subprocess.run([sys.executable, "-m", "tests.robustness.fuzz_assets", "--seconds", "3000", "--seed", "1"], cwd=ROOT,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
