@@ -61,9 +61,12 @@ def drops(tmp_path):
 
 
 @pytest.fixture
-def call(capsys):
-    """Run the command line in this process: (status, stdout, stderr)."""
+def call(capsys, monkeypatch):
+    """Run the command line in this process: (status, stdout, stderr); nothing is named only because the machine is slow."""
     from bakery.cli import status_of
+    from bakery.run import progress
+
+    monkeypatch.setattr(progress, "FIRST", 1e6)
 
     def run(*args):
         capsys.readouterr()

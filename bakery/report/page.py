@@ -9,7 +9,7 @@ from html import escape
 from bakery.report.axes import axes
 from bakery.report.figures import drawn, pictures, title_of
 from bakery.report.files import as_jpeg
-from bakery.report.summary import describe, missed
+from bakery.report.summary import describe
 from bakery.store.tree import Dataset, Group, read_text
 
 MOST_COLUMNS = 11  # of a table, side by side
@@ -70,7 +70,7 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     parts = [_HEAD.format(title=escape(name)), f"<h1>{escape(name)}</h1>\n"]
     if description:
         parts.append(f'<p class="what">{escape(description)}</p>\n')
-    parts += [f'<p class="lead">{escape(lead)}</p>\n', *map(_missed, filter(missed, summary["stages"]))]
+    parts += [f'<p class="lead">{escape(lead)}</p>\n', *(_missed(stage) for stage in summary["stages"] if stage["missed"])]
     parts.append(_rendered(picture, name, source) if {"medium", "grains"} & root.members.keys() else "")
     parts += _section("Medium", _by_wavelength(root))
     parts += _section("Grains", _grains(root))
@@ -159,7 +159,7 @@ def _grains(root: Group) -> list[str]:
 
 def _stages(summary: dict) -> str:
     header = ("stage", "error", "allowed", "measure", "time", "memory", "input_hash", "content_hash")
-    rows = [(f"{stage['group']} {stage['stage_version']}", _short(stage["achieved_error"]) + " missed" * missed(stage),
+    rows = [(f"{stage['group']} {stage['stage_version']}", _short(stage["achieved_error"]) + " missed" * bool(stage["missed"]),
              _short(stage["tolerance"]), str(stage["error_measure"]), _in(stage["seconds"], 1, "s"),
              _in(stage["peak_memory"], 1e6, "MB"),
              str(stage["input_hash"])[:16], str(stage["content_hash"])[:16]) for stage in summary["stages"]]

@@ -120,9 +120,9 @@ class Lines(Progress):
     first, every : seconds until something that goes on is named, and between two lines after that
     """
 
-    def __init__(self, stream=None, first: float = FIRST, every: float = EVERY):
+    def __init__(self, stream=None, first: float | None = None, every: float = EVERY):
         self._stream = sys.stderr if stream is None else stream
-        self._first, self._every = first, every
+        self._first, self._every = FIRST if first is None else first, every
         self._name, self._state, self._told, self._timer = "", State(), False, None
         self._lock = threading.RLock()  # lines come from the stage and from the timer
 

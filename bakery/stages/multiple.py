@@ -311,7 +311,7 @@ def cost(recipe) -> Cost:
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
     if recipe.multiple_scattering.method == "photons":
         return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 1.0,
-                    kernels=_KERNELS + _OF_PHOTONS, kind="photons", most=len(recipe.wavelength))
+                    kernels=_KERNELS + _KERNELS_OF_PHOTONS, kind="photons", most=len(recipe.wavelength))
     beyond = max(g - 0.5, 0.0)
     seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
     return Cost(seconds, 1.5e8 + 3e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
@@ -361,7 +361,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 _TOGETHER = 2
 _KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "frame", "legendre", "lookup", "point"))
-_OF_PHOTONS = ("multiple._tally",)
+_KERNELS_OF_PHOTONS = ("multiple._tally",)
 _POOR = 0.2  # error of the solver's tables above which photons are tried
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
 _FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5

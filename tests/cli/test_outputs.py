@@ -31,7 +31,7 @@ def place(tmp_path, monkeypatch):
     (tmp_path / "scene.yaml").write_text("bakery_scene: 1\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
     (tmp_path / "soft.h5").symlink_to("milk.yaml")
     os.link(tmp_path / "milk.yaml", tmp_path / "hard.h5")
-    write(tmp_path / "a.h5", with_member(with_member(small_asset(), "optics", None), "medium/phase", None))  # one picture
+    write(tmp_path / "a.h5", with_member(small_asset(), "optics", None))
     return {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
 
 

@@ -21,7 +21,7 @@ name: fog
 wavelengths: [0.45, 0.55, 0.65]
 tolerance: 5%
 medium: {{albedo: {albedo}, mean_free_path: [10, 8, 12] m, phase: {{type: gaussian, spread: {spread} deg}}}}
-beam: {{depth: {depth}, photons: 2000}}
+beam: {{depth: {depth}, photons: 2000, tolerance: 50%}}
 """
 
 
