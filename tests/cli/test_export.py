@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bakery.medium.phase import evaluate, mean_cosine, normalised
+from bakery.medium.phase import cumulative, evaluate, mean_cosine, normalised
 from bakery.medium.regular import adaptive_table, loss, regular_table
 from bakery.store.tree import Dataset, text
 from bakery.store.write import write
@@ -229,10 +229,11 @@ def hail(tmp_path_factory, root):
     broad = evaluate(root["medium/theta"].data, root["medium/phase"].data, theta)
     narrow = normalised(theta, np.exp(-0.5 * (theta / 1e-4) ** 2))[0]
     phase = np.array([[0.5], [0.45]]) * narrow + np.array([[0.5], [0.55]]) * broad
-    tree = root
-    for name, data in (("theta", theta), ("phase", normalised(theta, phase)[0])):
+    phase = normalised(theta, phase)[0]
+    tree = with_member(root, "optics", None)
+    for name, data in {"theta": theta, "phase": phase, "cdf": cumulative(theta, phase), "phase_error": 0 * phase}.items():
         tree = with_member(tree, f"medium/{name}", Dataset(data, root[f"medium/{name}"].units, name))
-    for name in ("cdf", "phase_error"):
+    for name in {"s11", "s12", "s33", "s34"} & root["medium"].members.keys():
         tree = with_member(tree, f"medium/{name}", None)
     path = tmp_path_factory.mktemp("hail") / "hail.h5"
     write(path, tree)
