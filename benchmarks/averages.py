@@ -1,7 +1,7 @@
 """Averages over size distributions: our time against a plain loop over lxmie, and claimed errors against true ones.
 
     python -m benchmarks.averages            both tables
-    python -m benchmarks.averages --rates    the rates that predictions use (bakery/averages/predicted.py)
+    python -m benchmarks.averages --rates    the rates that predictions use (bakery/physics/averages/predicted.py)
     python -m benchmarks.averages --model    predicted against actual work and angles
     python -m benchmarks.averages --whole    shipped recipes: tolerances for the light as a whole, rays beside series
 
@@ -20,14 +20,15 @@ from types import SimpleNamespace
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from bakery.averages import Component, averages, batches, cross, expected
-from bakery.averages import spheres as kinds
 from bakery.errors import StageError
-from bakery.medium import phase
+from bakery.physics.averages import Component, averages, batches, cross, expected
+from bakery.physics.averages import spheres as kinds
+from bakery.physics.medium import phase
+from bakery.physics.sizes import Nodes, population
 from bakery.recipe import load
 from bakery.run.executors import Context
-from bakery.sizes import Nodes, population
-from bakery.stages import measures, optics
+from bakery.stages import measures
+from bakery.stages.optics import stage as optics
 from bakery.store.tree import Group
 from benchmarks.peers import optional
 

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from bakery.beam import build, kernels, moments, named, photons, planar, small_angle, table
-from bakery.medium import analytic
+from bakery.physics.beam import build, kernels, moments, named, photons, planar, small_angle, table
+from bakery.physics.medium import analytic
 
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)
 ALBEDOS = (0.1, 0.5, 0.9, 1.0)
@@ -204,7 +204,7 @@ def pictures(count):
     """Errors over albedo at a spread of 30 degrees, and over spread at albedo 0.9, into docs/pictures."""
     from matplotlib.figure import Figure
 
-    from bakery.report.style import INK, look, saved
+    from bakery.draw.style import INK, look, saved
 
     albedos, spreads = (0.05, *np.arange(1, 10) / 10, 0.95, 1.0), (0.5, 1, 2, 3, 5, 10, 15, 20, 30, 45, 60, 75, 90)
     for name, values, label, known in (

@@ -41,7 +41,7 @@ NAMED = {"transport, flux": ("flux", "lost"), "the same, energy kept": ("flux", 
 
 def clear():
     """The picture without fog (SIZE, SIZE), its distances in m, and the sides of its pixels in rad."""
-    from renderers.native.screen.picture import Camera
+    from renderers.fog.picture import Camera
 
     camera = Camera.looking([0, 0, 0], [0, 1, 0], [0, 0, 1], FOV, SIZE, SIZE)
     edge = math.tan(FOV / 2) * np.linspace(-1, 1, SIZE + 1)
@@ -95,8 +95,8 @@ def filtered(asset, tau):
     """name -> picture (SIZE, SIZE) by the filter."""
     from dataclasses import replace
 
-    from renderers.native.screen import filter as screen
-    from renderers.native.screen import kernels
+    from renderers.fog import filter as screen
+    from renderers.fog import kernels
 
     image, distance, angle = clear()
     pictures = {}

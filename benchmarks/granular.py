@@ -25,17 +25,17 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import numpy as np  # noqa: E402
 
-from bakery.grains import shapes  # noqa: E402
-from bakery.grains.balls import statistics  # noqa: E402
-from bakery.grains.bvh import Mesh  # noqa: E402
-from bakery.grains.effective import Means, effective, mixed, void_chord  # noqa: E402
-from bakery.grains.examples import EXAMPLES  # noqa: E402
-from bakery.grains.packed import Grain, walk  # noqa: E402
-from bakery.grains.scatterometer import measure  # noqa: E402
-from bakery.grains.sphere import ball  # noqa: E402
-from bakery.grains.surface import conductor, dielectric, diffuse  # noqa: E402
-from bakery.packing import pack  # noqa: E402
-from bakery.packing.structure import fraction as filled  # noqa: E402
+from bakery.physics.grains.balls import statistics  # noqa: E402
+from bakery.physics.grains.bvh import Mesh  # noqa: E402
+from bakery.physics.grains.scatterometer import measure  # noqa: E402
+from bakery.physics.grains.sphere import ball  # noqa: E402
+from bakery.physics.grains.surface import conductor, dielectric, diffuse  # noqa: E402
+from bakery.physics.granular.effective import Means, effective, mixed, void_chord  # noqa: E402
+from bakery.physics.granular.packed import Grain, walk  # noqa: E402
+from bakery.physics.packing import pack  # noqa: E402
+from bakery.physics.packing.structure import fraction as filled  # noqa: E402
+from bakery.physics.shapes import build as shapes  # noqa: E402
+from bakery.physics.shapes.examples import EXAMPLES  # noqa: E402
 
 PUBLISHED = {("glass ball", 0.3): 120.3, ("glass ball", 0.63): 33.34, ("glass cube", 0.63): 37.88}  # good to 1 %
 HEAD = ("grains", "fraction", "N", "M", "published", "window", "drift, %", "lambda_t", "its theory", "chord, sigma from exact",
@@ -83,7 +83,8 @@ def standard(count):
 
 def of_recipe(path):
     from bakery.recipe import load
-    from bakery.stages import grains, packing
+    from bakery.stages.grains import stage as grains
+    from bakery.stages.packing import stage as packing
 
     recipe = load(path, {})
     if recipe.grains is None or recipe.packing is None:
@@ -103,7 +104,7 @@ def of_recipe(path):
 
 
 def of_asset(path):
-    from bakery.stages import packing
+    from bakery.stages.packing import stage as packing
     from bakery.store.read import read
     from bakery.store.tree import Group, read_text
 

@@ -17,7 +17,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import interleaved, optional  # noqa: E402
 
-from bakery.mie import amplitudes, efficiencies  # noqa: E402
+from bakery.physics.mie import amplitudes, efficiencies  # noqa: E402
 
 
 def row(job, peer, seconds, reach, limit):

@@ -23,7 +23,7 @@ import numpy as np  # noqa: E402
 from numba import njit  # noqa: E402
 from peers import interleaved  # noqa: E402
 
-from bakery.multiple import frame, legendre, lookup, point, segment, solution, table  # noqa: E402
+from bakery.physics.multiple import frame, legendre, lookup, point, segment, solution, table  # noqa: E402
 
 MEDIA = ((0.3, 0.99), (0.7, 0.95), (0.85, 0.97), (0.9, 0.93))
 TOLERANCES, CELLS = (1e-2, 4e-3, 2e-3), (1000, 3000)

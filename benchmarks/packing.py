@@ -17,9 +17,9 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import optional  # noqa: E402
 
-from bakery.packing import SCHEDULES, _kernels, dynamics, pack, predicted, structure  # noqa: E402
-from bakery.packing.ceiling import limit  # noqa: E402
-from bakery.packing.radii import lognormal, species  # noqa: E402
+from bakery.physics.packing import SCHEDULES, _kernels, dynamics, pack, predicted, structure  # noqa: E402
+from bakery.physics.packing.ceiling import limit  # noqa: E402
+from bakery.physics.packing.radii import lognormal, species  # noqa: E402
 
 ROUNDS = 3
 JOBS = (("to 0.63", 0.63, 0.02, 1.0, "preview"), ("to 0.64", 0.64, 0.01, 1.0, "final"),

@@ -20,13 +20,13 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import optional  # noqa: E402
 
-from bakery.grains.bvh import Mesh  # noqa: E402
-from bakery.grains.grid import laid  # noqa: E402
-from bakery.grains.points import points, scrambled  # noqa: E402
-from bakery.grains.scatterometer import FIGURES, measure  # noqa: E402
-from bakery.grains.sphere import ball  # noqa: E402
-from bakery.grains.surface import conductor, dielectric, diffuse  # noqa: E402
-from bakery.grains.walk import LEFT, Walker  # noqa: E402
+from bakery.physics.grains.bvh import Mesh  # noqa: E402
+from bakery.physics.grains.grid import laid  # noqa: E402
+from bakery.physics.grains.points import points, scrambled  # noqa: E402
+from bakery.physics.grains.scatterometer import FIGURES, measure  # noqa: E402
+from bakery.physics.grains.sphere import ball  # noqa: E402
+from bakery.physics.grains.surface import conductor, dielectric, diffuse  # noqa: E402
+from bakery.physics.grains.walk import LEFT, Walker  # noqa: E402
 
 WALKS, ROUNDS, INDEX = 1_000_000, 3, 1.5
 

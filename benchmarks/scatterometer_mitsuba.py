@@ -21,11 +21,11 @@ os.environ["HOME"] = tempfile.mkdtemp()  # Dr.Jit keeps compiled kernels there: 
 import numpy as np  # noqa: E402
 from scatterometer import rock  # noqa: E402
 
-from bakery.grains.bvh import Mesh  # noqa: E402
-from bakery.grains.mitsuba_walk import MitsubaWalker, _modules  # noqa: E402
-from bakery.grains.points import points, scrambled  # noqa: E402
-from bakery.grains.surface import conductor, dielectric, diffuse  # noqa: E402
-from bakery.grains.walk import CONTRADICTED, Walker  # noqa: E402
+from bakery.physics.grains.bvh import Mesh  # noqa: E402
+from bakery.physics.grains.mitsuba_walk import MitsubaWalker, _modules  # noqa: E402
+from bakery.physics.grains.points import points, scrambled  # noqa: E402
+from bakery.physics.grains.surface import conductor, dielectric, diffuse  # noqa: E402
+from bakery.physics.grains.walk import CONTRADICTED, Walker  # noqa: E402
 
 ROUNDS, BLOCK = 3, 8192
 SURFACES = {"glass": dielectric(1.5), "rough glass": dielectric(1.5, 0.2), "white": diffuse(1.0),
@@ -75,7 +75,7 @@ def speed(paths):
 
 
 def rates(paths):
-    import bakery.grains.mitsuba_walk as engine
+    import bakery.physics.grains.mitsuba_walk as engine
 
     mi = _modules()[0]
     load = mi.load_dict

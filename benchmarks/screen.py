@@ -23,9 +23,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 import bakery
-from bakery.beam import photons
-from renderers.native.screen import filter as screen
-from renderers.native.screen import kernels
+from bakery.physics.beam import photons
+from renderers.fog import filter as screen
+from renderers.fog import kernels
 
 RECIPE = """\
 bakery: 1

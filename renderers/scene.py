@@ -17,17 +17,17 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError
 
 from bakery.errors import Problem, RecipeError, UsageError
-from bakery.recipe import fields, files, overrides, text, units
-from bakery.recipe.fields import leaf, number, scalar
-from bakery.recipe.problems import distinct, places, translate
-from bakery.recipe.section import Section
-from bakery.recipe.text import Mapping, Node, Sequence
-from bakery.recipe.units import ANGLE, NUMBER_ONLY, Quantity, Wrong
+from bakery.grammar import fields, files, overrides, text, units
+from bakery.grammar.fields import leaf, number, scalar
+from bakery.grammar.problems import distinct, places, translate
+from bakery.grammar.section import Section
+from bakery.grammar.text import Mapping, Node, Sequence
+from bakery.grammar.units import ANGLE, NUMBER_ONLY, Quantity, Wrong
 from renderers.inputs import files_of
 
 FORMAT = 1
 SUFFIXES = (".yaml", ".yml")
-RENDERERS = {"fog": "renderers.native.screen"}  # section of a scene -> the package that renders it
+RENDERERS = {"fog": "renderers.fog"}  # section of a scene -> the package that renders it
 
 # scenes are as large as rooms and landscapes: their lengths are in m
 LENGTH = Quantity("length", "lengths", "m", {"um": -6, "mm": -3, "cm": -2, "m": 0, "km": 3}, "m")

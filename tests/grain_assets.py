@@ -9,13 +9,13 @@ import json
 
 import numpy as np
 
-from bakery.grains.bvh import Mesh
-from bakery.grains.scatterometer import measure
-from bakery.grains.shapes import build
-from bakery.grains.sphere import ball
-from bakery.grains.surface import conductor, dielectric, diffuse
-from bakery.medium.phase import areas, cumulative, evaluate, mean_cosine, normalised
-from bakery.medium.similarity import reduced
+from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.scatterometer import measure
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import conductor, dielectric, diffuse
+from bakery.physics.medium.phase import areas, cumulative, evaluate, mean_cosine, normalised
+from bakery.physics.medium.similarity import reduced
+from bakery.physics.shapes.build import build
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from bakery.medium.phase import cumulative, mean_cosine, normalised
-from bakery.medium.similarity import reduced
+from bakery.physics.medium.phase import cumulative, mean_cosine, normalised
+from bakery.physics.medium.similarity import reduced
 from bakery.store.container import USER_BLOCK, user_block
 from bakery.store.hashes import seal
 from bakery.store.image import image

@@ -138,7 +138,7 @@ def slow() -> tuple[Stage, ...]:
 
 def optics() -> tuple[Stage, ...]:
     from bakery.stages import measures
-    from bakery.stages.optics import STAGE
+    from bakery.stages.optics.stage import STAGE
 
     return (replace(STAGE, knobs=(Knob("tolerance", "tolerance", 0.01, "tolerance", ("30%",)),), reference={},
                     measures=measures.optics),)

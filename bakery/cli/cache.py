@@ -6,7 +6,7 @@ import click
 
 from bakery.cli.options import json_option, print_json
 from bakery.errors import UsageError
-from bakery.report.text import say
+from bakery.system.terminal import say
 
 
 @click.group(name="cache", short_help="look at and tidy the cache of finished stages")
@@ -19,7 +19,7 @@ def command():
 def info(as_json):
     """Where the cache is and what it holds."""
     from bakery.run.cache import Cache
-    from bakery.run.resources import in_words
+    from bakery.system.resources import in_words
 
     cache = Cache()
     entries = cache.entries()

@@ -22,7 +22,7 @@ def command(a, b, rtol, as_json):
 
     Exit status 0 if they hold the same, 1 if not: the table then names each dataset that differs, with its worst place.
     """
-    from bakery.compare import compare
+    from bakery.asset.compare import compare
 
     rtol = _fraction(rtol)
     for asset in (a, b):
@@ -38,7 +38,7 @@ def command(a, b, rtol, as_json):
 
 def _fraction(text: str) -> float:
     """`0.05` or `5%`."""
-    from bakery.recipe.units import FRACTION, Wrong, parse
+    from bakery.grammar.units import FRACTION, Wrong, parse
 
     try:
         value = parse(text, FRACTION)
@@ -51,14 +51,14 @@ def _fraction(text: str) -> float:
 
 def _plain(row) -> dict:
     """A difference in JSON's types: an infinite one is null beside its text."""
-    from bakery.report.summary import number
+    from bakery.asset.summary import number
 
     return {"path": row.path, "kind": row.kind, "text": row.text, "absolute": number(row.absolute),
             "relative": number(row.relative), "standard_errors": number(row.sigmas)}
 
 
 def _print(a: str, b: str, rtol: float, found) -> None:
-    from bakery.report.text import clean, say, table
+    from bakery.system.terminal import clean, say, table
 
     within = f" within {rtol:g}" if rtol else ""
     if not found:

@@ -34,7 +34,7 @@ def command(asset, target, output, each_wavelength, overwrite, as_json):
     Prints the files on standard output; on standard error what was lost on the way, and first what makes a file nearly useless.
     """
     import bakery
-    from bakery.report.files import folder_for
+    from bakery.draw.files import folder_for
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 
@@ -96,7 +96,7 @@ def _forms(asset, target: str):
 
 def _print(paths, lines) -> None:
     """Paths; on standard error what belongs to each file, where `lines` is a list of such lists, and what belongs to all."""
-    from bakery.report.text import remark
+    from bakery.system.terminal import remark
 
     print_paths(paths)
     own = [line for line in lines if isinstance(line, list)]
@@ -111,7 +111,7 @@ def _print(paths, lines) -> None:
 
 def _mitsuba(asset, stem: str, each: bool):
     from bakery.export.mitsuba import fragments
-    from bakery.report.text import table
+    from bakery.system.terminal import table
     from renderers.colour import band_matrix
 
     made = fragments(asset.tree, asset.name, band_matrix(asset.wavelength), each)
@@ -142,9 +142,9 @@ def _loss(lost) -> tuple[str, ...]:
 
 def _hg(asset):
     from bakery.export import scattering_of
+    from bakery.export.fits import SAID
     from bakery.export.hg import droplet_diameter, errors, hg_files, lobe_rows, useless
-    from bakery.report.fits import SAID
-    from bakery.report.text import table
+    from bakery.system.terminal import table
 
     rows = lobe_rows(asset.tree, asset.name, droplet_diameter(asset.tree) if _water_in_air(asset.recipe) else None)
     lines = []
@@ -182,7 +182,7 @@ def _joined(values, form: str) -> str:
 
 def _water_in_air(recipe: str) -> bool:
     """Whether an asset's recipe text is about droplets of water in air: for others the published fit was not made."""
-    from bakery.recipe.text import Mapping, Scalar, Sequence, Source, parse
+    from bakery.grammar.text import Mapping, Scalar, Sequence, Source, parse
 
     try:
         node = parse(Source("recipe", recipe)).root

@@ -18,7 +18,7 @@ from bakery.errors import UsageError
 def command(asset, path, as_json):
     """Print what ASSET holds (or only what lies below PATH): names, shapes, ranges with units, bytes, errors, provenance."""
     import bakery
-    from bakery.report.summary import describe
+    from bakery.asset.summary import describe
 
     root = bakery.open(asset).tree
     path = path.strip("/")
@@ -41,8 +41,8 @@ def not_found(asset: str, path: str, known: list[str]) -> str:
 
 
 def _print(summary: dict, whole: bool) -> None:
-    from bakery.report.text import clean, plain, say
-    from bakery.run.resources import in_words
+    from bakery.system.resources import in_words
+    from bakery.system.terminal import clean, plain, say
 
     say(f"{clean(summary['file'])}: {clean(summary['name'])}, asset format {summary['format_version']}, "
         f"baked by bakery {clean(summary['bakery_version'])}, {in_words(summary['bytes'])}")
@@ -65,8 +65,8 @@ def _print(summary: dict, whole: bool) -> None:
 
 def _tree(summary: dict, ascii_only: bool) -> list[str]:
     """One line a member: where it hangs, its shape, its values, its size, what it is."""
-    from bakery.report.text import clean, table
-    from bakery.run.resources import in_words
+    from bakery.system.resources import in_words
+    from bakery.system.terminal import clean, table
 
     datasets = {row["path"]: row for row in summary["datasets"]}
     stages = {stage["group"]: f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])}"
@@ -107,8 +107,8 @@ def _short(value) -> str:
 
 
 def _stage(stage: dict) -> list[str]:
-    from bakery.report.text import clean
-    from bakery.run.resources import duration, in_words
+    from bakery.system.resources import duration, in_words
+    from bakery.system.terminal import clean
 
     cost = [("baked {}", stage["finished"], clean), ("by bakery {}", stage["bakery_version"], clean),
             ("in {}", stage["seconds"], duration), ("peak {}", stage["peak_memory"], in_words),

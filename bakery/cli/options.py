@@ -8,7 +8,7 @@ import click
 
 from bakery.cli import offers
 from bakery.errors import UsageError
-from bakery.report.text import write
+from bakery.system.terminal import write
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from bakery.cli.options import json_option, overwrite_option, print_json, recipe_options, settings_of, verbose_option, with_scene
-from bakery.report.text import say
+from bakery.system.terminal import say
 
 
 @click.command(name="plan", short_help="say what a bake would run, why, and what it will cost")
@@ -37,7 +37,7 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
     if as_json:
         print_json([plan.as_dict() for plan in plans])
         return
-    from bakery.run.resources import duration, in_words
+    from bakery.system.resources import duration, in_words
 
     for plan in plans:
         for warning in plan.recipe.warnings:

@@ -22,8 +22,8 @@ def command(asset, output, overwrite, as_json):
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
     import bakery
+    from bakery.draw.files import csv_text, folder_for
     from bakery.report.figures import drawn, pictures, title_of
-    from bakery.report.files import csv_text, folder_for
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 

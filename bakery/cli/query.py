@@ -27,8 +27,8 @@ def command(asset, path, arguments, as_json):
     bake query milk.h5 multiple/point rho=1 z=2 theta=30deg
     """
     import bakery
-    from bakery.report import sources
-    from bakery.report.lookup import lookup
+    from bakery.asset.lookup import lookup
+    from bakery.stages.multiple import lookup as sources
     from bakery.store.tree import Group, is_text, read_text
 
     opened = bakery.open(asset)
@@ -62,7 +62,7 @@ def _show(root, answer, as_json: bool) -> None:
 
 def _argument(word: str):
     """`theta=10deg` as ("theta", 0.17): lengths in um, angles in rad."""
-    from bakery.recipe.units import ANGLE, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong, is_list, parse, parse_list
+    from bakery.grammar.units import ANGLE, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong, is_list, parse, parse_list
 
     kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH, "phi": ANGLE, "rho": NUMBER_ONLY, "z": NUMBER_ONLY,
              "length": NUMBER_ONLY}
@@ -102,7 +102,7 @@ def _stage_of(root, answer) -> dict | None:
 
     An error of exactly 0 is none: the figure follows from a formula, and how far that is from the truth is known to the stage.
     """
-    from bakery.report.summary import stage
+    from bakery.asset.summary import stage
 
     name = answer.path.partition("/")[0]
     attributes = getattr(root.members[name], "attributes", {})
@@ -113,8 +113,8 @@ def _stage_of(root, answer) -> dict | None:
 
 
 def _print_plain(path: str, value, as_json: bool) -> None:
-    from bakery.report.summary import number
-    from bakery.report.text import clean, say, say_all
+    from bakery.asset.summary import number
+    from bakery.system.terminal import clean, say, say_all
 
     if as_json:
         print_json({"path": path, "value": number(value)})
@@ -141,7 +141,7 @@ def _print_json(answer, stage) -> None:
 
 
 def _print(answer, stage) -> None:
-    from bakery.report.text import clean, say, table
+    from bakery.system.terminal import clean, say, table
 
     unit = "" if answer.units == "1" else f" {clean(answer.units)}"
     if answer.values.ndim == 0:

@@ -21,7 +21,7 @@ def command(asset, output, overwrite, as_json):
     A preview that `bake render ASSET` put beside the asset, NAME.png, stands on top.
     """
     import bakery
-    from bakery.report.files import preview_beside
+    from bakery.draw.files import preview_beside
     from bakery.report.page import page
     from bakery.store.outputs import PAGE, check_outputs
     from bakery.store.put import put
@@ -38,7 +38,7 @@ def command(asset, output, overwrite, as_json):
 
 def _description(recipe: str) -> str:
     """What a recipe's text says of itself; "" where it says nothing, or is not as we write them."""
-    from bakery.recipe.text import Mapping, Scalar, Source, parse
+    from bakery.grammar.text import Mapping, Scalar, Source, parse
 
     try:
         node = parse(Source("recipe", recipe)).root

@@ -38,8 +38,8 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
     Prints the settings that are worth their time, the cheapest one for the wished tolerance, and where draft, preview and final
     lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where it was.
     """
-    from bakery.report.text import say
     from bakery.run.progress import choose
+    from bakery.system.terminal import say
     from bakery.trade import trade
     from bakery.trade.tables import report
 

@@ -31,7 +31,7 @@ def command(assets, as_json):
 
 def _verdict(asset: str) -> tuple[str, list[str], int]:
     """A word, what is wrong, and the exit status that this asset alone would give."""
-    from bakery.verify import verify
+    from bakery.asset.verify import verify
 
     if not os.path.exists(asset):
         return "missing", ["there is no such file; the path of a baked asset would do"], 2
@@ -43,7 +43,7 @@ def _verdict(asset: str) -> tuple[str, list[str], int]:
 
 
 def _print(asset: str, word: str, broken: list[str]) -> None:
-    from bakery.report.text import clean, say
+    from bakery.system.terminal import clean, say
 
     if broken:
         say(f"{word:<7} {clean(asset)}")

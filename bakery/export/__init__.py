@@ -56,7 +56,7 @@ def scattering_of(medium: Group) -> Scattering:
 
     Exact: a collision that changes nothing is none, so sigma_t loses what sigma_s loses.  No regular grid resolves the peak.
     """
-    from bakery.medium.phase import areas, normalised
+    from bakery.physics.medium.phase import areas, normalised
 
     sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
     share = medium.members.get("forward_delta")
@@ -83,7 +83,7 @@ def without_peak(medium: Scattering, end: int) -> Scattering:
     An approximation, unlike `scattering_of`: that light is deflected, by less than the angle, and is no longer.  The cap is flat,
     so that what remains is continuous and no smaller than it was at larger angles.
     """
-    from bakery.medium.phase import integral, normalised
+    from bakery.physics.medium.phase import integral, normalised
 
     rest = medium.phase.copy()
     rest[:, :end] = np.minimum(rest[:, :end], rest[:, end:end + 1])

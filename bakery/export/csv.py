@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.asset.axes import COORDINATES, axes, coordinate
+from bakery.asset.summary import describe
+from bakery.draw.files import csv_text
 from bakery.export.grains import csv_figures
 from bakery.export.tiles import csv_tables
-from bakery.report.axes import COORDINATES, axes, coordinate
-from bakery.report.files import csv_text
-from bakery.report.summary import describe
-from bakery.report.tiles import tiles_of
+from bakery.stages.packing.pictures import tiles_of
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 

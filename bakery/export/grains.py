@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.draw.files import csv_text
 from bakery.errors import AssetError
-from bakery.report.files import csv_text
-from bakery.report.grains import Exemplar, components_of, exemplar
+from bakery.stages.grains.pictures import Exemplar, components_of, exemplar
 from bakery.store.tree import Dataset, Group
 
 

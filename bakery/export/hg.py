@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from bakery.draw.files import csv_text
 from bakery.export import medium_of, scattering_of
-from bakery.medium.lobe_fits import Fit, fits
-from bakery.medium.lobes import Misfit
-from bakery.report.files import csv_text
-from bakery.report.fits import SAID, lobe_fits
+from bakery.export.fits import SAID, lobe_fits
+from bakery.physics.medium.lobe_fits import Fit, fits
+from bakery.physics.medium.lobes import Misfit
 from bakery.store.tree import Group
 
 USELESS = 0.3  # of the light to another angle, and
@@ -54,7 +54,7 @@ def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row
     ------
     AssetError : there is no medium
     """
-    from bakery.medium.phase import mean_cosine
+    from bakery.physics.medium.phase import mean_cosine
 
     medium = medium_of(root, name)
     rest = scattering_of(medium)

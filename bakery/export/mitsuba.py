@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from bakery.export import Scattering, medium_of, scattering_of, without_peak
-from bakery.medium.regular import Loss, adaptive_table, loss, regular_table
+from bakery.physics.medium.regular import Loss, adaptive_table, loss, regular_table
 from bakery.store.tree import Group
 
 LIMIT = 1e-3  # of the light to another angle by the regular grid

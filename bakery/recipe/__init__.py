@@ -41,10 +41,10 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) ->
     >>> recipe.particles.number_density
     200000000.0
     """
-    from bakery.recipe import text
+    from bakery.grammar import text
+    from bakery.grammar.files import read_recipe
+    from bakery.grammar.overrides import apply
     from bakery.recipe.build import check
-    from bakery.recipe.files import read_recipe
-    from bakery.recipe.overrides import apply
 
     label = text.label_of(path)
     source = text.Source(label, text.decode(read_recipe(path), label))

@@ -10,12 +10,12 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from bakery.errors import Problem, RecipeError
+from bakery.grammar.fields import describe
+from bakery.grammar.files import Folder
+from bakery.grammar.problems import distinct, places, translate
+from bakery.grammar.text import Mapping, Source, Tree
 from bakery.recipe import grain_schema, model, schema
 from bakery.recipe.checks import Checker
-from bakery.recipe.fields import describe
-from bakery.recipe.files import Folder
-from bakery.recipe.problems import distinct, places, translate
-from bakery.recipe.text import Mapping, Source, Tree
 
 # What the default methods reach: tables of forward lobes that the solver just resolves (g = 0.9: 0.5 %), and the half space of
 # narrow beams (fog: 1.4 %).  A default below that would miss itself.

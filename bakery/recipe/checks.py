@@ -13,16 +13,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bakery.errors import Problem
-from bakery.materials import Table
-from bakery.materials import index as constants
-from bakery.recipe import grain_checks, tables, wavelengths
-from bakery.recipe.fields import nearest
-from bakery.recipe.files import DataFile, Folder, materials
+from bakery.grammar import tables
+from bakery.grammar.fields import nearest
+from bakery.grammar.files import DataFile, Folder, materials
+from bakery.grammar.section import SMALLEST_N, given, meant
+from bakery.grammar.text import Mapping, Node, Sequence, owner, show
+from bakery.grammar.units import Wrong
+from bakery.physics.materials import Table
+from bakery.physics.materials import index as constants
+from bakery.recipe import grain_checks, wavelengths
 from bakery.recipe.model import Index
 from bakery.recipe.schema import NAMED_WAVELENGTHS, NOT_YET, SOURCES
-from bakery.recipe.section import SMALLEST_N, given, meant
-from bakery.recipe.text import Mapping, Node, Sequence, owner, show
-from bakery.recipe.units import Wrong
 
 SMALLEST, LARGEST = 1e-8, 1e6  # size parameters that Lorenz-Mie sums cover
 STEEPEST = 1 - 1e-9  # largest |g| of a Henyey-Greenstein function: its lobe is narrower than that of any particle above
@@ -250,8 +251,8 @@ class Checker:
         value = self.value(size, width)
         if value is None or radius is None or tolerance is None or host is None or self.wavelength is None:
             return
-        from bakery.sizes import Gamma, Lognormal, tails
-        from bakery.sizes.distributions import Part
+        from bakery.physics.sizes import Gamma, Lognormal, tails
+        from bakery.physics.sizes.distributions import Part
 
         k = 2 * math.pi * host.n / np.array(self.wavelength)
         if radius * k.max() > LARGEST:
@@ -359,7 +360,7 @@ class Checker:
 
     def _radii(self, section: Mapping) -> np.ndarray | None:
         """Relative radii of the spheres of a tile, (count,)."""
-        from bakery.packing import radii
+        from bakery.physics.packing import radii
 
         node = section.get("radii")
         count = self.value(section, "count") if "count" in section else 500
@@ -385,8 +386,8 @@ class Checker:
 
     def _tile(self, node: Node, fraction: float, radii: np.ndarray, cell: tuple) -> None:
         """Whether spheres can be packed so far, in a cell of these proportions."""
-        from bakery.packing.ceiling import limit
-        from bakery.packing.radii import room
+        from bakery.physics.packing.ceiling import limit
+        from bakery.physics.packing.radii import room
 
         most = limit(radii)
         if fraction > most:

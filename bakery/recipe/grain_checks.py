@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bakery.grains import limits
+from bakery.grammar.section import given
+from bakery.grammar.text import Mapping, Node, show
+from bakery.grammar.units import Wrong
+from bakery.physics.shapes import limits
 from bakery.recipe.model import Index
-from bakery.recipe.section import given
-from bakery.recipe.text import Mapping, Node, show
-from bakery.recipe.units import Wrong
 
 if TYPE_CHECKING:
     from bakery.recipe.checks import Checker

@@ -1,6 +1,6 @@
 """Packed grains: what a recipe may say of them.
 
-The keys of a shape are the keywords of the function of `bakery.grains.shapes` that makes it, with its ranges and defaults.
+The keys of a shape are the keywords of the function of `bakery.physics.shapes.build` that makes it, with its ranges and defaults.
 """
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
@@ -8,10 +8,10 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, Tag
 
-from bakery.grains import limits
-from bakery.recipe.fields import AUTO, GrainName, Length, Path, Share, number, numbers, whole, word
-from bakery.recipe.section import HostOf, MaterialOf, Section, pick
-from bakery.recipe.units import COEFFICIENT, FRACTION
+from bakery.grammar.fields import AUTO, GrainName, Length, Path, Share, number, numbers, whole, word
+from bakery.grammar.section import HostOf, MaterialOf, Section, pick
+from bakery.grammar.units import COEFFICIENT, FRACTION
+from bakery.physics.shapes import limits
 
 
 def _between(bounds, **more):

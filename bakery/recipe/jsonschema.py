@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bakery.recipe import files, schema
+from bakery.grammar import files
+from bakery.recipe import schema
 
 
 def json_schema() -> dict:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bakery.errors import Problem
-from bakery.recipe.files import DataFile
+from bakery.grammar.files import DataFile
 
 
 @dataclass(frozen=True, eq=False)

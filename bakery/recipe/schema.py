@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Discriminator, Field, Tag
 
-from bakery.recipe.fields import (
+from bakery.grammar.fields import (
     AUTO,
     ComponentName,
     Flag,
@@ -26,10 +26,10 @@ from bakery.recipe.fields import (
     whole,
     word,
 )
+from bakery.grammar.section import HostOf, MaterialOf, Section, pick
+from bakery.grammar.text import Mapping, Sequence
+from bakery.grammar.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, WAVELENGTH
 from bakery.recipe.grain_schema import EffectiveMedium, Grains, Scatterometer
-from bakery.recipe.section import HostOf, MaterialOf, Section, pick
-from bakery.recipe.text import Mapping, Sequence
-from bakery.recipe.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, WAVELENGTH
 
 NAMED_WAVELENGTHS = {"rgb": (0.610, 0.550, 0.465), "visible8": (0.405, 0.455, 0.505, 0.555, 0.605, 0.655, 0.705, 0.755)}
 

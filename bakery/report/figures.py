@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.medium.phase import evaluate
-from bakery.report import methods
-from bakery.report.style import FAINT, INK, NEUTRAL, QUIET, colours, look, saved
-from bakery.report.text import clean
+from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET, colours, look, saved
+from bakery.physics.medium.phase import evaluate
+from bakery.stages.optics import methods
 from bakery.store.tree import Dataset, Group
+from bakery.system.terminal import clean
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def pictures(root: Group) -> Iterator[Picture]:
     """Every picture that the content of an asset allows."""
     packing = root.members.get("packing")
     if isinstance(packing, Group):
-        from bakery.report import tiles
+        from bakery.stages.packing import pictures as tiles
 
         yield from tiles.pictures(packing)
     medium = root.members.get("medium")
@@ -69,11 +69,11 @@ def pictures(root: Group) -> Iterator[Picture]:
     um = wavelength.data
     packed = root.members.get("grains")
     if isinstance(packed, Group):
-        from bakery.report import grains
+        from bakery.stages.grains import pictures as grains
 
         yield from grains.pictures(packed, um)
     if isinstance(medium, Group) and {"sigma_t", "sigma_t_mean_flight"} <= medium.members.keys():
-        from bakery.report.extinction import extinction
+        from bakery.stages.effective.pictures import extinction
 
         yield extinction(medium, um)
     if isinstance(medium, Group) and {"theta", "phase"} <= medium.members.keys():
@@ -84,11 +84,11 @@ def pictures(root: Group) -> Iterator[Picture]:
     if isinstance(medium, Group) and {"sigma_t", "albedo", "g"} <= medium.members.keys() and um.size > 1:
         yield coefficients(medium, um)
     if isinstance(root.members.get("multiple"), Group):
-        from bakery.report import multiple
+        from bakery.stages.multiple import pictures as multiple
 
         yield from multiple.pictures(root)
     if isinstance(root.members.get("beam"), Group):
-        from bakery.report import beam
+        from bakery.stages.beam import pictures as beam
 
         yield from beam.pictures(root)
     optics = root.members.get("optics")

@@ -6,10 +6,10 @@ import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from bakery.report.axes import axes
+from bakery.asset.axes import axes
+from bakery.asset.summary import describe
+from bakery.draw.files import as_jpeg
 from bakery.report.figures import drawn, pictures, title_of
-from bakery.report.files import as_jpeg
-from bakery.report.summary import describe
 from bakery.store.tree import Dataset, Group, read_text
 
 MOST_COLUMNS = 11  # of a table, side by side
@@ -148,7 +148,7 @@ def _with_error(value, error) -> str:
 
 def _grains(root: Group) -> list[str]:
     """The figures of each exemplar grain, one row a wavelength."""
-    from bakery.report import grains
+    from bakery.stages.grains import pictures as grains
 
     packed, wavelength = root.members.get("grains"), root.members.get("wavelength")
     if not isinstance(packed, Group) or not isinstance(wavelength, Dataset):

@@ -16,15 +16,16 @@ from pathlib import Path
 
 import bakery
 from bakery.errors import AssetError, BakeryError, Problem, StageError, StoreError, UsageError
-from bakery.machine import free_memory
 from bakery.plan import REUSE, RUN, Plan, Step, make
-from bakery.run import compiling, resources
+from bakery.run import compiling
 from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
 from bakery.run.progress import Progress
 from bakery.stages.declaration import Cost, Stage, remembering
 from bakery.store.tree import Dataset, Group
+from bakery.system import resources
+from bakery.system.memory import free_memory
 
 # What a quality sets; `final` is the recipe as it stands.  Measured by `bake trade`: docs/trade.md.
 QUALITY = {

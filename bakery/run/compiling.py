@@ -20,8 +20,8 @@ SECONDS = {
     "beam.photons": 1.3, "beam.single": 0.68, "beam.table": 0.83, "beam.transport": 2.0,
     "goa._asymptotic": 2.2, "goa._edge": 6.6, "goa._field": 5.8, "goa._rays": 10.0, "goa._solve": 1.7, "goa._special": 1.4,
     "goa._surface": 1.7,
-    "grains._packed": 5.8, "grains._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7, "grains.bvh": 6.4,
-    "grains.grid": 1.9, "grains.points": 2.0, "grains.scatterometer": 0.42, "grains.simplify": 6.1, "grains.sphere": 3.4,
+    "granular._packed": 5.8, "shapes._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7, "grains.bvh": 6.4,
+    "grains.grid": 1.9, "grains.points": 2.0, "grains.scatterometer": 0.42, "shapes.simplify": 6.1, "grains.sphere": 3.4,
     "grains.surface": 1.0,
     "mie._kernels": 8.2,
     "multiple._kernels": 2.4, "multiple._plane": 2.9, "multiple._tally": 4.5, "multiple.basis": 0.71, "multiple.frame": 0.21,
@@ -39,7 +39,7 @@ def _compiled(module: str) -> bool:
     """Whether kernels of a module, as it stands, were compiled on this machine."""
     from platformdirs import user_cache_path
 
-    source = Path(bakery.__file__).parent / (module.replace(".", "/") + ".py")
+    source = Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py")
     asked = os.environ.get("NUMBA_CACHE_DIR")
     # numba keeps them beside the source, or for the user where that cannot be written
     for kept in [Path(asked)] if asked else [source.parent / "__pycache__", user_cache_path("numba", appauthor=False)]:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bakery.run.resources import duration
+from bakery.system.resources import duration
 
 FIRST = 1.5  # seconds after which something that goes on is named: nobody is left without a word for 2 s
 EVERY = 60.0

@@ -10,7 +10,13 @@ from bakery.stages.declaration import Stage
 @cache
 def all_stages() -> tuple[Stage, ...]:
     """Every declared stage, upstream ones first."""
-    from bakery.stages import beam, effective, grains, medium, multiple, optics, packing
+    from bakery.stages.beam import stage as beam
+    from bakery.stages.effective import stage as effective
+    from bakery.stages.grains import stage as grains
+    from bakery.stages.medium import stage as medium
+    from bakery.stages.multiple import stage as multiple
+    from bakery.stages.optics import stage as optics
+    from bakery.stages.packing import stage as packing
 
     return (packing.STAGE, grains.STAGE, optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS,
             multiple.STAGE, beam.STAGE)

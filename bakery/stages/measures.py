@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bakery.medium import phase
+from bakery.physics.medium import phase
 from bakery.store.tree import Group
 
 _LEAST = 1e-6  # of the mean phase function 1/(4 pi): below that a relative error is of no consequence

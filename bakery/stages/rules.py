@@ -25,7 +25,7 @@ def angles(theta) -> Iterable[str]:
 
 def phase_function(theta, f, others=(None, None, None)) -> Iterable[str]:
     """Broken rules of a phase function (L, A) and of s12, s33, s34 where they are given."""
-    from bakery.medium import phase
+    from bakery.physics.medium import phase
 
     if (f < 0).any():
         yield "phase below 0"

@@ -61,8 +61,8 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     UsageError : no stage of the recipe has knobs, the folder cannot be written, or the budget is too small for anything
     StageError : a stage fails as the recipe stands, or has no converged values
     """
+    from bakery.draw.files import folder_for
     from bakery.recipe import load
-    from bakery.report.files import folder_for
     from bakery.run import QUALITY, files_of, overrides
     from bakery.run.progress import Progress
     from bakery.store.outputs import by_suffix, check_outputs
@@ -119,10 +119,10 @@ def _with_knobs(recipe, names: Sequence[str]) -> list:
 
 def _written(trade: Trade) -> Trade:
     """The same with its files written."""
+    from bakery.draw.files import csv_text
     from bakery.report.figures import drawn
-    from bakery.report.files import csv_text
-    from bakery.report.front import picture
     from bakery.store.put import put
+    from bakery.trade.picture import picture
     from bakery.trade.tables import columns
 
     told = trade.as_dict()

@@ -9,7 +9,7 @@ from statistics import median
 
 from bakery.errors import StageError, UsageError
 from bakery.run.progress import Progress
-from bakery.run.resources import duration
+from bakery.system.resources import duration
 from bakery.trade.process import Died, OutOfTime, Worker
 from bakery.trade.result import Sweep
 from bakery.trade.runs import Run, Store

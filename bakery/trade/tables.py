@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 
-from bakery.report.text import table
-from bakery.run.resources import duration, in_words
+from bakery.system.resources import duration, in_words
+from bakery.system.terminal import table
 
 
 def said(setting: Mapping[str, str]) -> str:

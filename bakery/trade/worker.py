@@ -74,8 +74,8 @@ class Bench:
 
     def run(self, setting: Mapping[str, str], expected: str, reference: str | None) -> dict:
         """One timed run; with the key of a reference also errors and memory, which do not depend on the run."""
-        from bakery.run import resources
         from bakery.store.hashes import content_hash
+        from bakery.system import resources
 
         self._load_kernels(setting)
         before = self._burst or self._around()

@@ -9,7 +9,7 @@ import re
 import time
 from pathlib import Path
 
-from bakery.report.style import look, saved
+from bakery.draw.style import look, saved
 
 CLAIMS = {  # name on the command line: (module, picture)
     "fig2": ("orders", "goa_orders.png"), "fig3": ("extinction", "goa_extinction.png"),

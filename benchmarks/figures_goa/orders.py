@@ -59,7 +59,7 @@ def measure():
     rows = {(name, radius): row for name, part in zip(names, found) for radius, row in zip(RADII, part)}
     corrected = dict(zip(names, of.together(lambda name: ours(of.INDICES[name], 1000.0), [(name,) for name in names])))
     curve = {p: of.mean_amplitude(*printed.amplitudes(1.33, of.size_parameter(10.0), of.THETA, p))[0] for p in (1, 3, MANY)}
-    from bakery.mie import amplitudes
+    from bakery.physics.mie import amplitudes
 
     curve["Mie"] = of.mean_amplitude(*amplitudes(1.33, of.size_parameter(10.0), of.THETA))
     beyond = {name: {p: energy_beyond(m, p) for p in (1, 2, 3, 6)} for name, m in of.INDICES.items()}

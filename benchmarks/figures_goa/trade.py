@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from bakery import goa
-from bakery.mie import _kernels as mie
-from bakery.mie import amplitudes as mie_amplitudes
+from bakery.physics.mie import _kernels as mie
+from bakery.physics.mie import amplitudes as mie_amplitudes
 
 from . import measures as of
 from . import plain_mie, printed

@@ -6,8 +6,8 @@ set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unles
 
 from __future__ import annotations
 
-from bakery import llvm as _llvm
 from bakery.errors import BakeryError, UsageError
+from bakery.system import llvm as _llvm
 from renderers.mitsuba import variants
 
 _llvm.find()
@@ -16,9 +16,9 @@ variants.require_mitsuba()
 import mitsuba as _mi  # noqa: E402  after find: Dr.Jit looks for LLVM once, when it is imported
 
 from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
-from renderers.mitsuba.preview import preview  # noqa: E402
-from renderers.mitsuba.report import describe  # noqa: E402
 from renderers.mitsuba.scene import faults, render_scene  # noqa: E402
+from renderers.preview.preview import preview  # noqa: E402
+from renderers.preview.report import describe  # noqa: E402
 
 __all__ = ["describe", "preview", "register", "render_scene", "variants"]
 

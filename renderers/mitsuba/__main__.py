@@ -19,7 +19,8 @@ def main(arguments=None) -> int:
     parser.add_argument("--overwrite", action="store_true", help="replace also files of other kinds")
     options = parser.parse_args(arguments)
     try:
-        from renderers.mitsuba import preview, render_scene
+        from renderers.mitsuba import render_scene
+        from renderers.preview import preview
 
         common = {"variant": options.variant, "spp": options.spp, "seed": options.seed, "overwrite": options.overwrite,
                   "progress": _show if sys.stderr.isatty() else None}

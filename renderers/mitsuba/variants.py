@@ -1,4 +1,4 @@
-"""Which variant of Mitsuba this machine can run.  LLVM decides: `bakery.llvm`."""
+"""Which variant of Mitsuba this machine can run.  LLVM decides: `bakery.system.llvm`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from typing import NamedTuple
 
 from bakery.errors import BakeryError, UsageError
-from bakery.llvm import INSTALL, MINIMUM
+from bakery.system.llvm import INSTALL, MINIMUM
 
 # colour -> (what follows cuda_ad_ and llvm_ad_, the scalar twin); there is no scalar_mono, grey goes through scalar_rgb.
 _NAMES = {"mono": ("mono", "scalar_rgb"), "rgb": ("rgb", "scalar_rgb"), "spectral": ("spectral", "scalar_spectral"),

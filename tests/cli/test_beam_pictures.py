@@ -9,8 +9,9 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
-from bakery.report import beam, figures
-from bakery.report.files import csv_text
+from bakery.draw.files import csv_text
+from bakery.report import figures
+from bakery.stages.beam import pictures as beam
 from bakery.store.read import read
 
 RECIPE = """\

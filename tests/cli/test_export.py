@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bakery.medium.phase import cumulative, evaluate, mean_cosine, normalised
-from bakery.medium.regular import adaptive_table, loss, regular_table
+from bakery.physics.medium.phase import cumulative, evaluate, mean_cosine, normalised
+from bakery.physics.medium.regular import adaptive_table, loss, regular_table
 from bakery.store.tree import Dataset, text
 from bakery.store.write import write
 from tests.conftest import ROOT
@@ -263,7 +263,7 @@ def test_a_peak_that_no_grid_holds_goes_straight_on(call, hail, tmp_path):
 
 def test_nearly_useless_fragments_say_so_first():
     from bakery.export.mitsuba import Fragment
-    from bakery.medium.regular import Loss
+    from bakery.physics.medium.regular import Loss
 
     good, bad = (Loss(share, 1.0, 0.0, 0.0, 0.0, 1.0) for share in (1e-3, 0.4))
     assert not Fragment("", "", 65, good, {0.5: good, 0.6: good}).useless()
@@ -273,8 +273,8 @@ def test_nearly_useless_fragments_say_so_first():
 
 def test_fits_of_little_use_are_named_first(call, monkeypatch, tmp_path, fog):
     from bakery.export import hg
-    from bakery.medium.lobe_fits import Fit
-    from bakery.medium.lobes import Lobes, Misfit
+    from bakery.physics.medium.lobe_fits import Fit
+    from bakery.physics.medium.lobes import Lobes, Misfit
 
     def row(um, **fits):
         return hg.Row(um, dict.fromkeys(hg.COEFFICIENTS, 1.0),
@@ -351,7 +351,7 @@ def test_lobes_as_csv_are_the_same(lobes):
 
 def test_lobes_load_in_stock_mitsuba():
     from bakery.export.hg import mitsuba
-    from bakery.medium.lobes import Lobes
+    from bakery.physics.medium.lobes import Lobes
 
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")

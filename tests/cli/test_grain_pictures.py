@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.draw import _meshes
 from bakery.export import scattering_of
-from bakery.grains.files import triangles
-from bakery.grains.shapes import build
-from bakery.medium.phase import integral, mean_cosine
-from bakery.report import _meshes
+from bakery.physics.medium.phase import integral, mean_cosine
+from bakery.physics.shapes.build import build
+from bakery.physics.shapes.files import triangles
 from bakery.report.figures import drawn, pictures
-from bakery.report.grains import concise
+from bakery.stages.grains.pictures import concise
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from tests.grain_assets import RADIUS, asset, component

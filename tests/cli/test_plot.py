@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from bakery.draw.style import colours
 from bakery.report.figures import drawn, pictures
-from bakery.report.style import colours
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
 from tests.samples import small_asset, with_member

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.medium.phase import evaluate
-from bakery.report.lookup import lookup
+from bakery.asset.lookup import lookup
+from bakery.physics.medium.phase import evaluate
 from bakery.report.page import page
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write

@@ -13,7 +13,7 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
-from renderers.native.screen import kernels, picture
+from renderers.fog import kernels, picture
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "assets/scenes"
@@ -126,7 +126,7 @@ def test_ambient_light_counts_once(call, place, energy):
 
 def test_deep_fog_in_ambient_light(call, place):
     """It sends back what a slab reflects: all where nothing is absorbed, the rest by P1."""
-    from renderers.native.screen import _columns
+    from renderers.fog import _columns
 
     deep = ("--set", "fog.light=[{type: ambient, radiance: 2}]", "--set", "fog.density.scale=1e4")
     assert call("render", place / "s.yaml", *deep)[0] == 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.medium.phase import normalised
-from bakery.stages.medium import members_of
+from bakery.physics.medium.phase import normalised
+from bakery.stages.medium.stage import members_of
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
 

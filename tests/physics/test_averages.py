@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bakery.averages import Component, averages, batches, cross, expected, work
 from bakery.errors import StageError
-from bakery.medium import phase
-from bakery.sizes import Nodes, population
+from bakery.physics.averages import Component, averages, batches, cross, expected, work
+from bakery.physics.medium import phase
+from bakery.physics.sizes import Nodes, population
 
 ANGLES = np.radians([0, 10, 60, 90, 140, 180])
 
@@ -213,7 +213,7 @@ def test_refusals_say_what_would_do():
 @pytest.mark.parametrize(("m", "integrated"), [(1.333, False), (1.333, True), (1.333 + 1e-7j, False)])
 def test_a_tolerance_out_of_reach_leaves_what_was_reached(monkeypatch, m, integrated):
     """The error that is told is above the tolerance and true: values of many more sizes are within it."""
-    from bakery.sizes import nodes
+    from bakery.physics.sizes import nodes
 
     law, tolerance = size("lognormal", radius=5.0, sigma=1.2), 3e-3 if not integrated else 3e-4
     true_theta, true = bake(law, m, tolerance=1e-2)

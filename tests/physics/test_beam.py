@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy import integrate, interpolate, linalg, special
 
-from bakery.beam import build, kernels, layers, moments, named, photons, planar, single, small_angle, table, transport
-from bakery.medium import analytic
-from bakery.medium import phase as tables
+from bakery.physics.beam import build, kernels, layers, moments, named, photons, planar, single, small_angle, table, transport
+from bakery.physics.medium import analytic
+from bakery.physics.medium import phase as tables
 
 B30 = (math.pi / 6) ** 2 / 4  # spread of 30 degrees
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)

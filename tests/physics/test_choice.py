@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from bakery.averages import Component, Rays, averages, expected
-from bakery.averages.choice import LOWEST, choose
-from bakery.averages.spheres import channels_of
-from bakery.medium import phase
-from bakery.sizes import population
+from bakery.physics.averages import Component, Rays, averages, expected
+from bakery.physics.averages.choice import LOWEST, choose
+from bakery.physics.averages.spheres import channels_of
+from bakery.physics.medium import phase
+from bakery.physics.sizes import population
 from tests.physics.test_averages import size
 
 SPREAD = dict(tolerance=0.03)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from renderers.native.screen import density, grids, picture
-from renderers.native.screen.density import Grid, Height, Uniform
+from renderers.fog import density, grids, picture
+from renderers.fog.density import Grid, Height, Uniform
 
 ENDLESS = np.array([math.inf])
 

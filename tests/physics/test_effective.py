@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from bakery.grains import walk
-from bakery.grains.balls import BallWalker
-from bakery.grains.effective import Means, effective, flight, mixed, void_chord
-from bakery.grains.points import points, scrambled
-from bakery.grains.scatterometer import measure
-from bakery.grains.sphere import ball
-from bakery.grains.surface import conductor, dielectric, diffuse
-from bakery.medium.diffusion import JENSEN, ROBUST, classical, exitance, fluence, improved, layer, uncollided
-from bakery.packing.theory import mean_chord
+from bakery.physics.grains import walk
+from bakery.physics.grains.balls import BallWalker
+from bakery.physics.grains.points import points, scrambled
+from bakery.physics.grains.scatterometer import measure
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import conductor, dielectric, diffuse
+from bakery.physics.granular.effective import Means, effective, flight, mixed, void_chord
+from bakery.physics.medium.diffusion import JENSEN, ROBUST, classical, exitance, fluence, improved, layer, uncollided
+from bakery.physics.packing.theory import mean_chord
 
 GLASS = Means.of(ball(dielectric(1.5)))
 

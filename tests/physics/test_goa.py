@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bakery import goa, mie
-from bakery.goa import _asymptotic, _edge, _rays, _solve, _special, _surface
-from bakery.mie import _kernels as mie_kernels
+from bakery.physics.goa import _asymptotic, _edge, _rays, _solve, _special, _surface
+from bakery.physics.mie import _kernels as mie_kernels
 
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))
 SOLID = np.sin(THETA)

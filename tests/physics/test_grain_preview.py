@@ -11,13 +11,14 @@ import mitsuba as mi
 
 import bakery
 from bakery.errors import AssetError
-from bakery.grains.sphere import ball
-from bakery.grains.surface import conductor, dielectric, diffuse
-from bakery.medium.phase import mean_cosine
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import conductor, dielectric, diffuse
+from bakery.physics.medium.phase import mean_cosine
 from bakery.store.tree import text
 from bakery.store.write import write
-from renderers.mitsuba import grains, passes, studio
-from renderers.mitsuba.preview import _without_unchanged
+from renderers.mitsuba import passes
+from renderers.preview import grains, studio
+from renderers.preview.preview import _without_unchanged
 from tests.grain_assets import RADIUS, asset, component
 from tests.samples import with_member
 

@@ -9,13 +9,14 @@ from math import gamma, pi
 import numpy as np
 import pytest
 
-from bakery.grains import files, mending, quality, radial, shapes
-from bakery.grains.bounding import minimum_sphere, onto_unit_sphere
-from bakery.grains.examples import EXAMPLES
-from bakery.grains.implicit import marched, surface
-from bakery.grains.lines import inside, measure, tree
-from bakery.grains.noise import directions, fractal_noise, gradient_noise, stream
-from bakery.grains.simplify import simplified
+from bakery.physics.shapes import build as shapes
+from bakery.physics.shapes import files, mending, quality, radial
+from bakery.physics.shapes.bounding import minimum_sphere, onto_unit_sphere
+from bakery.physics.shapes.examples import EXAMPLES
+from bakery.physics.shapes.implicit import marched, surface
+from bakery.physics.shapes.lines import inside, measure, tree
+from bakery.physics.shapes.noise import directions, fractal_noise, gradient_noise, stream
+from bakery.physics.shapes.simplify import simplified
 
 SIGMAS = 5.5  # one comparison fails by chance once in 2.6e7; there are about 60 of them here, so 2e-6 a suite
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bakery.packing.instances import cumulated, instances, matrix, mix, uniforms
+from bakery.physics.packing.instances import cumulated, instances, matrix, mix, uniforms
 
 MASK = (1 << 64) - 1
 GOLDEN = 0x9E3779B97F4A7C15

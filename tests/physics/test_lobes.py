@@ -8,9 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from bakery.medium.lobe_fits import GAIN, LARGEST, NARROWEST, _Search, fits, matched
-from bakery.medium.lobes import FAINT, Lobes, draine, draine_mean_cosine, misfit, published, quadrature
-from bakery.medium.phase import mean_cosine, normalised
+from bakery.physics.medium.lobe_fits import GAIN, LARGEST, NARROWEST, _Search, fits, matched
+from bakery.physics.medium.lobes import FAINT, Lobes, draine, draine_mean_cosine, misfit, published, quadrature
+from bakery.physics.medium.phase import mean_cosine, normalised
 
 
 def fine(function, angles: int = 500):
@@ -32,7 +32,7 @@ def fitted(droplets):
 
 def water(diameter: float, wavelengths):
     """Mie's phase function of water droplets, lognormal with that median diameter (um) and sigma 1.5, on some 400 angles."""
-    from bakery.mie import amplitudes
+    from bakery.physics.mie import amplitudes
 
     theta = np.union1d(np.geomspace(1e-3, math.pi, 200), np.linspace(0, math.pi, 201))
     radius = np.geomspace(0.3, 3.4, 100) * diameter / 2

@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bakery.mie import absorption, amplitudes, efficiencies
+from bakery.physics.mie import absorption, amplitudes, efficiencies
 
 REFERENCE = json.loads((Path(__file__).parent / "mie_reference.json").read_text())
 PUBLISHED = REFERENCE["published"]
@@ -238,7 +238,7 @@ def test_result_does_not_depend_on_company():
 
 
 def test_block_kernels_against_their_literal_twins():
-    from bakery.mie._kernels import cross_section_block, intensity_block, mueller_block
+    from bakery.physics.mie._kernels import cross_section_block, intensity_block, mueller_block
 
     rng = np.random.default_rng(6)
     x = 10 ** rng.uniform(-2, 2.5, 37)

@@ -16,15 +16,16 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bakery import llvm
 from bakery.errors import UsageError
-from bakery.grains import mitsuba_walk, points, shapes
-from bakery.grains.bvh import Mesh
-from bakery.grains.examples import EXAMPLES
-from bakery.grains.mitsuba_walk import MitsubaWalker
-from bakery.grains.scatterometer import CONTRADICTED_MAX, FIGURES, measure
-from bakery.grains.surface import conductor, dielectric, diffuse
-from bakery.grains.walk import CONTRADICTED, CUT, LEFT, MISSED, Walker
+from bakery.physics.grains import mitsuba_walk, points
+from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.mitsuba_walk import MitsubaWalker
+from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, FIGURES, measure
+from bakery.physics.grains.surface import conductor, dielectric, diffuse
+from bakery.physics.grains.walk import CONTRADICTED, CUT, LEFT, MISSED, Walker
+from bakery.physics.shapes import build as shapes
+from bakery.physics.shapes.examples import EXAMPLES
+from bakery.system import llvm
 from tests.conftest import ROOT
 from tests.physics.test_scatterometer import CUBE, STONE, box, torus
 
@@ -199,8 +200,8 @@ TOGETHER = """
 import threading
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
-from bakery.grains.mitsuba_walk import MitsubaWalker, require
-from bakery.grains.surface import dielectric
+from bakery.physics.grains.mitsuba_walk import MitsubaWalker, require
+from bakery.physics.grains.surface import dielectric
 corners, faces = np.eye(4)[:, :3] - 0.2, [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)]
 walker, gate = MitsubaWalker(corners, faces, dielectric(1.5), 0.0), threading.Barrier(4)
 def run(_):
@@ -277,7 +278,7 @@ def test_usable_llvm(version):
 
 @runs
 def test_no_llvm_is_one_clear_error(tmp_path):
-    code = "from bakery.errors import UsageError\nfrom bakery.grains import mitsuba_walk\n" \
+    code = "from bakery.errors import UsageError\nfrom bakery.physics.grains import mitsuba_walk\n" \
            "try:\n    mitsuba_walk.require()\nexcept UsageError as error:\n    print(error)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60,
                           env={**os.environ, "PYTHONPATH": str(ROOT), "DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")})

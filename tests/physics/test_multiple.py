@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import t as student
 
-from bakery.medium import analytic, phase
-from bakery.multiple import _kernels, _plane, fourier, legendre, photons, point, segment, solution
+from bakery.physics.medium import analytic, phase
+from bakery.physics.multiple import _kernels, _plane, fourier, legendre, photons, point, segment, solution
 
 HG = legendre.henyey_greenstein
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from bakery.medium import analytic
-from bakery.medium import phase as phases
-from bakery.multiple import along, counted, frame, legendre, lookup, solution, table, tally
-from bakery.multiple.frame import POINT, SEGMENT
+from bakery.physics.medium import analytic
+from bakery.physics.medium import phase as phases
+from bakery.physics.multiple import along, counted, frame, legendre, lookup, solution, table, tally
+from bakery.physics.multiple.frame import POINT, SEGMENT
 
 
 def henyey_greenstein(g):

@@ -11,9 +11,9 @@ from scipy.integrate import quad
 from scipy.special import sph_harm_y
 from scipy.stats import chi2
 
-from bakery.medium import analytic
-from bakery.multiple import basis, frame, legendre, lookup, photons, point, queries, segment, solution, table
-from bakery.multiple.frame import POINT, SEGMENT
+from bakery.physics.medium import analytic
+from bakery.physics.multiple import basis, frame, legendre, lookup, photons, point, queries, segment, solution, table
+from bakery.physics.multiple.frame import POINT, SEGMENT
 
 ALBEDO, G = 0.9, 0.7
 

@@ -14,14 +14,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bakery.grains import _packed as kernel
-from bakery.grains import packed, shapes
-from bakery.grains.bvh import Mesh
-from bakery.grains.packed import Grain, walk
-from bakery.grains.sphere import ball
-from bakery.grains.surface import conductor, dielectric, diffuse
-from bakery.packing import pack
-from bakery.packing.instances import instances, matrix
+from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import conductor, dielectric, diffuse
+from bakery.physics.granular import _packed as kernel
+from bakery.physics.granular import packed
+from bakery.physics.granular.packed import Grain, walk
+from bakery.physics.packing import pack
+from bakery.physics.packing.instances import instances, matrix
+from bakery.physics.shapes import build as shapes
 
 ODDS = 6.1
 GLASS, MATT, MIRROR = dielectric(1.5), diffuse(1.0), conductor(np.inf)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from bakery import packing
-from bakery.packing import _kernels, ceiling, dynamics, pack, predicted, structure
-from bakery.packing.radii import lognormal, species
+from bakery.physics import packing
+from bakery.physics.packing import _kernels, ceiling, dynamics, pack, predicted, structure
+from bakery.physics.packing.radii import lognormal, species
 
 IMAGES = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
 

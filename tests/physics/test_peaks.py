@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bakery.medium import analytic, phase
-from bakery.multiple import fourier, legendre, peaks, photons, point, table
+from bakery.physics.medium import analytic, phase
+from bakery.physics.multiple import fourier, legendre, peaks, photons, point, table
 
 BLOCKS = 32
 

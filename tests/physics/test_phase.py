@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from bakery.medium import analytic, grid, mixing, phase, similarity
+from bakery.physics.medium import analytic, grid, mixing, phase, similarity
 
 
 def random_table(seed, count=50):

@@ -17,10 +17,11 @@ import mitsuba as mi
 from PIL import Image
 
 import bakery
+from bakery.draw.files import PREVIEW_OF
 from bakery.errors import AssetError, UsageError
-from bakery.report.files import PREVIEW_OF
-from renderers.mitsuba import lobe, passes, studio
-from renderers.mitsuba.preview import block_edge
+from renderers.mitsuba import passes
+from renderers.preview import lobe, studio
+from renderers.preview.preview import block_edge
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
 SMALL = {"width": 48, "spp": 2}

@@ -11,12 +11,12 @@ import pickle
 import numpy as np
 import pytest
 
-from bakery.grains import walk
-from bakery.grains.balls import BallWalker, statistics
-from bakery.grains.points import points, scrambled
-from bakery.grains.scatterometer import Statistics, measure
-from bakery.grains.sphere import Ball, ball
-from bakery.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
+from bakery.physics.grains import walk
+from bakery.physics.grains.balls import BallWalker, statistics
+from bakery.physics.grains.points import points, scrambled
+from bakery.physics.grains.scatterometer import Statistics, measure
+from bakery.physics.grains.sphere import Ball, ball
+from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
 
 ODDS = 6.1
 KEY = (1, 2)
@@ -163,7 +163,7 @@ def test_fine_meshes_tend_to_the_rough_ball():
     """Roughness opens the modes that facets would: now a mesh of 8000 triangles and the sphere agree, inner path too."""
     from scipy.spatial import ConvexHull
 
-    from bakery.grains.bvh import Mesh
+    from bakery.physics.grains.bvh import Mesh
 
     golden = np.pi * (3 - 5**0.5) * np.arange(4000)
     z = 1 - (2 * np.arange(4000) + 1) / 4000

@@ -13,11 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from bakery.grains import _rays, points, walk
-from bakery.grains.bvh import Mesh
-from bakery.grains.scatterometer import CONTRADICTED_MAX, EDGES, LOST_MAX, REPLICATES, measure, ratio
-from bakery.grains.sphere import ball
-from bakery.grains.surface import at_dielectric, conductor, dielectric, diffuse, facet, fresnel_conductor, shadowing
+from bakery.physics.grains import _rays, points, walk
+from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, EDGES, LOST_MAX, REPLICATES, measure, ratio
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import at_dielectric, conductor, dielectric, diffuse, facet, fresnel_conductor, shadowing
 
 ODDS = 6.1
 MIRROR = conductor(np.inf)
@@ -223,7 +223,7 @@ def test_microfacets_are_those_of_mitsuba():
 
 
 def test_fresnel_of_a_conductor_without_absorption_is_a_dielectric():
-    from bakery.grains.surface import fresnel
+    from bakery.physics.grains.surface import fresnel
 
     for cosine in (1.0, 0.7, 0.1, 1e-6):
         assert fresnel_conductor(cosine, 1.5, 0.0) == pytest.approx(fresnel(cosine, 1.5)[0], abs=1e-13)

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.linalg import solve_banded
 
 from bakery.errors import UsageError
-from renderers.native.screen import _columns, external
+from renderers.fog import _columns, external
 
 FAR = 1e3
 

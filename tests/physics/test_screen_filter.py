@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.beam import photons
 from bakery.errors import UsageError
+from bakery.physics.beam import photons
 from benchmarks.screen import scene
-from renderers.native.screen import filter as screen
-from renderers.native.screen import kernels
+from renderers.fog import filter as screen
+from renderers.fog import kernels
 
 RECIPE = """\
 bakery: 1

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
-from bakery.sizes import Nodes, population
+from bakery.physics.sizes import Nodes, population
 
 K = 2 * math.pi / np.array([0.61, 0.465])
 

@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from bakery.packing import structure, theory
-from bakery.packing.radii import lognormal, room, species
+from bakery.physics.packing import structure, theory
+from bakery.physics.packing.radii import lognormal, room, species
 
 CORNERS = np.array([[0, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0.5]])
 
@@ -173,7 +173,7 @@ def test_equation_of_state():
 
 def test_chords_of_a_cubic_lattice():
     """One sphere a cell, which meets its own images only: 4 V/S within 5 standard errors; corridors have no end."""
-    from bakery.packing import _chords
+    from bakery.physics.packing import _chords
 
     cell, center, one = np.full(3, 2.5), np.array([[0.1, 2.4, 0.3]]), np.ones(1)
     found = structure.chord_lengths(center, one, cell, 0.02, stream)
@@ -189,7 +189,7 @@ def test_chords_of_a_cubic_lattice():
 
 def test_chords_against_brute_force():
     """Three species in a flat cell: each ray against all images, one by one."""
-    from bakery.packing import _chords
+    from bakery.physics.packing import _chords
 
     rng = np.random.default_rng(6)
     cell, radii = np.array([5.0, 6.0, 2.4]), np.array([1.0, 0.3, 0.6, 0.2, 0.5, 0.4])
@@ -214,7 +214,7 @@ def test_chords_against_brute_force():
 
 def test_rays_that_start_on_or_in_a_sphere():
     """On the surface that is left, or a rounding inside: passed over.  In a sphere whose centre lies ahead: met at once."""
-    from bakery.packing import _chords
+    from bakery.physics.packing import _chords
 
     cell, m = np.array([6.0, 6.0, 6.0]), np.array([3, 3, 3])
     grid = _chords.lists(np.array([[3.0, 3.0, 3.0]]), np.ones(1), cell, m)
@@ -232,7 +232,7 @@ def test_rays_that_start_on_or_in_a_sphere():
 
 def test_chords_start_on_spheres_and_end_at_the_next():
     """The law of starts and every sum: each line by itself against all images, touching spheres among them."""
-    from bakery.packing import _chords
+    from bakery.physics.packing import _chords
 
     rng = np.random.default_rng(11)
     cell, radii = np.array([4.0, 5.0, 4.5]), np.array([1.0, 0.5, 0.7])
@@ -295,7 +295,7 @@ def test_errors_of_chords_are_those_of_repeats():
 
 def test_error_of_the_spread_is_that_of_its_moments():
     """Covariance of the first two moments of the chords, through the slope of <z^2>/(2 <z>^2) by differences."""
-    from bakery.packing import _chords
+    from bakery.physics.packing import _chords
 
     radii = np.ones(20)
     centers, cell = inserted(radii, 7.0, 8)
@@ -365,7 +365,7 @@ def test_packed_tiles(fraction, second_moment):
     Mean z^2 of 220 bins has a standard deviation of 0.1; theory is off by up to 0.06 at 0.5, half an error.  A tile's second
     moment scatters by 0.003 and the reference by 0.0015: 0.008 is 4 standard errors of four.
     """
-    from bakery.packing import pack
+    from bakery.physics.packing import pack
 
     z, moments = [], []
     for seed in range(4):

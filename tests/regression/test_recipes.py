@@ -52,7 +52,7 @@ def test_every_recipe_ships_with_golden_values():
 @pytest.mark.parametrize("case", CASES)
 def test_golden_values(case, tmp_path, request):
     path = bakery.bake(ROOT / "recipes" / f"{case}.yaml", output=tmp_path / "a.h5", quality="draft", stages=["medium"])
-    from bakery.verify import verify
+    from bakery.asset.verify import verify
 
     assert not verify(path), "a shipped recipe's asset breaks the format's rules"
     asset = bakery.open(path)

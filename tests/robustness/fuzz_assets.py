@@ -275,8 +275,8 @@ def ran(call: list[str]) -> tuple[int, str]:
 
 def verified(path: Path) -> str:
     """What is wrong with the way in which `verify` ends, in this process, or nothing."""
+    from bakery.asset.verify import _broken
     from bakery.errors import AssetError
-    from bakery.verify import _broken
 
     signal.signal(signal.SIGPROF, _stop)
     signal.setitimer(signal.ITIMER_PROF, TIME)

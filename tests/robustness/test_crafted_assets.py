@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.verify import _broken, verify
 from bakery.errors import AssetError
 from bakery.stages import all_stages
 from bakery.stages.conform import declared, faults
@@ -21,7 +22,6 @@ from bakery.store.hashes import seal
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
-from bakery.verify import _broken, verify
 from tests.conftest import ROOT
 from tests.robustness import fuzz_assets
 from tests.samples import small_asset, with_member

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.verify import contract, verify
 from bakery.errors import AssetError
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
-from bakery.verify import contract, verify
 from tests.conftest import ROOT
 from tests.samples import resealed, sealed_bytes, small_asset, with_member
 

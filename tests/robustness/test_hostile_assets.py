@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.verify import verify
 from bakery.errors import AssetError
-from bakery.members import MissingStage
+from bakery.stages.members import MissingStage
 from bakery.store.read import read
 from bakery.store.write import write
-from bakery.verify import verify
 from tests.conftest import ROOT
 from tests.samples import resealed, sealed_bytes, small_asset
 

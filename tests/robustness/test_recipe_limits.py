@@ -15,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bakery.errors import RecipeError
-from bakery.recipe import schema, text
-from bakery.recipe.fields import Leaf
-from bakery.recipe.section import Section
+from bakery.grammar import text
+from bakery.grammar.fields import Leaf
+from bakery.grammar.section import Section
+from bakery.recipe import schema
 from bakery.run import execute, prepare
 
 HEAD = {"bakery": 1, "name": "x", "description": "", "wavelengths": [0.55, 0.6], "seed": 0, "tolerance": 0.1,

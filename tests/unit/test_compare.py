@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bakery.compare import compare
-from bakery.medium.phase import cumulative
+from bakery.asset.compare import compare
+from bakery.physics.medium.phase import cumulative
 from bakery.store.hashes import seal
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write

@@ -15,8 +15,8 @@ from tests.conftest import ROOT
 if importlib.util.find_spec("mitsuba") is None:
     pytest.skip("Mitsuba is not installed", allow_module_level=True)
 
-from bakery import llvm
 from bakery.errors import UsageError
+from bakery.system import llvm
 from renderers.mitsuba import variants
 
 # Renders 8 x 8 pixels of a glowing ball of fog: the smallest kernel with `dr.minimum` in it, which LLVM 15 dies of.

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from bakery.materials import Table, index, tables
-from bakery.recipe import tables as csv
-from bakery.recipe.files import asset_root, materials
+from bakery.grammar import tables as csv
+from bakery.grammar.files import asset_root, materials
+from bakery.physics.materials import Table, index, tables
 
 NAMES = {"air", "bk7", "copper", "dust", "ice", "nacl", "quartz", "silica", "soot", "vacuum", "water"}
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.verify import verify
 from bakery.errors import AssetError, RecipeError, StageError
 from bakery.recipe import load
 from bakery.run import overrides, prepare
 from bakery.run.executors import Context, threads
-from bakery.stages import packing as stage
+from bakery.stages.packing import stage
 from bakery.store.tree import Dataset, Group
-from bakery.verify import verify
 from tests.samples import small_asset, with_member
 
 TILE = "bakery: 1\nname: tile\ntolerance: 30%\npacking: {{{}}}\n"
@@ -166,7 +166,7 @@ def test_a_dictionary_has_a_group_a_tile(two):
 
 @pytest.mark.parametrize("wished, name", [(0.05, "f20"), (0.2, "f20"), (0.21, "f40"), (0.4, "f40")])
 def test_the_nearest_denser_tile_is_widened(two, wished, name):
-    from bakery.packing import structure
+    from bakery.physics.packing import structure
 
     centers, radii, cell, found = stage.nearest_denser(two.tree["packing"], wished)
     assert found == name and structure.fraction(radii, cell) == pytest.approx(wished, rel=1e-12)
@@ -227,12 +227,12 @@ def test_sound_groups_and_empty_ones(two):
 @pytest.fixture
 def packed(monkeypatch):
     """`pack` as it is, its result changed."""
-    import bakery.packing
+    import bakery.physics.packing
 
-    original = bakery.packing.pack
+    original = bakery.physics.packing.pack
 
     def change(**fields):
-        monkeypatch.setattr(bakery.packing, "pack", lambda *args, **more: replace(original(*args, **more), **fields))
+        monkeypatch.setattr(bakery.physics.packing, "pack", lambda *args, **more: replace(original(*args, **more), **fields))
 
     return change
 
@@ -258,7 +258,7 @@ def test_a_crystal_is_not_stored(write, packed):
 
 def test_an_interrupt_reaches_the_threads(write, monkeypatch):
     """The bake's thread is interrupted while a worker packs: the worker stops at its next report."""
-    import bakery.packing
+    import bakery.physics.packing
 
     started, ended = threading.Event(), []
 
@@ -272,7 +272,7 @@ def test_an_interrupt_reaches_the_threads(write, monkeypatch):
             ended.append(fraction)
             raise RuntimeError("stopped") from None
 
-    monkeypatch.setattr(bakery.packing, "pack", forever)
+    monkeypatch.setattr(bakery.physics.packing, "pack", forever)
     recipe = load(write("fraction: 0.3, count: 30"))
     with threads(1) as pool:
         context = Context(0.3, 0, pool)
@@ -289,7 +289,7 @@ def test_an_interrupt_reaches_the_threads(write, monkeypatch):
 
 
 def test_quality_chooses_the_schedule():
-    from bakery.packing import SCHEDULES
+    from bakery.physics.packing import SCHEDULES
 
     assert [stage._schedule(t, None, None) for t in (0.1, 0.03, 0.01, 1e-4)] == [
         SCHEDULES["draft"], SCHEDULES["preview"], SCHEDULES["final"], SCHEDULES["final"]]
@@ -344,7 +344,7 @@ def test_csv_has_one_table_of_spheres_a_tile(two):
 
 def test_a_sphere_covers_its_disc():
     """The drawn picture of four spheres apart: their area to a pixel's width along the rims, lit in front, one in colour."""
-    from bakery.report.tiles import rendered
+    from bakery.stages.packing.pictures import rendered
 
     image, (left, right, bottom, top), corners = rendered(np.full((1, 3), 6.0), np.ones(1), np.full(3, 12.0), 300)
     pixel = (right - left) / image.shape[1]
@@ -357,7 +357,7 @@ def test_a_sphere_covers_its_disc():
 
 
 def test_pictures_of_a_tile_and_of_a_dictionary(two):
-    from bakery.report.tiles import pictures
+    from bakery.stages.packing.pictures import pictures
 
     many = {picture.name: picture for picture in pictures(two.tree["packing"])}
     assert list(many) == ["tiles", "pair_correlation", "chord_length"]
@@ -372,7 +372,7 @@ def test_pictures_of_a_tile_and_of_a_dictionary(two):
 @pytest.mark.parametrize("name", ["tile", "chord_length"])
 def test_a_picture_is_the_same_twice(two, name):
     from bakery.report.figures import drawn
-    from bakery.report.tiles import pictures
+    from bakery.stages.packing.pictures import pictures
 
     def draw():
         return drawn(next(p for p in pictures(two.tree["packing/f40"]) if p.name == name), ("png",))["png"]

@@ -14,8 +14,9 @@ import pytest
 import ruamel.yaml
 
 from bakery.errors import RecipeError
-from bakery.grains import limits, shapes
-from bakery.grains.examples import EXAMPLES
+from bakery.physics.shapes import build as shapes
+from bakery.physics.shapes import limits
+from bakery.physics.shapes.examples import EXAMPLES
 from bakery.recipe import grain_checks, grain_schema, json_schema, load
 from tests.conftest import ROOT
 from tests.unit.test_recipe import fits

@@ -12,7 +12,7 @@ import pytest
 
 from bakery.errors import RecipeError, UsageError
 from renderers import scene
-from renderers.native.screen import grids, picture
+from renderers.fog import grids, picture
 
 SCENE = """\
 bakery_scene: 1
@@ -48,7 +48,7 @@ def test_values_in_base_units(load):
     assert (values.fog.density.scale, values.fog.density.base, values.fog.density.falloff) == (5, 0, 6)
     assert (values.filter.energy, values.filter.outside, values.filter.cut_off) == ("lost", None, None)
     assert values.display.curve == "reinhard" and values.fog.diffuse is True
-    assert found.renderer == "renderers.native.screen" and found.picture == Path("night.png")
+    assert found.renderer == "renderers.fog" and found.picture == Path("night.png")
     assert found.file(values.asset) == Path("fog.h5")
 
 

@@ -14,8 +14,9 @@ import click
 import pytest
 
 import bakery
-from bakery.medium import analytic
-from bakery.recipe import load, tables
+from bakery.grammar import tables
+from bakery.physics.medium import analytic
+from bakery.recipe import load
 from tests.conftest import MILK, ROOT
 
 PAGES = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.members import MissingStage
+from bakery.stages.members import MissingStage
 
 RECIPE = """\
 bakery: 1

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.beam import kernels, named, photons
 from bakery.errors import RecipeError
+from bakery.physics.beam import kernels, named, photons
 from bakery.recipe import load
-from bakery.stages import beam
+from bakery.stages.beam import stage as beam
 from bakery.store.tree import Dataset, Group
 
 RECIPE = """\

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.verify import verify
 from bakery.errors import StageError
 from bakery.recipe import load
 from bakery.run.executors import Context, threads
-from bakery.stages import effective, exemplars, grains
+from bakery.stages.effective import stage as effective
+from bakery.stages.grains import exemplars
+from bakery.stages.grains import stage as grains
 from bakery.store.tree import Dataset, Group
-from bakery.verify import verify
 
 RECIPE = """\
 bakery: 1
@@ -193,7 +195,7 @@ def test_sigma_t_of_the_random_walk(bake):
 
 
 def test_classes_of_a_law():
-    from bakery.packing import radii
+    from bakery.physics.packing import radii
     from bakery.recipe.model import Radii
 
     radius, share = exemplars.size_classes(Radii("lognormal", sigma=1.5))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bakery.errors import StageError
-from bakery.stages import optics
-from bakery.stages.medium import OF_COEFFICIENTS, OF_PARTICLES
+from bakery.stages.medium.stage import OF_COEFFICIENTS, OF_PARTICLES
+from bakery.stages.optics import stage as optics
 from bakery.store.tree import Dataset, Group
 from tests.unit.test_stage_optics import Here, recipe, tamper
 

@@ -10,7 +10,7 @@ import pytest
 import bakery
 from bakery.errors import RecipeError, StageError
 from bakery.recipe import load
-from bakery.stages import multiple
+from bakery.stages.multiple import stage as multiple
 
 RECIPE = """\
 bakery: 1

@@ -12,7 +12,7 @@ from bakery.errors import StageError
 from bakery.recipe.model import SingleScattering
 from bakery.run.cache import Cache
 from bakery.stages.declaration import remembering
-from bakery.stages.optics import STAGE
+from bakery.stages.optics.stage import STAGE
 from bakery.store.tree import Dataset, Group
 
 
@@ -156,10 +156,10 @@ def test_cost_grows_with_the_work():
 
 
 class Counted:
-    """`bakery.averages.choice._measured`, counted."""
+    """`bakery.physics.averages.choice._measured`, counted."""
 
     def __init__(self, monkeypatch):
-        from bakery.averages import choice
+        from bakery.physics.averages import choice
 
         self.calls, self.real = 0, choice._measured.__wrapped__  # past the memory of this process
         monkeypatch.setattr(choice, "_measured", self)

@@ -16,7 +16,7 @@ from bakery.errors import StageError, UsageError
 from bakery.run.progress import Progress
 from bakery.stages import measures
 from bakery.stages.declaration import Knob, datasets
-from bakery.stages.optics import OUTPUTS
+from bakery.stages.optics.stage import OUTPUTS
 from bakery.store.tree import Group
 from bakery.trade import front as fronts
 from bakery.trade import times

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from bakery.recipe import units
-from bakery.recipe.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong
+from bakery.grammar import units
+from bakery.grammar.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bakery.errors import RecipeError
-from bakery.recipe import load, tables, wavelengths
-from bakery.recipe.files import asset_root
+from bakery.grammar import tables
+from bakery.grammar.files import asset_root
+from bakery.recipe import load, wavelengths
 from tests.conftest import ROOT
 
 CLEAR = """\

@@ -1,0 +1,193 @@
+"""Where two assets differ: the logic of `bake diff`.
+
+What counts is what a user of the asset gets: which groups and datasets there are, their shapes, types, units and values, and the
+error that each stage states.  How the values came about does not count: provenance, hashes, versions, descriptions, the name.
+The recipe's text is reported only beside a difference that counts: two recipes that differ in a comment bake the same asset.
+
+Tables over different angles are compared at the angles of both, as the format reads them: linear in cos theta.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bakery.asset import read_checked
+from bakery.store.tree import Dataset, Group, is_text
+
+_COUNTING_ATTRIBUTES = ("tolerance", "achieved_error", "error_measure")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One place where two assets differ.
+
+    Attributes
+    ----------
+    path : of the dataset or group; an attribute is written `medium@tolerance`
+    kind : missing, shape, grid, type, units, attribute, value, recipe
+    text : what is there in A and in B, or the worst of many values
+    absolute, relative : largest difference of a value, in its unit and relative to its scale (None unless kind is `value`)
+    sigmas : largest difference in standard errors, where both assets have `X_error`
+    """
+
+    path: str
+    kind: str
+    text: str
+    absolute: float | None = None
+    relative: float | None = None
+    sigmas: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.kind}: {self.text}"
+
+
+def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: float = 0.0) -> list[Difference]:
+    """Where two assets differ by more than `rtol`; empty if they hold the same.
+
+    Parameters
+    ----------
+    a, b : paths, or trees that were read before
+    rtol : largest relative difference of a float that is let pass; 0 asks for equal numbers.  A number is compared relative to
+        the larger of the two, or, in a dataset that holds both signs and so crosses zero, to the largest magnitude along its
+        last axis.  With `rtol` 0 other angles are a difference, else only values at them are.
+
+    Raises
+    ------
+    AssetError, StoreError : as `bakery.open`
+    """
+    a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
+    found = _attributes("", a, b, rtol)
+    left, right = (dict(side.walk()) for side in (a, b))
+    moved = any(path.rpartition("/")[2] == "theta" and isinstance(one, Dataset) and isinstance(right.get(path), Dataset)
+                and not np.array_equal(one.data, right[path].data) for path, one in left.items())
+    for path in [*left, *(path for path in right if path not in left)]:
+        if path.split("/")[0] in ("provenance", "recipe"):
+            continue
+        one, other = left.get(path), right.get(path)
+        if one is None or other is None:
+            parent = path.rpartition("/")[0]
+            if not parent or (parent in left and parent in right):  # not again for all that a missing group holds
+                found.append(Difference(path, "missing", f"only in {'B' if one is None else 'A'}"))
+        elif isinstance(one, Group) or isinstance(other, Group):
+            if isinstance(one, Group) and isinstance(other, Group):
+                found += _attributes(path, one, other, rtol)
+            else:
+                found.append(Difference(path, "type", "a group in one, a dataset in the other"))
+        elif moved and (angles := _angles(path, a, b)) is not None:
+            found += _on_angles(path, a, b, angles, rtol)
+        else:
+            found += _datasets(path, one, other, _errors(path, left, right), rtol)
+    one, other = a.members.get("recipe"), b.members.get("recipe")
+    if found and isinstance(one, Dataset) and isinstance(other, Dataset) and not np.array_equal(one.data, other.data):
+        found.append(Difference("recipe", "recipe", "the recipes' texts differ"))
+    return found
+
+
+def _attributes(path: str, a: Group, b: Group, rtol: float) -> list[Difference]:
+    found = []
+    for name in _COUNTING_ATTRIBUTES:
+        one, other = a.attributes.get(name), b.attributes.get(name)
+        both = isinstance(one, float) and isinstance(other, float)
+        same = one == other or (both and abs(one - other) <= rtol * max(abs(one), abs(other)))
+        if not same:
+            found.append(Difference(f"{path}@{name}", "attribute", f"{one!r} in A, {other!r} in B"))
+    return found
+
+
+def _errors(path: str, left: dict, right: dict) -> np.ndarray | None:
+    """Standard error of the difference, where both sides state theirs."""
+    one, other = left.get(f"{path}_error"), right.get(f"{path}_error")
+    if isinstance(one, Dataset) and isinstance(other, Dataset) and one.data.shape == other.data.shape:
+        return np.hypot(one.data, other.data)
+    return None
+
+
+def _angles(path: str, a: Group, b: Group) -> np.ndarray | None:
+    """The angles of both sides' grids, rad, where a dataset is over angles and the two grids differ."""
+    one, other = _grid(path, a), _grid(path, b)
+    if one is None or other is None or np.array_equal(one, other):
+        return None
+    if a[path].data.shape[:-1] != b[path].data.shape[:-1] or a[path].data.dtype != b[path].data.dtype:
+        return None
+    return np.union1d(one, other)
+
+
+def _grid(path: str, root: Group) -> np.ndarray | None:
+    """The angles of a dataset's last axis, if it has that axis and they are ascending from 0 to pi."""
+    from bakery.asset.axes import axes, coordinate
+
+    if root[path].data.ndim == 0 or axes(root, path)[-1:] != ("A",):
+        return None
+    theta = coordinate(root, path, "A")[1].data
+    sound = theta.dtype.kind == "f" and theta.size > 1 and theta[0] == 0 and theta[-1] == math.pi and (np.diff(theta) > 0).all()
+    return theta if sound else None
+
+
+def _on_angles(path: str, a: Group, b: Group, angles: np.ndarray, rtol: float) -> list[Difference]:
+    """Where two tables differ at any of the angles; of the grids themselves, that they differ."""
+    from bakery.asset.axes import standard_error
+
+    if path.rpartition("/")[2] == "theta":
+        counts = f"{a[path].data.size} angles in A, {b[path].data.size} in B; tables are compared at {angles.size}"
+        return [] if rtol else [Difference(path, "grid", counts)]
+    one, other = (_at(path, side, angles) for side in (a, b))
+    stated = f"{path}_error"
+    errors = ({stated: _at(stated, side, angles)} if standard_error(side, path) is not None else {} for side in (a, b))
+    return _datasets(path, one, other, _errors(path, *errors), rtol, angles)
+
+
+def _at(path: str, root: Group, angles: np.ndarray) -> Dataset:
+    """A table at other angles."""
+    from bakery.physics.medium.phase import cumulative, evaluate
+
+    member, theta = root[path], _grid(path, root)
+    parent, _, name = path.rpartition("/")
+    phase = root[parent].members.get("phase") if parent else None
+    if name == "cdf" and isinstance(phase, Dataset) and phase.data.shape == member.data.shape:
+        return replace(member, data=cumulative(angles, evaluate(theta, phase.data, angles)))  # not linear: of the phase function
+    return replace(member, data=evaluate(theta, member.data, angles))
+
+
+def _datasets(path: str, a: Dataset, b: Dataset, error: np.ndarray | None, rtol: float,
+              angles: np.ndarray | None = None) -> list[Difference]:
+    for kind, one, other in (("shape", a.data.shape, b.data.shape), ("type", a.data.dtype.str, b.data.dtype.str),
+                             ("type", a.choices, b.choices), ("units", a.units, b.units)):
+        if one != other:
+            return [Difference(path, kind, f"{one} in A, {other} in B")]
+    if np.array_equal(a.data, b.data):
+        return []
+    if a.data.dtype.kind not in "fc":
+        count = np.count_nonzero(a.data != b.data)
+        what = "texts" if is_text(a) else f"{count} of {a.data.size} values"
+        return [Difference(path, "value", f"{what} differ")]
+    return _values(path, a, b, error, rtol, angles)
+
+
+def _values(path: str, a: Dataset, b: Dataset, error: np.ndarray | None, rtol: float,
+            angles: np.ndarray | None) -> list[Difference]:
+    one, other = a.data, b.data
+    with np.errstate(all="ignore"):
+        # infinities and not-a-numbers agree with themselves and with nothing else
+        same = (one == other) | (np.isnan(one) & np.isnan(other))
+        gap = np.where(same, 0.0, np.abs(one - other))
+        gap = np.where(np.isnan(gap), math.inf, gap)
+        larger = np.maximum(np.abs(one), np.abs(other))
+        if one.dtype.kind == "f" and (min(one.min(), other.min()) < 0 < max(one.max(), other.max())):
+            larger = np.broadcast_to(larger.max(axis=-1, keepdims=True), larger.shape)
+        relative = np.where(gap > 0, np.where(np.isfinite(larger), gap / larger, math.inf), 0.0)
+        worst = np.unravel_index(np.argmax(relative), relative.shape)
+        sigmas = None
+        if error is not None and error.shape == gap.shape:
+            sigmas = float(np.max(np.where(gap > 0, gap / error, 0.0)))
+    if not relative[worst] > rtol:
+        return []
+    place = list(map(int, worst)) if angles is None else f"{math.degrees(angles[worst[-1]]):.6g} deg"
+    text = (f"{one[worst]:.10g} in A, {other[worst]:.10g} in B at {place}: {relative[worst]:.3g} relative, "
+            f"up to {gap.max():.3g}{'' if a.units == '1' else ' ' + a.units}, {np.count_nonzero(relative > rtol)} of {gap.size}")
+    if sigmas is not None:
+        text += f"; up to {sigmas:.2g} standard errors"
+    return [Difference(path, "value", text, float(gap.max()), float(relative[worst]), sigmas)]

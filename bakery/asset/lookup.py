@@ -1,0 +1,154 @@
+"""One baked array at given arguments: the logic of `bake query`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.asset.axes import COORDINATES, axes, coordinate, standard_error
+from bakery.errors import UsageError
+from bakery.physics.medium.phase import evaluate
+from bakery.stages.optics import methods
+from bakery.store.tree import Dataset, Group
+
+SAME = 1e-9  # relative distance below which an argument is a stored wavelength
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was looked up.
+
+    Attributes
+    ----------
+    values : (...,) in `units`; one axis less for each argument that was a single value
+    axes : (name, unit, coordinates) of each axis that is left; a position where there is no coordinate
+    error : like `values`, absolute, where the asset has an error of this array
+    remarks : how the values came about, in words
+    boundaries : where rays stood in for the series in the components behind the values
+    """
+
+    path: str
+    units: str
+    values: np.ndarray
+    axes: tuple[tuple[str, str, np.ndarray], ...]
+    error: np.ndarray | None
+    remarks: tuple[str, ...]
+    boundaries: tuple[methods.Boundary, ...] = ()
+
+
+def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
+    """Values of the dataset at `path`, looked up at `arguments`.
+
+    Parameters
+    ----------
+    arguments : `wavelength` in um (linear between the stored ones), `theta` in rad (linear in cos theta), `radius` in um (the
+        nearest node: between two nodes no sphere was computed); a number or several
+
+    Raises
+    ------
+    UsageError : an argument that has no effect on this dataset, or lies outside of what is stored
+    """
+    member = root[path]
+    letters = axes(root, path)
+    names = [COORDINATES.get(letter) for letter in letters]
+    useless = [name for name in arguments if name not in names]
+    if useless:
+        known = [name for name in names if name]
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; " + (f"{' and '.join(known)} would" if known else
+                         "it takes no arguments"))
+    values, error = member.data, standard_error(root, path)
+    left, remarks = [], []
+    for letter, name in zip(letters, names, strict=True):
+        axis = len(left)
+        found = coordinate(root, path, letter)
+        if name is None or found is None:
+            left.append(("index", "1", np.arange(values.shape[axis])))
+            continue
+        unit, nodes = found[1].units, found[1].data
+        if name not in arguments:
+            left.append((name, unit, nodes))
+            continue
+        wanted = np.asarray(arguments[name], float)
+        take, at, remark = _LOOKUPS[name](nodes, wanted, member)
+        values, error = (_along(axis, data, take, wanted.ndim > 0) for data in (values, error))
+        left += [(name, unit, at)] if wanted.ndim else []
+        remarks += [remark] if remark else []
+    boundaries: tuple = ()
+    if member.choices:
+        values = np.array(member.choices)[values.astype(int)]
+    elif "radius" in arguments and "L" in letters:
+        remarks += _method(root, path, member, arguments)
+    elif "L" in letters:
+        boundaries = tuple(b for each in methods.concerned(root, path, arguments.get("wavelength")) for b in each)
+        remarks += methods.remarks(root, path, arguments.get("wavelength"))
+    return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks), boundaries)
+
+
+def _method(root: Group, path: str, member: Dataset, arguments) -> list[str]:
+    """How the spheres behind the values were computed."""
+    beside = path.rpartition("/")[0] + "/method"
+    try:
+        method = root[beside]
+    except KeyError:
+        return []
+    if not method.choices or method.data.shape != member.data.shape:
+        return []
+    index = np.argmin(np.abs(coordinate(root, beside, "R")[1].data - np.atleast_1d(arguments["radius"])[:, None]), axis=-1)
+    rows = methods.rows(root["wavelength"].data, arguments.get("wavelength"))
+    return [methods.of_spheres(np.array(method.choices)[method.data[np.ix_(rows, index)].reshape(-1).astype(int)].tolist())]
+
+
+def _along(axis: int, data, take, several: bool):
+    """`take`, which works on the last axis, on another one; several arguments leave the axis where it was, one removes it."""
+    if data is None:
+        return None
+    taken = take(np.moveaxis(data, axis, -1))
+    return np.moveaxis(taken, -1, axis) if several else taken
+
+
+def _by_wavelength(nodes, wanted, member: Dataset):
+    """Linear between the stored wavelengths; a stored one as it is."""
+    order = np.argsort(nodes)
+    ascending = nodes[order]
+    if (wanted < ascending[0] * (1 - SAME)).any() or (wanted > ascending[-1] * (1 + SAME)).any():
+        raise UsageError(f"wavelength: found {_numbers(wanted)} um; the asset holds {_numbers(nodes)} um"
+                         + (" and what lies between" if nodes.size > 1 else ""))
+    nearest = order[np.argmin(np.abs(ascending - wanted[..., None]), axis=-1)]
+    if (np.abs(nodes[nearest] - wanted) <= SAME * nodes[nearest]).all():
+        return lambda data: data[..., nearest], wanted, ""
+    if member.data.dtype.kind != "f":
+        raise UsageError(f"wavelength: found {_numbers(wanted)} um; between these values there are no others: "
+                         f"take one of {_numbers(nodes)} um")
+    upper = np.clip(np.searchsorted(ascending, wanted), 1, nodes.size - 1)
+    low, high = order[upper - 1], order[upper]
+    share = (wanted - nodes[low]) / (nodes[high] - nodes[low])
+    pairs = sorted({(nodes[a], nodes[b]) for a, b in zip(np.atleast_1d(low), np.atleast_1d(high), strict=True)})
+    remark = "linear between the wavelengths " + "; ".join(f"{a:g} and {b:g} um" for a, b in pairs)
+    return lambda data: data[..., low] * (1 - share) + data[..., high] * share, wanted, remark
+
+
+def _by_theta(nodes, wanted, member: Dataset):
+    """Linear in cos theta, as the format says."""
+    if not ((wanted >= 0) & (wanted <= np.pi)).all():
+        raise UsageError(f"theta: found {_numbers(np.degrees(wanted))} deg; angles from 0 (forward) to 180 deg would do")
+    stored = np.isin(wanted, nodes).all()
+    return lambda data: evaluate(nodes, data, wanted), wanted, "" if stored else "linear in cos theta between the stored angles"
+
+
+def _by_radius(nodes, wanted, member: Dataset):
+    """The nearest node: spheres of other sizes were not computed."""
+    if (wanted < nodes.min() * (1 - SAME)).any() or (wanted > nodes.max() * (1 + SAME)).any():
+        raise UsageError(f"radius: found {_numbers(wanted)} um; the asset holds {nodes.min():g} to {nodes.max():g} um")
+    nearest = np.argmin(np.abs(nodes - wanted[..., None]), axis=-1)
+    exact = (np.abs(nodes[nearest] - wanted) <= SAME * nodes[nearest]).all()
+    remark = "" if exact else f"at the nearest node of the size distribution, {_numbers(nodes[nearest], 8)} um"
+    return lambda data: data[..., nearest], nodes[nearest], remark
+
+
+_LOOKUPS = {"wavelength": _by_wavelength, "theta": _by_theta, "radius": _by_radius}
+
+
+def _numbers(values, digits: int = 6) -> str:
+    return ", ".join(f"{x:.{digits}g}" for x in np.atleast_1d(values))

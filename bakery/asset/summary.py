@@ -1,0 +1,100 @@
+"""What an asset holds, as plain values: the one description that `inspect`, its `--json` and the page share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery.asset.axes import standard_error
+from bakery.store.missed import missed
+from bakery.store.tree import Dataset, Group, is_text, read_text
+
+FEW = 8  # so many values are shown themselves, more as a range
+
+EXPLAINED = {
+    "input_hash": "names everything that the stage was baked from; where it is equal, the stage need not be baked again",
+    "content_hash": "names every value, shape, unit and attribute that is stored; where it is equal, the content is equal",
+}
+
+
+def describe(root: Group, below: str = "") -> dict:
+    """An asset, or what lies below a path of it, for people and machines.
+
+    Returns
+    -------
+    summary : of JSON's types only; `members` (every path, groups too), `datasets` and `stages` in the order of the file; seconds
+        in s, memory and sizes in bytes
+    """
+    inside = [(path, member) for path, member in root.walk()
+              if not below or path == below or path.startswith(below + "/") or below.startswith(path + "/")]
+    wanted = {path.partition("/")[0] for path, _ in inside}
+    return {
+        "name": root.attributes.get("name"),
+        "format_version": root.attributes.get("format_version"),
+        "bakery_version": root.attributes.get("bakery_version"),
+        "content_hash": root.attributes.get("content_hash"),
+        "stages": [stage(root, name) for name, member in root.members.items() if name in wanted and _is_stage(member)],
+        "members": [path for path, _ in inside],
+        "datasets": [dataset(root, path) for path, member in inside if isinstance(member, Dataset)],
+        "provenance": {name: number(value) for name, value in _provenance(root).attributes.items()},
+        "explained": EXPLAINED,
+    }
+
+
+def stage(root: Group, name: str) -> dict:
+    """What a stage says of itself, what it misses, in words or None, and the time and memory that it took."""
+    attributes = root.members[name].attributes
+    cost = _provenance(root).members.get(name)
+    spent = cost.attributes if isinstance(cost, Group) else {}
+    notes = cost.members.get("notes") if isinstance(cost, Group) else None
+    known = ("stage", "stage_version", "tolerance", "achieved_error", "error_measure", "input_hash", "content_hash")
+    return {"group": name} | {key: number(attributes.get(key)) for key in known} | {
+        key: number(spent.get(key)) for key in ("seconds", "peak_memory", "workers", "bakery_version", "finished")
+    } | {"missed": missed(root).get(name), "notes": read_text(notes).splitlines() if isinstance(notes, Dataset) else []}
+
+
+def dataset(root: Group, path: str) -> dict:
+    """Shape, unit, range and size of one array; its largest relative standard error where it has one."""
+    found = root[path]
+    data = found.data
+    row = {"path": path, "shape": list(data.shape), "type": str(data.dtype), "units": found.units,
+           "description": found.description, "bytes": int(data.nbytes), "minimum": None, "maximum": None, "values": None,
+           "largest_relative_error": None}
+    if is_text(found):
+        row["type"] = "text"
+        row["values"] = [first_line(read_text(found))]
+    elif found.choices:
+        counts = np.bincount(data.reshape(-1).astype(np.int64), minlength=len(found.choices))
+        row["type"] = "enum: " + ", ".join(found.choices)
+        row["values"] = [f"{int(count)} {choice}" for choice, count in zip(found.choices, counts, strict=True) if count]
+    elif data.dtype.kind in "fiu" and data.size:
+        row["minimum"], row["maximum"] = number(data.min()), number(data.max())
+        if data.size <= FEW:
+            row["values"] = [number(value) for value in data.reshape(-1)]
+        error = standard_error(root, path)
+        if error is not None:
+            share = np.abs(error) / np.where(data == 0, np.inf, np.abs(data))
+            row["largest_relative_error"] = number(share.max())
+    return row
+
+
+def number(value):
+    """A value as JSON knows it; not a number, and infinity, have no form there."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def first_line(content: str, room: int = 40) -> str:
+    lines = content.strip().splitlines() or [""]
+    head = lines[0] if len(lines[0]) <= room else lines[0][:room - 3] + "..."
+    return f"{len(content)} characters in {len(lines)} lines: {head}" if len(lines) > 1 else head
+
+
+def _is_stage(member) -> bool:
+    return isinstance(member, Group) and "stage" in member.attributes
+
+
+def _provenance(root: Group) -> Group:
+    found = root.members.get("provenance")
+    return found if isinstance(found, Group) else Group()

@@ -1,0 +1,93 @@
+"""What is wrong with a tree, in words: pydantic's errors become problems with a line, a key, what was found and what would do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bakery.errors import Problem
+from bakery.grammar.fields import describe, nearest, one_of
+from bakery.grammar.section import likely, meant
+from bakery.grammar.text import Mapping, Node, Scalar, Sequence, owner, show
+from bakery.recipe import grain_schema, schema
+
+
+def distinct(problems: list[Problem]) -> list[Problem]:
+    """Each problem once."""
+    return list({(p.file, p.line, p.column, p.key, p.found): p for p in problems}.values())
+
+
+def translate(error: dict) -> Iterator[Problem]:
+    """One of pydantic's errors in our words."""
+    node, kind = error["input"], error["type"]
+    if kind == "told" or node.broken and kind != "extra_forbidden":
+        return
+    if kind == "wrong":
+        said = error["ctx"]
+        yield node.place.problem(said["found"], said["expected"], said["offset"])
+    elif kind == "missing":
+        name = str(error["loc"][-1])
+        if name in meant(node):
+            return  # said with the unknown key that stands for it
+        description = node.model.model_fields[name].description if node.model else ""
+        yield owner(node).problem("missing", f"expected {name}: {_lower(description)}", key=_below(node, name))
+    elif kind == "extra_forbidden":
+        yield from _unknown(node)
+    elif kind == "choice":
+        key, *choices = error["msg"].split("|")
+        yield _choice(node, key, choices)
+    elif kind == "list_type":
+        yield owner(node).problem(f"found {describe(node)}", "expected a list")
+    elif kind in ("too_short", "too_long"):
+        limits = error["ctx"]
+        number = limits.get("min_length", limits.get("max_length"))
+        yield owner(node).problem(
+            f"found {len(node):,} entries", f"expected at {'least' if kind == 'too_short' else 'most'} {number:,}"
+        )
+    else:  # a mapping is expected
+        name = error.get("ctx", {}).get("class_name", "")
+        fields = getattr(schema, name, None) or getattr(grain_schema, name, None)
+        keys = f" with {', '.join(fields.model_fields)}" if fields else ""
+        yield owner(node).problem(f"found {describe(node)}", f"expected a mapping{keys}")
+
+
+def _lower(description: str) -> str:
+    return (description[:1].lower() + description[1:]).rstrip(".")
+
+
+def _below(node: Mapping, name: str) -> str:
+    return f"{node.place.key}.{name}" if node.place.key else name
+
+
+def _unknown(node: Node) -> Iterator[Problem]:
+    parent = node.parent
+    name = next(name for name, child in parent.items() if child is node)
+    if name == "<<":
+        return  # reported as a merge key
+    every = list(parent.model.model_fields) if parent.model else []
+    near = likely(parent, name)
+    hint = f" ({near}?)" if near else ""
+    yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}{hint}")
+
+
+def _choice(node: Node, key: str, choices: list[str]) -> Problem:
+    if not key:
+        return owner(node).problem(f"found {describe(node)}", f"expected {one_of(choices)}")
+    if not isinstance(node, Mapping):
+        return owner(node).problem(f"found {describe(node)}", f"expected a mapping such as {{{key}: {choices[0]}, …}}")
+    if key not in node:
+        return owner(node).problem("missing", f"expected {key}: {one_of(choices)}", key=_below(node, key))
+    chosen = node[key]
+    near = nearest(chosen.text, choices) if isinstance(chosen, Scalar) else ""
+    return chosen.place.problem(f"found {describe(chosen)}", f"expected {one_of(choices)}{near}")
+
+
+def places(node: Node) -> Iterator:
+    """The place of every key and item below a node."""
+    if isinstance(node, Mapping):
+        yield from (node.names[name] if not isinstance(child, Scalar) else child.place for name, child in node.items())
+        for child in node.values():
+            yield from places(child)
+    elif isinstance(node, Sequence):
+        for child in node:
+            yield child.place
+            yield from places(child)

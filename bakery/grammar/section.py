@@ -1,0 +1,100 @@
+"""What the parts of the schema are made of: a mapping of known keys, the choice between several, and materials."""
+
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from bakery.grammar.fields import Material, Path, closest, numbers
+from bakery.grammar.text import Mapping, Scalar
+
+
+class Section(BaseModel):
+    """A mapping of known keys."""
+
+    # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _remember(cls, data: Any) -> Any:
+        if isinstance(data, Mapping):
+            data.model = cls  # an unknown key is compared with the keys of this model
+        return data
+
+
+SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts has its own word
+
+
+def likely(section: Mapping, name: str) -> str:
+    """The key that an unknown one seems to stand for, among those that the mapping lacks; "" where there is none."""
+    known = [field for field in section.model.model_fields if field not in section] if section.model else []
+    if name in SHARES:
+        return next((field for field in known if field in SHARES), "")
+    return closest(name, known)
+
+
+def meant(section: Mapping) -> set[str]:
+    """The keys that a mapping's unknown ones seem to stand for: what is said of those would be false."""
+    return {likely(section, name) for name in section if section.model and name not in section.model.model_fields} - {""}
+
+
+def given(section: Mapping, *names: str) -> list[str]:
+    """Which of the keys a mapping has, be it in another spelling."""
+    misspelt = meant(section)
+    return [name for name in names if name in section or name in misspelt]
+
+
+def pick(key: str, choices: tuple[str, ...]) -> Discriminator:
+    """Chooses the model of a mapping by one of its words."""
+
+    def tag(node):
+        chosen = node.get(key) if isinstance(node, Mapping) else None
+        return chosen.text if isinstance(chosen, Scalar) and chosen.text in choices else None
+
+    return Discriminator(tag, custom_error_type="choice", custom_error_message="|".join((key, *choices)))
+
+
+SMALLEST_N = 1e-3  # no material has less; size parameters and relative indices stay within range
+
+
+class NK(Section):
+    """Optical constants n + ik, absolute (relative to vacuum)."""
+
+    n: numbers(least=SMALLEST_N, most=1000) = Field(
+        description="Real part of the refractive index, relative to vacuum; one value, or one a wavelength."
+    )
+    k: numbers(least=0, most=1000) = Field(
+        (0.0,), description="Imaginary part (absorption), 0 or larger; one value, or one a wavelength."
+    )
+
+
+class HostIndex(Section):
+    """A clear host."""
+
+    n: numbers(least=SMALLEST_N, most=1000) = Field(
+        description="Refractive index relative to vacuum; one value, or one a wavelength."
+    )
+
+
+class MaterialFile(Section):
+    """A table of one's own."""
+
+    file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k, relative to vacuum.")
+
+
+def _index_tag(node):
+    if isinstance(node, Scalar):
+        return "name"
+    return None if not isinstance(node, Mapping) else "file" if "file" in node else "index"
+
+
+_index = Discriminator(
+    _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
+)
+MaterialOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]
+HostOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]

@@ -1,0 +1,207 @@
+"""Tables in CSV files: checked columns of numbers, or problems that name the table's own lines.
+
+# name: water                    comment lines, `key: value`, first
+wavelength_um,n,k                optional names of the columns; a name may end in its unit
+0.200,1.42370,1.100e-07
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.errors import Problem
+from bakery.grammar.text import Source, show
+
+MAX_ROWS, MAX_COMMENTS, MAX_PROBLEMS = 1_000_000, 1_000, 5
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its name, the factor of each unit that its name may end in (first: the default), and its bounds.
+
+    `required` says whether the table must have it; `named` whether its unit has to be said.
+    """
+
+    name: str
+    units: dict[str, float]
+    least: float
+    above: bool = False
+    required: bool = True
+    named: bool = False
+
+
+WAVELENGTH = Column("wavelength", {"um": 1.0, "nm": 1e-3}, 0.0, above=True)
+INDEX = (WAVELENGTH, Column("n", {}, 0.0, above=True), Column("k", {}, 0.0, required=False))
+SIZES = (Column("radius", {"um": 1.0, "nm": 1e-3, "mm": 1e3}, 0.0), Column("density", {}, 0.0))
+PHASE = (Column("theta", {"deg": math.pi / 180, "rad": 1.0}, 0.0, named=True), Column("value", {}, 0.0))
+
+
+_NUMERIC = re.compile(r"[0-9eE+\-., \t]*")
+
+
+class BadTable(Exception):
+    """A table's problems."""
+
+    def __init__(self, problems: list[Problem]):
+        super().__init__("; ".join(map(str, problems)))
+        self.problems = problems
+
+
+class _Reader:
+    def __init__(self, data: bytes, label: str, key: str, columns: tuple[Column, ...]):
+        self.label, self.key, self.columns, self.problems, self.data = label, key, columns, [], data
+        self.lows = [math.nextafter(column.least, math.inf) if column.above else column.least for column in columns]
+
+    def report(self, line: int | None, found: str, expected: str, column: int | None = None) -> None:
+        excerpt = ""
+        if line is not None and column is not None:
+            excerpt = Source(self.label, self.lines[line - 1][:100_000]).excerpt(1, column)
+        self.problems.append(Problem(self.label, line, column, self.key, found, expected, excerpt))
+        if len(self.problems) >= MAX_PROBLEMS:
+            raise BadTable(self.problems)
+
+    def read(self) -> np.ndarray:
+        if b"\0" in self.data:
+            self.report(self.data.count(b"\n", 0, self.data.index(b"\0")) + 1, "found a NUL byte", "expected a text file")
+            raise BadTable(self.problems)
+        if self.data.count(b"\n") > MAX_ROWS + MAX_COMMENTS:
+            self.report(None, f"found more than {MAX_ROWS:,} rows", "expected a smaller table")
+            raise BadTable(self.problems)
+        try:
+            text = self.data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            self.report(
+                self.data.count(b"\n", 0, error.start) + 1,
+                f"found the byte 0x{self.data[error.start]:02x}",
+                "expected UTF-8 text",
+            )
+            raise BadTable(self.problems) from None
+        self.lines = re.split(r"\r\n|\r|\n", text)
+        del text
+        rows, factors, width = [], None, None
+        for number, line in enumerate(self.lines, 1):
+            if not line.strip() or line.lstrip().startswith("#"):
+                self._comment(number, line)
+                continue
+            if width is None:
+                width, factors, named = self._head(number, line)
+                if named:
+                    continue
+            row = self._row(number, line, width)
+            if row is not None:
+                rows.append(row)
+            if len(rows) > MAX_ROWS:
+                self.report(number, f"found more than {MAX_ROWS:,} rows", "expected a smaller table")
+                raise BadTable(self.problems)
+        if not self.problems and len(rows) < 2:
+            self.report(None, f"found {len(rows)} row{'s' * (len(rows) != 1)} of numbers", "expected at least 2")
+        if self.problems:
+            raise BadTable(self.problems)
+        return self._ascending(np.array(rows, dtype=float), factors)
+
+    def _comment(self, number: int, line: str) -> None:
+        said = line.strip("# \t").partition(":")
+        if said[0].strip().lower() == "relative_to" and said[2].strip().lower() not in ("vacuum", ""):
+            self.report(
+                number,
+                f"found values relative to {show(said[2].strip())}",
+                "expected them relative to vacuum (multiply n in air by 1.00028) and `# relative_to: vacuum`",
+            )
+
+    def _head(self, number: int, line: str) -> tuple[int, list[float], bool]:
+        """Number of columns, factor of each, and whether the line names them."""
+        if line.count(",") >= 100:
+            self.report(number, "found more than 100 columns", f"expected {self._names()}")
+            raise BadTable(self.problems)
+        cells = [cell.strip() for cell in line.split(",")]
+        optional = sum(not column.required for column in self.columns)
+        fits = len(self.columns) - optional <= len(cells) <= len(self.columns)
+        if not fits:
+            self.report(
+                number, f"found {len(cells)} column{'s' * (len(cells) != 1)}", f"expected {self._names()}, separated by commas", 1
+            )
+            raise BadTable(self.problems)
+        named = not any(_number(cell) is not None for cell in cells)
+        factors = []
+        for cell, column in zip(cells, self.columns):
+            units = [*column.units] or [""]
+            if named:
+                match = re.fullmatch(rf"(.*?)(?:[_ (\[]+({'|'.join(filter(None, units)) or '$'})[)\]]?)?", cell)
+                unit = match.group(2) or ""
+                # n, k and the like must stand in this order; density may be called dn/dr and so on
+                if column.name in ("n", "k", "wavelength", "radius", "theta") and match.group(1).strip().lower() != column.name:
+                    self.report(number, f"found the column {show(cell)}", f"expected {self._names()}", 1)
+                    unit = unit or units[0]
+            else:
+                unit = "" if column.named else units[0]
+            if column.named and not unit:
+                self.report(
+                    number, f"found no unit for the column {column.name}", f"expected a first line with {self._names()}", 1
+                )
+            factors.append(column.units.get(unit or units[0], 1.0))
+        if self.problems:
+            raise BadTable(self.problems)
+        return len(cells), factors, named
+
+    def _names(self) -> str:
+        return "the columns " + ",".join(c.name + ("_" + next(iter(c.units)) if c.units else "") for c in self.columns)
+
+    def _row(self, number: int, line: str, width: int) -> list[float] | None:
+        if _NUMERIC.fullmatch(line) and line.count(",") + 1 == width:  # the common case: five times as fast as cell by cell
+            try:
+                values = [float(cell) for cell in line.split(",")]
+            except ValueError:
+                values = [math.nan]
+            if all(low <= value < math.inf for value, low in zip(values, self.lows)):
+                return values
+        count = line.count(",") + 1
+        if count != width:
+            self.report(number, f"found {count} column{'s' * (count != 1)}", f"expected {width}, as in the rows before", 1)
+            return None
+        values, offset = [], 0
+        for cell, column in zip(line.split(","), self.columns):
+            value = _number(cell.strip())
+            at = offset + len(cell) - len(cell.lstrip()) + 1
+            if value is None:
+                self.report(number, f"found {show(cell.strip())} under {column.name}", "expected a finite number", at)
+            elif value < column.least or column.above and value == column.least:
+                self.report(
+                    number,
+                    f"found {show(cell.strip())} under {column.name}",
+                    f"expected {'a value above' if column.above else 'at least'} {column.least:g}",
+                    at,
+                )
+            values.append(value)
+            offset += len(cell) + 1
+        return values
+
+    def _ascending(self, rows: np.ndarray, factors: list[float]) -> np.ndarray:
+        columns = (rows * factors).T
+        late = np.flatnonzero(np.diff(columns[0]) <= 0)
+        if len(late):
+            numbered = [n for n, line in enumerate(self.lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+            line = numbered[len(numbered) - len(rows) + int(late[0]) + 1]
+            self.report(
+                line,
+                f"found {show(self.lines[line - 1].split(',')[0].strip())} after a {self.columns[0].name} that is not smaller",
+                "expected ascending order",
+                1,
+            )
+            raise BadTable(self.problems)
+        return columns
+
+
+def _number(text: str) -> float | None:
+    if len(text) > 400 or not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", text, re.ASCII):
+        return None
+    value = float(text)
+    return value if math.isfinite(value) else None
+
+
+def read(data: bytes, label: str, key: str, columns: tuple[Column, ...]) -> np.ndarray:
+    """The columns of a table, (C, T), in the units of the columns' factors; raises `BadTable`."""
+    return _Reader(data, label, key, columns).read()

@@ -1,0 +1,1 @@
+"""Physics of scattering: arrays in, arrays out."""

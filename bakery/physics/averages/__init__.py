@@ -1,0 +1,229 @@
+"""Cross sections and phase functions averaged over a size distribution, refined until a tolerance is met.
+
+The error that counts is pointwise: at every stored angle, the change of the averaged intensity when the nodes are halved,
+relative to the intensity itself (Mueller elements: to S11), and the same for each mean cross section (`cross` says what that
+means for absorption).  Where rays stand for series, their own error counts apart, as an integrated difference (`choice`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.physics.averages.batches import solve
+from bakery.physics.averages.choice import Choice, at_once, choose
+from bakery.physics.averages.cross import SHARE, cross_sections
+from bakery.physics.averages.predicted import predict, predicted_angles
+from bakery.physics.averages.spheres import Component, Rays, channels_of, features_of
+from bakery.physics.averages.work import Work
+from bakery.physics.medium import grid, phase
+
+__all__ = ["Average", "Component", "Rays", "averages", "expected", "first_grid"]
+
+SERIES = Rays("mie")
+_RIPPLE = 0.03  # steps of this over x are a hundredth of a ripple
+_TRIES = 4
+_MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant together; the rest is the normalisation's
+
+
+@dataclass(frozen=True)
+class Average:
+    """Averages of one component.
+
+    Attributes
+    ----------
+    radius, weight : (R,) um, 1; quadrature nodes of the cross sections, weights add up to 1
+    scattering, absorption : (L, R) um^2
+    cosine : (L, R) 1, mean cosine of each sphere
+    elements : (L, E, A) 1/sr; the phase function, and with polarisation S12, S33, S34 in the same unit (E = 1 or 4)
+    phase_error : (L, A) 1/sr, absolute, quadrature, interpolation and rays next to the angle, for all elements
+    error : (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above), rays apart
+    choices : (L,) of `choice.Choice`; from which size parameter on rays were taken, and their measured error
+    absorption_error : (L,) 1, relative change of the mean absorption alone
+    scale : (L,) 1, integral of the phase function before it was normalised, over the mean scattering cross section
+    """
+
+    name: str
+    radius: np.ndarray
+    weight: np.ndarray
+    scattering: np.ndarray
+    absorption: np.ndarray
+    cosine: np.ndarray
+    elements: np.ndarray
+    phase_error: np.ndarray
+    error: np.ndarray
+    absorption_error: np.ndarray
+    scale: np.ndarray
+    choices: tuple[Choice, ...] = ()
+
+
+def averages(
+    components: Sequence[Component],
+    wavelength,
+    host,
+    tolerance: float,
+    polarized: bool = False,
+    map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+    report: Callable[[float, float | None], None] = lambda seconds, error: None,
+    *,
+    rays: Rays = SERIES,
+    radii: int | None = None,
+    angles: int | None = None,
+    integrated: bool = False,
+    remember: Callable = at_once,
+) -> tuple[np.ndarray, list[Average]]:
+    """Averages of all components at all wavelengths on one grid of angles.
+
+    Parameters
+    ----------
+    components : with indices m (L,)
+    wavelength : (L,) um, in vacuum
+    host : (L,) real index of the host
+    tolerance : largest relative error of any mean cross section and of the phase function at any angle
+    polarized : also S12, S33, S34
+    map : `map(function, tasks)` -> list in the order of the tasks
+    report : called with the work that is done, in seconds as predicted for one core, and the error reached
+    rays : whether and how rays stand for the series of large spheres
+    integrated : the tolerance holds for the integral of the phase function's error over the sphere (twice the share of light that
+        goes elsewhere), not for its relative error at every angle
+    radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
+        the tolerance takes
+    remember : of choices of rays, as in `choice.choose`
+
+    Returns
+    -------
+    theta : (A,) rad, ascending from 0 to pi
+    averages : one for each component
+
+    Raises
+    ------
+    StageError : the tolerance would take too many angles or hours
+
+    Notes
+    -----
+    Where no number of sizes meets the tolerance, `error` says what was reached with the most that are tried.
+
+    Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
+    x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
+    """
+    made, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii, angles=angles,
+                                       integrated=integrated, remember=remember)
+    k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
+    work = Work(map, report)
+    work.expect(made)
+    crosses = [cross_sections(c, own.nodes, np.asarray(wavelength), k, tolerance, work)
+               for c, own in zip(components, channels[:: len(k)])]
+    reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
+                      for c in channels])
+    theta = first_grid(channels, tolerance, angles)
+    margin = math.inf if angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
+    target, known = math.inf if radii else SHARE * tolerance, None
+    if integrated and any(choice.taken for choice in choices):
+        # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
+        margin, target = margin / 2, target / 2
+    # rays jump here and there by less than their error; nothing that a sphere scatters is narrower than its ripples
+    finest = max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
+
+    def evaluate(new, floor):
+        return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work, integrated)
+
+    for _ in range(_TRIES):
+        try:
+            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, most=0.0 if radii else target,
+                                integrated=integrated)
+        except grid.TooManyAngles:
+            raise StageError(_too_many(channels, tolerance)) from None
+        found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
+                 for i, channel in enumerate(channels)]
+        if angles or radii or work.unfinished or all(error <= tolerance for *_, error in found):
+            break
+        # the normalisation, or angles between the first ones, took more than their share: leave more room
+        if integrated:
+            margin, target = 0.7 * margin, 0.7 * target
+        else:
+            theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
+    out = []
+    for i, (component, cross) in enumerate(zip(components, crosses)):
+        own = found[i * len(k) : (i + 1) * len(k)]
+        out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
+                           np.array([f[0] for f in own]), np.array([f[1] for f in own]),
+                           np.array([max(f[3], float(e)) for f, e in zip(own, cross.all_error)]), cross.absorption_error,
+                           np.array([f[2] for f in own]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
+    return table.theta, out
+
+
+def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None,
+             integrated=False, remember=at_once):
+    """What `averages` with these arguments will take, before it runs.
+
+    Returns
+    -------
+    prediction : `predicted.Prediction`
+    channels, choices : each component at each wavelength, component by component, and where rays are taken in it (measured here)
+    """
+    channels = channels_of(components, wavelength, host, tolerance, radii, integrated)
+    choices = choose(channels, tolerance, rays, remember)
+    return predict(channels, choices, tolerance, polarized, rays, angles, integrated), channels, choices
+
+
+def first_grid(channels, tolerance, count=None):
+    """First angles for all channels together; StageError where the predicted number of angles is beyond the limit.
+
+    With `count` so many angles, spread like the first ones.
+    """
+    if count is None and predicted_angles([f for c in channels for f in features_of(c)], tolerance) > grid.LIMIT:
+        raise StageError(_too_many(channels, tolerance))
+    features = sorted({f for c in channels for f in features_of(c)})
+    bows = [(angle, x ** (-2 / 3)) for c in channels for x, _ in features_of(c) if x > 20 for angle in grid.bows(c.m.real)]
+    try:
+        theta = grid.start(features, bows)
+    except grid.TooManyAngles:
+        raise StageError(_too_many(channels, tolerance)) from None
+    if count is None:
+        return theta
+    return np.interp(np.linspace(0, len(theta) - 1, count), np.arange(len(theta)), theta)
+
+
+def _rippled(x, width):
+    return x > 5 and x * width < 3
+
+
+def _too_many(channels, tolerance):
+    worst = max(channels, key=lambda c: predicted_angles(features_of(c), tolerance))
+    x, width = max(features_of(worst), key=lambda f: predicted_angles([f], tolerance))
+    what = f"spheres of one size, x = {x:.3g}," if width == 0 else f"sizes of a relative width of {width:.2g} at x = {x:.3g}"
+    count = predicted_angles([(x, width)], tolerance)
+    return (f"{worst.component} at {worst.wavelength:g} um: {what} scatter in ripples of "
+            f"{math.degrees(math.pi / x):.2g} degrees, about {count:.2g} angles at a tolerance of {tolerance:g}, "
+            f"and at most {grid.LIMIT:g} are stored; give the size a width (distribution: lognormal, sigma: 1.05) "
+            "or take a larger tolerance")
+
+
+def _finish(table, i, channel, choice, cross, wavelength, integrated):
+    """Normalised elements (E, A), absolute error (A,), integral before over C_sca, error of one channel in the measure asked."""
+    values = table.values[i]
+    _, was = phase.normalised(table.theta, values[0])
+    scattering = float(np.sum(cross.scattering[wavelength] * cross.weight))
+    scale = float(was) / (channel.k**2 * scattering)
+    s11, _ = phase.normalised(table.theta, values[0])
+    factor = s11 / values[0]
+    elements = np.concatenate([s11[None], values[1:] * factor])
+    between = table.between[i]
+    near = np.maximum(np.concatenate([between[:1], between]), np.concatenate([between, between[-1:]]))
+    shift = mean = _shift(table.theta, values[0], between)
+    if not choice.taken:  # series have the integral C_sca, rays only about
+        shift = min(shift, abs(scale - 1) + float(cross.error[wavelength]))
+    absolute = np.maximum(near / was, table.error[i] * s11) + shift * s11
+    if choice.taken:
+        absolute += np.interp(table.theta, choice.theta, choice.difference)
+    return elements, absolute, scale, (mean if integrated else float(table.relative[i])) + shift
+
+
+def _shift(theta, f, between):
+    """Bound of the relative error of the integral of the table: the mean of the errors of its cells."""
+    cells = phase.steps(theta)
+    return float(np.sum(between * cells) / np.sum((f[1:] + f[:-1]) / 2 * cells)) if len(theta) > 1 else 0.0

@@ -1,0 +1,42 @@
+"""The account of the work, and its cut into blocks that depend on the inputs alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.physics.medium import grid
+
+LONGEST = 6 * 3600.0  # seconds of work beyond which a stage is refused
+BLOCK = 0.2  # seconds in a block
+
+
+class Work:
+    """Runs blocks, keeps account of the work, and refuses when it becomes endless.
+
+    `unfinished` is set where the finest nodes over sizes leave more than their share of the tolerance.
+    """
+
+    def __init__(self, map, report):
+        self.map, self.report, self.seconds, self.unfinished = map, report, 0.0, False
+
+    def expect(self, made):
+        if made.seconds > LONGEST and made.angles <= grid.LIMIT:
+            raise StageError(
+    f"about {made.seconds / 3600:.3g} hours of one core for {made.angles} angles and {made.spheres} spheres, more than "
+    f"the {LONGEST / 3600:g} hours allowed; smaller spheres, narrower sizes, a larger tolerance or measure: integrated would do")
+
+    def charge(self, seconds, what):
+        self.seconds += seconds
+        if self.seconds > LONGEST:
+            raise StageError(f"{what}: the work has grown beyond {LONGEST / 3600:g} hours of one core; smaller spheres, "
+                             "a narrower size range, a larger tolerance or measure: integrated would do")
+
+
+def cut(cost):
+    """Ranges of consecutive items, each of at most `BLOCK` seconds or one item."""
+    if not len(cost):
+        return []
+    which = np.floor(np.cumsum(cost) / BLOCK).astype(np.int64)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1, [len(cost)]])
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist()))

@@ -1,0 +1,119 @@
+"""Tables of the kernels of one medium: transport where the phase function can be resolved, the small-angle model otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.beam import photons, planar, single, small_angle, table, transport
+from bakery.physics.medium import phase as tables
+from bakery.physics.multiple import legendre
+
+LARGEST = 2048  # Legendre orders that transport takes
+# Moments below are nothing (cut at 1e-5 they leave ripples of 1e-6 behind the beam); the second where there are very many.
+_CUT, _COARSE = 1e-6, 1e-5
+MODELS = ("transport", "small-angle")
+MEASURES = {"fluence": "radiance of all scattered light integrated over directions",
+            "forward": "the same over the directions that go on forward, as photons are counted",
+            "flux": "power that goes forward through a unit of area, as a surface across the beam receives it"}
+
+
+@dataclass(frozen=True)
+class Medium:
+    """A phase function prepared for both models.
+
+    Attributes
+    ----------
+    planar : for the small-angle model
+    line : for single scattering
+    moments : (L + 1,) Legendre moments, or None where more than `LARGEST` would be needed
+    g : mean cosine
+    """
+
+    planar: planar.Planar
+    line: single.Line
+    moments: np.ndarray | None
+    g: float
+
+
+def prepare(theta, phase) -> Medium:
+    """A phase table, (A,) rad and (A,) 1/sr, linear in cos theta and normalised, as the kernels need it."""
+    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    for order, cut in ((64, _CUT), (512, _CUT), (LARGEST, _COARSE)):
+        p = legendre.moments(theta, phase, order)
+        last = legendre.order_needed(p, cut)
+        if last is not None:
+            break
+    found = None if last is None else p[:max(last, 6) + 1]
+    return Medium(planar.table(theta, phase), single.line(theta, phase), found, float(tables.mean_cosine(theta, phase)))
+
+
+def model_of(medium: Medium) -> str:
+    """The best model that can be had."""
+    return "transport" if medium.moments is not None else "small-angle"
+
+
+def small_angle_table(medium: Medium, albedo, depth, absorb=False, nodes=None) -> table.Table:
+    """The small-angle kernel; arguments as in `transport_tables`.  It knows forward light only: one table for all measures."""
+    z, ratio = nodes or table.grid(depth, medium.planar.width)
+    return _table(z, ratio, small_angle.homogeneous(medium.planar, albedo, z, ratio, absorb))
+
+
+def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, table.Table]:
+    """Tables of all `MEASURES` by transport.
+
+    Parameters
+    ----------
+    medium : of `prepare`
+    albedo : 0 to 1
+    depth : mfp, the deepest
+    nodes : (depth, ratio) of `table.grid`, for several wavelengths that of the narrowest; None: those of this medium
+
+    Raises
+    ------
+    ValueError : the phase function is too narrow for transport
+    """
+    if medium.moments is None:
+        raise ValueError(f"the phase function needs more than {LARGEST} Legendre orders; the small-angle model takes it")
+    z, ratio = nodes or table.grid(depth, medium.planar.width)
+    forward, back = _transported(medium, albedo, z[:, None], z[:, None] * ratio)
+    return {"fluence": _table(z, ratio, forward[0] + back[0]), "forward": _table(z, ratio, forward[0]),
+            "flux": _table(z, ratio, forward[1])}
+
+
+def errors(tables, albedo, theta, phase, planes, edges, count, seed=0):
+    """Root mean square errors of tables against photons (`photons.rms`).
+
+    Parameters
+    ----------
+    tables : measure -> Table, measures as in `MEASURES`
+    albedo, theta, phase : of the medium
+    planes, edges : depths of the planes and edges of the rings, mfp
+    count : photons; followed twice where both forward and all light are asked for
+
+    Returns
+    -------
+    measure -> (error, noise of the photons), both relative
+    """
+    result = {}
+    for back in (False, True):
+        names = [name for name in tables if (name == "fluence") == back]
+        if names:
+            counted = photons.count(albedo, theta, phase, planes, edges, count, seed=seed, back=back)
+            for name in names:
+                result[name] = photons.rms(tables[name].rings(planes, edges), counted, "flux" if name == "flux" else "fluence")
+    return result
+
+
+def _transported(medium, albedo, depth, r):
+    forward, back = single.single(albedo, medium.line, depth, r)
+    if albedo > 0:
+        at = transport.point(albedo, medium.moments, medium.planar.width)
+        ahead, behind = transport.split(*transport.half_space(at, 1 / (1 - albedo * medium.g), depth, r))
+        forward, back = forward + ahead, back + behind
+    return forward, back
+
+
+def _table(depth, ratio, kernel):
+    return table.Table(depth, ratio, np.maximum(kernel, 0.0) * depth[:, None] ** 2 * ratio)

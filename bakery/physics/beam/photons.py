@@ -1,0 +1,222 @@
+"""What reaches planes across a beam, by following photons: the reference of every kernel, with standard errors.
+
+The medium fills z >= 0, in layers if wanted; photons enter it at the origin along +z and are gone when they come back to z < 0.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from bakery.physics.medium import phase as tables
+from bakery.physics.multiple.photons import scattered, turned
+
+BLOCKS = 32  # random streams, and samples of each mean
+_STREAM = 0x6265616D  # of this module's random numbers
+_LOW, _KEPT = 0.1, 0.3  # weight below which a photon plays for its life, and the weight of those that win
+_GRAZING = 0.01  # cosine below which 1/cos, whose variance is infinite, is replaced by its mean for a steady radiance, 2/0.01
+_GONE = 20.0  # optical depths to the next plane after which a photon that cannot matter any more is given up
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Scattered light in rings of planes, with standard errors from `BLOCKS` independent blocks.
+
+    Attributes
+    ----------
+    depth : (D,) mfp
+    edges : (R + 1,) mfp, of the rings
+    flux, flux_error : (D, R) mfp^-2, crossings of the plane, forward and back, over the area of the ring
+    fluence, fluence_error : (D, R) mfp^-2, crossings over the cosine: radiance integrated over directions
+    photons : followed
+    """
+
+    depth: np.ndarray
+    edges: np.ndarray
+    flux: np.ndarray
+    flux_error: np.ndarray
+    fluence: np.ndarray
+    fluence_error: np.ndarray
+    photons: int
+
+    @property
+    def radius(self):
+        """(R,) mfp, middle of the rings."""
+        return (self.edges[1:] + self.edges[:-1]) / 2
+
+
+def count(albedo, theta, phase, depth, edges, photons, *, seed=0, first=1, last=None, back=True, threads=1,
+          layers=((0.0,), (1.0,))) -> Counted:
+    """Follows photons of a narrow beam.
+
+    Parameters
+    ----------
+    albedo : 0 to 1
+    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
+    depth : (D,) mfp, of the planes, ascending, > 0
+    edges : (R + 1,) mfp, ascending from >= 0
+    photons : number
+    first, last : numbers of scattering events of the light that counts (None: any more)
+    back : whether light that goes back through a plane counts too
+    threads : the values do not depend on it
+    layers : begins (N,) ascending from 0, density (N,) >= 0; the last one never ends.  Lengths are mean free paths at density 1
+
+    Notes
+    -----
+    Every flight adds to each plane ahead what would reach it: the expected value of the crossing, with less noise than the
+    crossing itself.  `_GRAZING` biases the fluence by the change of radiance within 0.6 degrees of the plane, well below 0.1 %.
+    A photon is dropped where it is more than 20 mfp beyond the last plane, or 20 from the axis beyond the last ring
+    (with albedo 1 and wide rings that is a bias; it is below 1e-3 for depths and rings up to 5 mfp).
+    """
+    depth, edges = np.asarray(depth, float), np.asarray(edges, float)
+    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    table = (2 * np.sin(theta / 2) ** 2, tables.steps(theta), phase, tables.cumulative(theta, phase))
+    begins, density = (np.array(one, float) for one in layers)
+    if begins[0] != 0 or not (np.diff(begins) > 0).all() or not (density >= 0).all() or len(begins) != len(density):
+        raise ValueError("layers begin at 0 and ascend, each with a density of 0 or more")
+    begins = np.append(begins, math.inf)
+    optical = np.concatenate([[0.0], np.cumsum(density[:-1] * np.diff(begins[:-1]))])
+    which = np.searchsorted(begins, depth, side="right") - 1
+    thick = optical[which] + (depth - begins[which]) * density[which]
+    each = -(-int(photons) // BLOCKS)
+
+    def block(index):
+        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, int(seed), index])))
+        sums = np.zeros((2, len(depth), len(edges) - 1))
+        _follow(stream, each, float(albedo), *table, begins, density, optical, depth, thick, edges, first,
+                2**62 if last is None else last, back, sums)
+        return sums
+
+    with ThreadPoolExecutor(threads) as pool:
+        sums = np.array(list(pool.map(block, range(BLOCKS)))) / (each * math.pi * np.diff(edges**2))
+    mean, error = sums.mean(axis=0), sums.std(axis=0, ddof=1) / math.sqrt(BLOCKS)
+    return Counted(depth, edges, mean[0], error[0], mean[1], error[1], each * BLOCKS)
+
+
+def rms(estimate, counted: Counted, measure="flux"):
+    """Relative root mean square of a kernel against photons, of 2 pi r Psi over all planes and rings.
+
+    Parameters
+    ----------
+    estimate : (D, R) mfp^-2, at the middles of the rings, or averages over them
+    measure : flux | fluence
+
+    Returns
+    -------
+    error : 1, sqrt(sum (estimate - counted)^2 / sum counted^2), less the noise of the photons in squares (0 where all is noise)
+    noise : 1, that noise
+    """
+    value, sigma = getattr(counted, measure), getattr(counted, measure + "_error")
+    r = counted.radius
+    whole = np.sum((r * value) ** 2)
+    noise = np.sum((r * sigma) ** 2) / whole
+    square = np.sum((r * (np.asarray(estimate) - value)) ** 2) / whole - noise
+    return math.sqrt(max(square, 0.0)), math.sqrt(noise)
+
+
+def count_small_angle(scatterings, sample, left, density, depth, edges, photons, *, seed=0):
+    """The small-angle model by brute force: planar angles that add up, depth as the length of all paths; nothing is absorbed.
+
+    Parameters
+    ----------
+    scatterings : mean number of scattering events (a Poisson variable)
+    sample : (random generator, n) -> (n,) planar scattering angles
+    left, density : (N + 1,) edges of layers from 0 to `depth`, (N,) share of the density in each, any scale
+    depth : of the plane
+    edges : (R + 1,) of the rings
+    photons : number, in `BLOCKS` blocks
+
+    Returns
+    -------
+    value, error : (R,) share of the beam that is scattered and lands in each ring, over its area
+    moments, moments_error : (3,) of M0, M2, M4
+    """
+    left, density, edges = np.asarray(left, float), np.asarray(density, float), np.asarray(edges, float)
+    cumulative = np.concatenate([[0.0], np.cumsum(density * np.diff(left))])
+    each = -(-int(photons) // BLOCKS)
+    rings, moments = np.empty((BLOCKS, len(edges) - 1)), np.empty((BLOCKS, 3))
+    for index in range(BLOCKS):
+        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, int(seed), index, 2])))
+        events = stream.poisson(scatterings, each)
+        photon = np.repeat(np.arange(each), events)
+        at = np.interp(stream.random(len(photon)) * cumulative[-1], cumulative, left)
+        lever = sample(stream, len(photon)) * (depth - at)
+        turn = 2 * math.pi * stream.random(len(photon))
+        x, y = (np.bincount(photon, lever * f(turn), each) for f in (np.cos, np.sin))
+        r2 = (x * x + y * y)[events > 0]
+        rings[index] = np.histogram(np.sqrt(r2), edges)[0] / each
+        moments[index] = len(r2) / each, r2.sum() / each, (r2 * r2).sum() / each
+    rings /= math.pi * np.diff(edges**2)
+    root = math.sqrt(BLOCKS)
+    return rings.mean(0), rings.std(0, ddof=1) / root, moments.mean(0), moments.std(0, ddof=1) / root
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flight(z, uz, optical, begins, density):
+    """Way of a photon from z through an optical thickness; infinite if it leaves the medium before."""
+    layer, way = np.searchsorted(begins, z, side="right") - 1, 0.0
+    while 0 <= layer < len(density):
+        bound = begins[layer + 1] if uz > 0 else begins[layer]
+        left = (bound - z) / uz if uz != 0 else math.inf
+        needed = optical / density[layer] if density[layer] > 0 else math.inf
+        if needed < left or left == math.inf:
+            return way + needed
+        way, z, optical = way + left, bound, optical - left * density[layer]
+        layer += 1 if uz > 0 else -1
+    return math.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, begins, density, optical, depth, thick, edges, first, last, back,
+            sums):
+    planes, outer = len(depth), edges[-1]
+    for _ in range(photons):
+        px, py, pz = 0.0, 0.0, _flight(0.0, 1.0, -math.log1p(-stream.random()), begins, density)
+        if pz == math.inf:
+            continue
+        ux, uy, uz = 0.0, 0.0, 1.0
+        weight, event = 1.0, 0
+        while True:
+            weight *= albedo
+            if weight < _LOW:
+                if stream.random() * _KEPT >= weight:
+                    break
+                weight = _KEPT
+            v = scattered(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+            event += 1
+            if event >= first and (uz > 0 or (back and uz < 0)):
+                over = 1 / abs(uz) if abs(uz) > _GRAZING else 2 / _GRAZING
+                layer = np.searchsorted(begins, pz, side="right") - 1
+                above = optical[layer] + (pz - begins[layer]) * density[layer]
+                if uz > 0:
+                    start, stop = np.searchsorted(depth, pz), planes
+                else:
+                    start, stop = 0, np.searchsorted(depth, pz)
+                for i in range(start, stop):
+                    passed = (thick[i] - above) / uz
+                    if passed > _GONE:
+                        continue
+                    way = (depth[i] - pz) / uz
+                    x, y = px + way * ux, py + way * uy
+                    r = math.sqrt(x * x + y * y)
+                    if edges[0] <= r < outer:
+                        ring = np.searchsorted(edges, r, side="right") - 1
+                        reaching = weight * math.exp(-passed)
+                        sums[0, i, ring] += reaching
+                        sums[1, i, ring] += reaching * over
+            if event >= last:
+                break
+            flight = _flight(pz, uz, -math.log1p(-stream.random()), begins, density)
+            if flight == math.inf:
+                break
+            px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
+            if pz < 0 or px * px + py * py > (outer + _GONE) ** 2:
+                break
+            layer = np.searchsorted(begins, pz, side="right") - 1
+            if optical[layer] + (pz - begins[layer]) * density[layer] > thick[-1] + _GONE:
+                break

@@ -1,0 +1,133 @@
+"""Balls of any surface by a walk on the exact sphere: rough ones, which have no closed form, and any for checks.
+
+`BallWalker` stands in for `walk.Walker` (`scatterometer.measure(…, tracer=…)`).  No facets: those of a mesh let light into modes
+that a ball keeps shut.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from bakery.physics.grains._walk import _FAINT, _drawn, _enter, _frame, _uniform
+from bakery.physics.grains.scatterometer import EDGES, Statistics, measure
+from bakery.physics.grains.sphere import Ball, ball
+from bakery.physics.grains.surface import DIELECTRIC, Surface, left, turned
+from bakery.physics.grains.walk import ABSORBED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
+
+_GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches is reflected
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(radius, kind, index, roughness, channels, mu, events_max, uniform, first, replicate, key0, key1,
+          status, start, leave, incoming, outgoing, inside, weight, events):
+    """Fill the records of `Paths` for the rays `uniform` (n, 4); path i draws from the stream (first + i, replicate)."""
+    pool, stream = np.empty(4), np.zeros(5, np.uint64)
+    stream[0], stream[1], stream[3] = key0, key1, replicate
+    carried, least = np.empty(weight.shape[1]), np.min(mu)
+    beside = (1.0 - radius) * (1.0 + radius)
+    for i in range(len(uniform)):
+        stream[2], stream[4] = np.uint64(first + i), np.uint64(0)
+        half = _enter(uniform[i], start[i], incoming[i])
+        dx, dy, dz = incoming[i]
+        outgoing[i] = incoming[i]
+        status[i], events[i], inside[i] = MISSED, 0, 0.0
+        leave[i] = start[i] + 2.0 * half * incoming[i]
+        weight[i, :] = 1.0
+        depth = half * half - beside
+        if depth < 0.0:
+            continue
+        depth = math.sqrt(depth)
+        ox, oy, oz = start[i, 0] + (half - depth) * dx, start[i, 1] + (half - depth) * dy, start[i, 2] + (half - depth) * dz
+        z = max(depth / radius, _GRAZING)  # not from the place: keeps its digits at grazing
+        way, count, factor, state = 0.0, 0, 1.0, LEFT
+        carried[:] = 1.0
+        while True:
+            over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
+            nx, ny, nz = ox * over, oy * over, oz * over
+            if count == events_max:
+                state = CUT
+                break
+            count += 1
+            sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
+            x, y = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz)
+            u, v, w = _drawn(kind, roughness, stream, pool)
+            x, y, z, through, cosine = turned(kind, index, roughness, x, y, z, u, v, w)
+            factor *= through
+            for c in range(len(carried)):
+                carried[c] *= left(kind, channels, c, cosine)
+            over = 1.0 / math.sqrt(x * x + y * y + z * z)
+            x, y, z = x * over, y * over, z * over
+            dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
+            ox, oy, oz = radius * nx, radius * ny, radius * nz
+            strongest = factor if kind == DIELECTRIC else factor * np.max(carried)
+            if least > 0.0:
+                strongest *= math.exp(-least * way)
+            if strongest < _FAINT:
+                if _uniform(stream, pool) * _FAINT >= strongest:
+                    state = ABSORBED
+                    break
+                factor *= _FAINT / strongest
+            if z >= 0.0:  # out: a ball is not met twice
+                break
+            chord = -2.0 * radius * z
+            way += chord
+            ox, oy, oz = ox + chord * dx, oy + chord * dy, oz + chord * dz
+            # the chord meets the far side as it left the near one: z stays, now of a wi inside
+        status[i], events[i], inside[i] = state, count, way
+        outgoing[i, 0], outgoing[i, 1], outgoing[i, 2] = dx, dy, dz
+        along = ox * dx + oy * dy + oz * dz
+        t = math.sqrt(along * along + beside) - along if along >= 0.0 else 0.0
+        leave[i, 0], leave[i, 1], leave[i, 2] = ox + t * dx, oy + t * dy, oz + t * dz
+        for c in range(weight.shape[1]):
+            weight[i, c] = 0.0 if state == ABSORBED else factor * carried[c] * math.exp(-mu[c] * way)
+
+
+@dataclass(frozen=True)
+class BallWalker:
+    """Traces rays against a ball in the middle of its bounding sphere.
+
+    Attributes
+    ----------
+    surface : of the ball; its channels are one or as many as mu's
+    mu : (C,) 1/R, absorption coefficient of the interior
+    radius : R, of the ball, up to 1
+    events_max : meetings with the surface after which a path is cut
+    """
+
+    surface: Surface
+    mu: np.ndarray
+    radius: float = 1.0
+    events_max: int = EVENTS_MAX
+
+    def __post_init__(self):
+        if not 0 < self.radius <= 1:
+            raise ValueError(f"radius {self.radius:g}: more than 0 and up to 1 (the bounding sphere) is possible")
+
+    def trace(self, uniform, first, replicate, key) -> Paths:
+        """As `walk.Walker.trace`."""
+        count, channels = len(uniform), len(self.mu)
+        paths = Paths(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
+                      np.empty((count, channels)), np.empty(count, np.int64))
+        surface = self.surface
+        # copies: a read-only array is another type to numba, and another compilation
+        colours, mu = np.array(np.broadcast_to(surface.channels, (2, channels))), np.array(self.mu, float)
+        _walk(float(self.radius), surface.kind, float(surface.index), float(surface.roughness), colours, mu, self.events_max,
+              uniform, first, np.uint64(replicate), np.uint64(key[0]), np.uint64(key[1]), paths.status, paths.start, paths.leave,
+              paths.incoming, paths.outgoing, paths.inside, paths.weight, paths.events)
+        return paths
+
+
+def statistics(surface: Surface, mu=0.0, *, radius=1.0, edges=EDGES, events_max=EVENTS_MAX, **options) -> Ball | Statistics:
+    """Statistics of a ball: in closed form where there is one, else by a walk with the `options` of `scatterometer.measure`.
+
+    Closed forms: smooth opaque balls, smooth dielectric ones that fill the bounding sphere.
+    """
+    if surface.roughness == 0 and (surface.kind != DIELECTRIC or radius == 1):
+        return ball(surface, mu, edges, radius)
+    mu = np.atleast_1d(np.asarray(mu, float))
+    mu = np.ascontiguousarray(np.broadcast_to(mu, max(mu.size, surface.channels.shape[1])))
+    return measure(None, surface, mu, edges=edges, tracer=BallWalker(surface, mu, radius, events_max), **options)

@@ -1,0 +1,339 @@
+"""Rays through a grain by Mitsuba 3: its BSDFs and its ray tracing (Embree) in one compiled loop: `MitsubaWalker`.
+
+Stands in for `walk.Walker` with the same entries, other random numbers and float32 below: figures agree within their errors.
+Mitsuba is imported where it is used, so the package works without it.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import threading
+from collections import OrderedDict
+
+import numpy as np
+from numba import njit
+
+from bakery.errors import UsageError
+from bakery.physics.grains._walk import _AHEAD, _FAINT, _enter
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, Surface
+from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
+from bakery.system import llvm
+
+VARIANT = "llvm_ad_mono"
+BATCH = 1 << 18  # paths a call from which on starting the kernel (2 ms) is no longer seen
+FORWARD = 1e-5  # rad: changes of direction below count as none; float32 makes up to 3e-6 where there is none
+_OFF = 2.0**-21  # R, how far off the surface a ray starts, on the side to which it goes: five roundings of a float32 near 1
+_COUNT = 28  # bits for the number of meetings in a path's mark; its status follows
+_LANES = 1 << 12  # rays under way at once; each takes the next path when its own has ended
+_LOCK = threading.RLock()  # Mitsuba has one variant a process, and is called from one thread at a time
+_SCENES: OrderedDict[bytes, tuple] = OrderedDict()
+_SCENES_MAX = 4
+
+
+def require() -> None:
+    """Raises UsageError, saying what to install, where this engine cannot run."""
+    _modules()
+
+
+class MitsubaWalker:
+    """Traces rays against a mesh with Mitsuba.
+
+    Parameters
+    ----------
+    vertices : (V, 3) R;  faces : (T, 3), counterclockwise seen from outside: closed, inside the unit sphere
+    surface : of the grain; its channels are one or as many as mu's
+    mu : (C,) 1/R, absorption coefficient of the interior
+    events_max : meetings with the surface after which a path is cut
+    threads : of Dr.Jit's pool, which the whole process shares; None leaves it as it is (one a core)
+
+    Raises
+    ------
+    UsageError : `trace`, where Mitsuba or an LLVM that it can use is missing
+
+    Notes
+    -----
+    Positions and directions under way are float32: a place on the surface is good to 1e-7 R, a ray starts 5e-7 R off it, and
+    directions that turn by less than `FORWARD` count as unchanged.  Safe to call from several threads, which take turns.
+    A path's result depends on its entry and on (key, replicate, number) alone.
+    """
+
+    batch = BATCH
+
+    def __init__(self, vertices, faces, surface: Surface, mu, events_max: int = EVENTS_MAX, threads: int | None = None):
+        self.vertices, self.faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
+        mu = np.atleast_1d(np.asarray(mu, float))
+        self.surface, self.mu = surface, np.ascontiguousarray(np.broadcast_to(mu, max(len(mu), surface.channels.shape[1])))
+        self.events_max, self.threads = min(int(events_max), (1 << _COUNT) - 1), threads
+        self._ready = None
+
+    def __getstate__(self):
+        return {**self.__dict__, "_ready": None}
+
+    def trace(self, uniform, first, replicate, key) -> Paths:
+        """As `walk.Walker.trace`: rays of `uniform` (n, 4), path i with the stream (first + i, replicate) of the key."""
+        return self.trace_many([(uniform, first, replicate)], key)
+
+    def trace_many(self, parts, key) -> Paths:
+        """The paths of several (uniform, first, replicate), part after part, followed in one go: best `batch` or more."""
+        count, surface = sum(len(uniform) for uniform, _, _ in parts), self.surface
+        paths = Paths(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
+                      np.empty((count, len(self.mu))), np.empty(count, np.int64))
+        rays, at = _aligned(count, 8), 0
+        for uniform, first, replicate in parts:
+            part = slice(at, at + len(uniform))
+            _begin(uniform, np.uint32(first), np.uint32(replicate), paths.start[part], paths.incoming[part], rays[part],
+                   rays.view(np.uint32)[part])
+            at += len(uniform)
+        ends, marks, carried = self._run(rays, key)
+        rho = np.ascontiguousarray(np.broadcast_to(surface.channels[0] if surface.kind == DIFFUSE else 1.0, self.mu.shape), float)
+        _finish(ends, marks, carried, rho, self.mu, paths.status, paths.start, paths.leave, paths.incoming,
+                paths.outgoing, paths.inside, paths.weight, paths.events)
+        return paths
+
+    def _run(self, rays, key):
+        """What became of rays (n, 8), as `_finish` takes it: ends (n, 8), marks (n,), weights (n, C) or (n, 0)."""
+        _, dr = _modules()
+        with _LOCK, _variant():
+            if self.threads is not None and dr.thread_count() != self.threads:
+                dr.set_thread_count(self.threads)
+            if self._ready is None:
+                self._ready = (*_scene(self.vertices, self.faces), _bsdf(self.surface))
+            ends, marks, carried = _launch(*self._ready, self.surface, float(np.min(self.mu)), self.events_max, rays, key)
+            dr.eval(ends, marks, *carried)
+            dr.sync_thread()
+            carried = np.stack([c.numpy() for c in carried], axis=-1) if carried else np.empty((len(rays), 0), np.float32)
+            return ends.numpy().reshape(-1, 8), marks.numpy(), carried
+
+
+# ---- Mitsuba
+
+
+def _modules():
+    """The modules mitsuba and drjit, with an LLVM that they can use."""
+    with _LOCK:  # mitsuba takes its own place while it is imported: a second thread would see it unfinished
+        return _loaded()
+
+
+@functools.cache
+def _loaded():
+    llvm.find()
+    try:
+        import drjit
+        import mitsuba
+    except ImportError as error:
+        raise UsageError(f"engine mitsuba: {error}; get it by: {llvm.INSTALL}, or take engine: numba") from None
+    fault = llvm.fault(tuple(drjit.detail.llvm_version()))
+    if fault:
+        raise UsageError(f"engine mitsuba: {fault}, or take engine: numba")
+    return mitsuba, drjit
+
+
+class _variant:
+    """Sets the variant, and puts back the one that somebody else had set."""
+
+    def __enter__(self):
+        mi, _ = _modules()
+        self.before = mi.variant()
+        if self.before != VARIANT:
+            mi.set_variant(VARIANT)
+
+    def __exit__(self, *_):
+        if self.before not in (None, VARIANT):
+            _modules()[0].set_variant(self.before)
+
+
+def _scene(vertices, faces):
+    """Scene of a mesh, and a table (T, 4, 4) of corner, two edges and, in the last column, the normal of each triangle."""
+    mi, _ = _modules()
+    digest = hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
+    if digest not in _SCENES:
+        mesh = mi.Mesh("grain", len(vertices), len(faces))
+        values = mi.traverse(mesh)
+        values["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
+        values["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
+        values.update()
+        # robust: without it 1e-6 to 4e-6 of the paths slip through edges, for 15 % less time
+        scene = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "grain": mesh})
+        a, b, c = (vertices.astype(np.float32).astype(float)[faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        table = _aligned(len(faces), 4, 4)
+        table[:, 0, :3], table[:, 1, :3], table[:, 2, :3], table[:, :3, 3] = a, b - a, c - a, normal
+        table[:, 3] = 0
+        _SCENES[digest] = scene, mi.Float(table.ravel())
+        while len(_SCENES) > _SCENES_MAX:
+            _SCENES.popitem(last=False)
+    _SCENES.move_to_end(digest)
+    return _SCENES[digest]
+
+
+def _bsdf(surface: Surface):
+    """Mitsuba's BSDF of a surface, of reflectance 1: colours are weighed along the path."""
+    mi, dr = _modules()
+    made = {DIELECTRIC: {"type": "dielectric", "int_ior": surface.index, "ext_ior": 1.0},
+            DIFFUSE: {"type": "diffuse", "reflectance": 1.0}, CONDUCTOR: {"type": "conductor", "material": "none"}}[surface.kind]
+    if surface.roughness > 0:
+        made |= {"type": "rough" + made["type"], "distribution": "ggx", "sample_visible": True, "alpha": surface.roughness}
+    bsdf = mi.load_dict(made)
+    dr.make_opaque(bsdf)
+    return bsdf
+
+
+def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
+    """What `_run` returns, as arrays of Dr.Jit.  What differs from call to call is opaque: a literal would be compiled anew."""
+    mi, dr = _modules()
+    context = mi.BSDFContext()
+    context.mode = mi.TransportMode.Importance  # energy: no factor index^2 on refraction
+    total, count_max = dr.opaque(mi.UInt32, len(rays)), dr.opaque(mi.UInt32, events_max)
+    key, least = dr.opaque(mi.UInt64, int(key[0]) | int(key[1]) << 32), dr.opaque(mi.Float, least)
+    counter, rays = dr.opaque(mi.UInt32, 0), mi.Float(rays.ravel())
+    metals, brightest = [], None
+    if surface.kind == CONDUCTOR:
+        n, k = surface.channels
+        perfect = np.isinf(n)  # 0 + i reflects all
+        metals = [mi.Complex2f(dr.opaque(mi.Float, float(a)), dr.opaque(mi.Float, float(b)))
+                  for a, b in zip(np.where(perfect, 0.0, n), np.where(perfect, 1.0, k))]
+    elif surface.kind == DIFFUSE:
+        brightest = dr.opaque(mi.Float, float(surface.channels[0].max()))
+    number = dr.width(rays) // 8
+    ends, marks = dr.empty(mi.Float, 8 * number), dr.empty(mi.UInt32, number)
+    weights = [dr.empty(mi.Float, number) for _ in metals]
+
+    def load(at, active):
+        a, b = dr.gather(mi.Vector4f, rays, 2 * at, active), dr.gather(mi.Vector4f, rays, 2 * at + 1, active)
+        return (mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), dr.reinterpret_array(mi.UInt32, a.w),
+                dr.reinterpret_array(mi.UInt32, b.w))
+
+    def meeting(live, ended, at, path, replicate, o, d, within, way, count, factor, carried):
+        # lanes whose path has ended take the next one
+        at = dr.select(ended, dr.scatter_inc(counter, mi.UInt32(0), live & ended), at)
+        live = live & (at < total)
+        new = live & ended
+        first = load(at, new)
+        o, d = dr.select(new, first[0], o), dr.select(new, first[1], d)
+        path, replicate = dr.select(new, first[2], path), dr.select(new, first[3], replicate)
+        within = within & ~new
+        way, count, factor = dr.select(new, 0.0, way), dr.select(new, 0, count), dr.select(new, 1.0, factor)
+        carried = [dr.select(new, 1.0, c) for c in carried]
+        # the next meeting with the surface
+        found = scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=live)
+        hit = live & (found.t < dr.inf)
+        a, b, c = (dr.gather(mi.Vector4f, table, 4 * found.prim_index + k, hit) for k in range(3))
+        normal, (u, v) = mi.Normal3f(a.w, b.w, c.w), found.prim_uv
+        p = dr.fma(v, mi.Point3f(c.x, c.y, c.z), dr.fma(u, mi.Point3f(b.x, b.y, b.z), mi.Point3f(a.x, a.y, a.z)))
+        z = -dr.dot(d, normal)
+        wrong = (hit & (((z < 0) != within) | (z == 0))) | (live & ~hit & within)
+        go = hit & ~wrong
+        way = dr.select(go & within, way + found.t, way)
+        cut = go & (count == count_max)
+        go = go & ~cut
+        count = dr.select(go, count + 1, count)
+        # a new direction from the BSDF, with the random numbers of this meeting
+        one, two, three, four = mi.Philox4x32(key, path, replicate, count, 10).next_float32x4()
+        frame = mi.Frame3f(normal)
+        at_surface = dr.zeros(mi.SurfaceInteraction3f)
+        at_surface.wi = frame.to_local(-d)
+        # middles of steps: at 0 a reflectance of 0 would reflect
+        sample, weight = bsdf.sample(context, at_surface, one + 2.0**-24, mi.Point2f(two, three), go)
+        factor = dr.select(go, factor * weight.x, factor)
+        if metals:
+            facet = dr.normalize(at_surface.wi + sample.wo)
+            cosine = dr.clip(dr.dot(at_surface.wi, facet), 0.0, 1.0)
+            carried = [dr.select(go & (factor > 0), c * mi.fresnel_conductor(cosine, m), c) for c, m in zip(carried, metals)]
+        elif brightest is not None:
+            carried = [dr.select(go, carried[0] * brightest, carried[0])]
+        # faint paths go on by chance
+        strongest = factor * functools.reduce(dr.maximum, carried, mi.Float(0)) if carried else factor
+        strongest = strongest * dr.exp(-least * way)
+        faint = go & (strongest < _FAINT)
+        dead = faint & (four * _FAINT >= strongest)
+        factor = dr.select(faint & ~dead, factor * (_FAINT / strongest), factor)
+        go = go & ~dead
+        inward = sample.wo.z < 0
+        within = dr.select(go, inward, within)
+        o = dr.select(go, dr.fma(dr.select(inward, -_OFF, _OFF), normal, p), o)
+        d = dr.select(go, dr.normalize(frame.to_world(sample.wo)), d)
+        # the record of a path that has ended
+        ended = live & ~go
+        state = dr.select(hit, dr.select(cut, CUT, ABSORBED), dr.select(count > 0, LEFT, MISSED))
+        state = mi.UInt32(dr.select(wrong, CONTRADICTED, state))
+        dr.scatter(ends, mi.Vector4f(o.x, o.y, o.z, way), 2 * at, ended)
+        dr.scatter(ends, mi.Vector4f(d.x, d.y, d.z, factor), 2 * at + 1, ended)
+        dr.scatter(marks, count | (state << _COUNT), at, ended)
+        for target, c in zip(weights, carried):
+            dr.scatter(target, c, at, ended)
+        return live, ended, at, path, replicate, o, d, within, way, count, factor, carried
+
+    idle = dr.full(mi.Bool, True, _LANES)
+    zero = mi.UInt32(0)
+    dr.while_loop((idle, mi.Bool(True), zero, zero, zero, mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Bool(False), mi.Float(0), zero,
+                   mi.Float(1), [mi.Float(1) for _ in metals or [brightest] if _ is not None]),
+                  lambda live, *_: live, meeting, mode="symbolic")
+    return ends, marks, weights
+
+
+# ---- double precision at both ends
+
+
+def _aligned(*shape):
+    """Unset float32 at a multiple of 64 bytes: Dr.Jit compiles other kernels for arrays that are not."""
+    size = int(np.prod(shape))
+    whole = np.empty(size + 16, np.float32)
+    start = -whole.ctypes.data % 64 // 4
+    return whole[start : start + size].reshape(shape)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _begin(uniform, first, replicate, start, incoming, rays, words):
+    """Entries, and for the kernel (n, 8): starts a little outside with the path's number, directions with the replicate's."""
+    for i in range(len(uniform)):
+        _enter(uniform[i], start[i], incoming[i])
+        for k in range(3):
+            rays[i, k] = start[i, k] - _AHEAD * incoming[i, k]
+            rays[i, 4 + k] = incoming[i, k]
+        words[i, 3], words[i, 7] = first + np.uint32(i), replicate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _finish(ends, marks, carried, rho, mu, status, start, leave, incoming, outgoing, inside, weight, events):
+    """Fill the records of `Paths` from ends (n, 8): place, way inside, direction, weight; and marks (n,): status and meetings.
+
+    rho : (C,) weight of a meeting;  carried : (n, C) or (n, 1) weights, or (n, 0)
+    """
+    point, way, ahead = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(status)):
+        state, count = marks[i] >> np.uint32(_COUNT), np.int64(marks[i] & np.uint32((1 << _COUNT) - 1))
+        length, factor = np.float64(ends[i, 3]), np.float64(ends[i, 7])
+        status[i], events[i], inside[i] = state, count, length
+        square = along = outside = turned = 0.0
+        for k in range(3):
+            point[k], way[k], ahead[k] = ends[i, k], ends[i, 4 + k], incoming[i, k]
+            square += way[k] * way[k]
+        over = 1.0 / np.sqrt(square)
+        for k in range(3):
+            way[k] *= over
+            turned += (way[k] - ahead[k]) ** 2
+        if turned < FORWARD * FORWARD:
+            way[:] = ahead
+        if state == MISSED:
+            point[:] = start[i]
+        for k in range(3):
+            along += point[k] * way[k]
+            outside += point[k] * point[k]
+        t = np.sqrt(along * along + max(1.0 - outside, 0.0)) - along
+        for k in range(3):
+            outgoing[i, k] = way[k]
+            leave[i, k] = point[k] + t * way[k]
+        for c in range(len(mu)):
+            if state in (ABSORBED, CONTRADICTED):
+                weight[i, c] = 0.0
+            elif state == MISSED:
+                weight[i, c] = 1.0
+            else:
+                light = factor * np.exp(-mu[c] * length) if mu[c] > 0.0 else factor
+                if carried.shape[1]:
+                    light *= carried[i, c % carried.shape[1]]
+                elif rho[c] < 1.0:
+                    light *= rho[c] ** count
+                weight[i, c] = light

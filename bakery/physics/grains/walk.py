@@ -1,0 +1,77 @@
+"""Rays through the bounding sphere of a grain until they leave: `Walker.trace`.
+
+This is the seam for other tracers: whatever fills `Paths` from entries and a seed can stand in for `Walker`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.grains._walk import ABSORBED, CONTRADICTED, CUT, LEFT, MISSED, followed, philox
+from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.surface import Surface
+
+__all__ = ["ABSORBED", "CONTRADICTED", "CUT", "EVENTS_MAX", "LEFT", "MISSED", "Paths", "Walker", "philox"]
+EVENTS_MAX = 100_000
+
+
+@dataclass(frozen=True)
+class Paths:
+    """What became of n rays.
+
+    Attributes
+    ----------
+    status : (n,) MISSED the grain, LEFT the sphere after a hit, ABSORBED (by the surface or by roulette), CONTRADICTED (inside
+        where the surface says outside, or the reverse: a mesh that is not closed, or rounding), CUT after `events_max` hits
+    start, leave : (n, 3) R, on the bounding sphere;  leave is undefined unless the ray missed or left
+    incoming, outgoing : (n, 3) unit directions of travel
+    inside : (n,) R, length of the way inside the grain
+    weight : (n, C) 1, per channel; of a path that was cut, what it carried; 0 for ABSORBED and CONTRADICTED, 1 for MISSED
+    events : (n,) meetings with the surface
+    """
+
+    status: np.ndarray
+    start: np.ndarray
+    leave: np.ndarray
+    incoming: np.ndarray
+    outgoing: np.ndarray
+    inside: np.ndarray
+    weight: np.ndarray
+    events: np.ndarray
+
+
+@dataclass(frozen=True)
+class Walker:
+    """Traces rays against a mesh in numba, on any machine.
+
+    Attributes
+    ----------
+    mesh : of the grain
+    surface : of the grain; its channels are one or as many as mu's
+    mu : (C,) 1/R, absorption coefficient of the interior
+    events_max : meetings with the surface after which a path is cut; what it carried is recorded as lost
+    """
+
+    mesh: Mesh
+    surface: Surface
+    mu: np.ndarray
+    events_max: int = EVENTS_MAX
+
+    def trace(self, uniform, first, replicate, key) -> Paths:
+        """Follow the rays of `uniform` (n, 4), numbers in [0, 1): direction (2), place on the disc across it (2).
+
+        first, replicate : path i draws its random numbers from the stream (first + i, replicate) of the key (two words of 32
+        bits), whatever else is traced.
+        """
+        count, channels = len(uniform), len(self.mu)
+        paths = Paths(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
+                      np.empty((count, channels)), np.empty(count, np.int64))
+        surface, grid = self.surface, self.mesh.grid
+        followed(grid.low, grid.scale, *(int(n) for n in grid.count), grid.leaps, grid.first, grid.blocks,
+                 grid.blocks.view(np.int32), grid.corners, grid.longest, surface.kind, surface.index, surface.roughness,
+                 np.ascontiguousarray(np.broadcast_to(surface.channels, (2, channels))), self.mu, self.events_max, uniform, first,
+                 np.uint64(replicate), np.uint64(key[0]), np.uint64(key[1]), paths.status, paths.start, paths.leave,
+                 paths.incoming, paths.outgoing, paths.inside, paths.weight, paths.events)
+        return paths

@@ -1,0 +1,1 @@
+"""Packed grains: random walks through a tile, and the continuous medium that stands for them."""

@@ -1,0 +1,411 @@
+"""Loops of `packed`: flights through a periodic tile, one meeting with a grain, whole walks.
+
+A flight steps through a grid of cells that list the images of spheres; where it leaves the tile it enters the next copy, whose
+number it keeps, so nothing is cut at the tile's faces.  A sphere is known by its number and its copy: what is left out at the
+start of a flight is that image, not the sphere.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from bakery.physics.grains._walk import _drawn, _frame, _uniform
+from bakery.physics.grains.bvh import nearest, normal, scratch
+from bakery.physics.grains.surface import turned
+from bakery.physics.packing.instances import kind, matrix, rotation, uniforms
+
+MISSED, LEFT, LOST, CONTRADICTED, CUT = range(5)
+AHEAD = 1.0 / 128  # how far outside of the bounding sphere a ray starts: a grain may touch the sphere
+RETRIES = 1000  # meetings with a grain, besides ten times the depth, after which no hit is drawn again and the walk is given up
+FAR = 1 << 30  # walks start in copies of the tile with numbers up to this
+
+# What a walk adds up; mean squared ways over 1, 2, 4, ... hits follow.
+(HITS, ENTRIES, VOIDS, VOID, VOID2, FLIGHT, FLIGHT2, NEXT, ALONG, ACROSS, SQUARE, COSINE, EVENTS, WALKS, GIVEN_UP, DRAWN, LOSSES,
+ CONTRADICTIONS, CUTS) = range(19)
+SUMS = 19
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cells(centers, radii, cell, m):
+    """For each of m (3,) cells of the tile, the images of spheres that reach into it.
+
+    Returns
+    -------
+    start : (cells + 1,) where the images of each begin
+    image : (K, 4) centre as seen from the tile, square of the radius
+    owner : (K, 4) number of the sphere, and of the copy of the tile that its centre lies in
+    """
+    h = cell / m
+    start = np.zeros(m[0] * m[1] * m[2] + 1, np.int64)
+    image, owner = np.zeros((0, 4)), np.zeros((0, 4), np.int64)
+    low, high, shift, place = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for filling in range(2):
+        if filling:
+            for k in range(start.size - 1, 0, -1):
+                start[k] = start[k - 1]
+            start[0] = 0
+            for k in range(1, start.size):
+                start[k] += start[k - 1]
+            image, owner = np.zeros((start[-1], 4)), np.zeros((start[-1], 4), np.int64)
+            at = start[:-1].copy()
+        for i in range(len(radii)):
+            for axis in range(3):
+                low[axis] = math.floor((centers[i, axis] - radii[i]) / h[axis])
+                high[axis] = math.floor((centers[i, axis] + radii[i]) / h[axis])
+            for a in range(low[0], high[0] + 1):
+                for b in range(low[1], high[1] + 1):
+                    for c in range(low[2], high[2] + 1):
+                        place[0], place[1], place[2] = a, b, c
+                        apart = 0.0
+                        for axis in range(3):
+                            x = centers[i, axis]
+                            gap = max(max(place[axis] * h[axis] - x, x - (place[axis] + 1) * h[axis]), 0.0)
+                            apart += gap * gap
+                            shift[axis] = math.floor(place[axis] / m[axis])
+                        if apart > radii[i] * radii[i]:
+                            continue
+                        k = ((a - shift[0] * m[0]) * m[1] + b - shift[1] * m[1]) * m[2] + c - shift[2] * m[2]
+                        if filling:
+                            for axis in range(3):
+                                image[at[k], axis] = centers[i, axis] - shift[axis] * cell[axis]
+                                owner[at[k], 1 + axis] = -shift[axis]
+                            image[at[k], 3], owner[at[k], 0] = radii[i] * radii[i], i
+                            at[k] += 1
+                        else:
+                            start[k] += 1
+    return start, image, owner
+
+
+# inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def flight(o, d, left, cell, m, start, image, owner, limit, met, to):
+    """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
+
+    o : in the frame of the copy left[1:];  left : (4,) sphere that the ray has just left, or -1, and the tile's copy
+    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the way from o to its centre
+    """
+    h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
+    skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
+    i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
+    ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
+    i, j, k = i + far_i, j + far_j, k + far_k
+    dx, dy, dz = d[0], d[1], d[2]
+    a, b, c = min(int(ox / h0), m[0] - 1), min(int(oy / h1), m[1] - 1), min(int(oz / h2), m[2] - 1)
+    u, v, w = 1 if dx > 0 else -1, 1 if dy > 0 else -1, 1 if dz > 0 else -1
+    # a direction along which nothing moves: its wall is never reached
+    wall_x = ((a + (dx > 0)) * h0 - ox) / dx if dx != 0 else np.inf
+    wall_y = ((b + (dy > 0)) * h1 - oy) / dy if dy != 0 else np.inf
+    wall_z = ((c + (dz > 0)) * h2 - oz) / dz if dz != 0 else np.inf
+    every_x = h0 / abs(dx) if dx != 0 else np.inf
+    every_y = h1 / abs(dy) if dy != 0 else np.inf
+    every_z = h2 / abs(dz) if dz != 0 else np.inf
+    best = limit
+    while True:
+        here = (a * m[1] + b) * m[2] + c
+        for s in range(start[here], start[here + 1]):
+            x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
+            along = x * dx + y * dy + z * dz
+            if along > 0:
+                # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
+                p, q, r = x - along * dx, y - along * dy, z - along * dz
+                inside = image[s, 3] - (p * p + q * q + r * r)
+                if inside > 0:
+                    t = max(along - math.sqrt(inside), 0.0)
+                    if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
+                                         and owner[s, 3] + k == far_k):
+                        best = t
+                        to[0], to[1], to[2] = x, y, z
+                        met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+        # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
+        if wall_x <= wall_y and wall_x <= wall_z:
+            if best <= wall_x:
+                return best
+            wall_x += every_x
+            a += u
+            if a == m[0] or a < 0:
+                a, i, ox = a - u * m[0], i + u, ox - u * cell[0]
+        elif wall_y <= wall_z:
+            if best <= wall_y:
+                return best
+            wall_y += every_y
+            b += v
+            if b == m[1] or b < 0:
+                b, j, oy = b - v * m[1], j + v, oy - v * cell[1]
+        else:
+            if best <= wall_z:
+                return best
+            wall_z += every_z
+            c += w
+            if c == m[2] or c < 0:
+                c, k, oz = c - w * m[2], k + w, oz - w * cell[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool):
+    """Direction after a meeting with the surface, its part along the outward normal, and the share of the light that leaves."""
+    sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
+    x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
+    u, v, w = _drawn(matter, roughness, stream, pool)
+    x, y, z, share, _ = turned(matter, index, roughness, x, y, z, u, v, w)
+    dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
+    over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
+    return dx * over, dy * over, dz * over, z, share
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ball(radius, matter, index, roughness, ray, depth, stream, pool):
+    """Follow `ray` (6,) (place on the unit sphere, direction) through a smooth or rough ball; what became of it, and meetings."""
+    ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
+    along = -(ox * dx + oy * dy + oz * dz)
+    px, py, pz = ox + along * dx, oy + along * dy, oz + along * dz
+    inside = radius * radius - (px * px + py * py + pz * pz)
+    if radius == 1.0:
+        t = 0.0
+    elif inside > 0.0:
+        t = along - math.sqrt(inside)
+    else:
+        _leave(ray, px, py, pz, dx, dy, dz)
+        return MISSED, 0
+    nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
+    count = 0
+    while True:
+        if count == depth:
+            return CUT, count
+        count += 1
+        dx, dy, dz, z, share = _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool)
+        if share < 1.0 and _uniform(stream, pool) >= share:
+            return LOST, count
+        if z > 0.0:
+            break
+        t = -2.0 * (dx * nx + dy * ny + dz * nz)
+        nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
+        over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx * over, ny * over, nz * over
+    _leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
+    return LEFT, count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _leave(ray, ox, oy, oz, dx, dy, dz):
+    """Write where a ray from inside of the unit sphere leaves it."""
+    along = ox * dx + oy * dy + oz * dz
+    t = math.sqrt(along * along + max(1.0 - (ox * ox + oy * oy + oz * oz), 0.0)) - along
+    ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
+    over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
+    ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox * over, oy * over, oz * over, dx, dy, dz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, pool, room):
+    """Follow `ray` (6,) (place on the unit sphere, direction) through a mesh; what became of it, and meetings."""
+    dx, dy, dz = ray[3], ray[4], ray[5]
+    ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
+    within, place, count = False, -1, 0
+    while True:
+        place, t = nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, place, room)
+        if place < 0:
+            if within:
+                return CONTRADICTED, count
+            if count == 0:  # the chord: from its middle, where rounding is least
+                t = -(ox * dx + oy * dy + oz * dz)
+                ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
+            _leave(ray, ox, oy, oz, dx, dy, dz)
+            return (LEFT if count else MISSED), count
+        ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
+        nx, ny, nz = normal(blocks, place)
+        z = -(dx * nx + dy * ny + dz * nz)
+        if (z < 0.0) != within or z == 0.0:
+            return CONTRADICTED, count
+        if count == depth:
+            return CUT, count
+        count += 1
+        dx, dy, dz, z, share = _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool)
+        if share < 1.0 and _uniform(stream, pool) >= share:
+            return LOST, count
+        within = z < 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, depth, stream, pool, room, ray, row):
+    """Follow a ray that enters the sphere `met` until it leaves, again from the same entry where its light is lost.
+
+    entry, d : (3,) place on the unit sphere and direction;  ray : (6,) becomes those with which it leaves
+    Returns what became of it and how often it met the surface.
+    """
+    which, b, c, e = 0, 0.0, 0.0, 0.0
+    if len(shares) > 1 or table[0, 3] == 0.0:
+        a, b, c, e = uniforms(seed, met[1], met[2], met[3], met[0])
+        which = kind(a, shares)
+    matter, index, roughness, radius = int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3]
+    state, count, spent = LOST, 0, 0
+    if radius > 0.0:  # a ball: nobody sees how it is turned
+        while state > LEFT and spent < 10 * depth + RETRIES:
+            for k in range(3):
+                ray[k], ray[3 + k] = entry[k], d[k]
+            state, count = ball(radius, matter, index, roughness, ray, depth, stream, pool)
+            if state > LEFT:
+                row[LOSSES + state - LOST] += 1
+            spent += count + 1
+        return state, count
+    qx, qy, qz, qw = rotation(b, c, e)
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix(qx, qy, qz, qw)
+    low, high = offset[which, 0], offset[which + 1, 0]
+    own_nodes, own_children, own_blocks = nodes[low:high], children[low:high], blocks[offset[which, 1] : offset[which + 1, 1]]
+    while state > LEFT and spent < 10 * depth + RETRIES:
+        ray[0] = xx * entry[0] + yx * entry[1] + zx * entry[2]
+        ray[1] = xy * entry[0] + yy * entry[1] + zy * entry[2]
+        ray[2] = xz * entry[0] + yz * entry[1] + zz * entry[2]
+        ray[3] = xx * d[0] + yx * d[1] + zx * d[2]
+        ray[4] = xy * d[0] + yy * d[1] + zy * d[2]
+        ray[5] = xz * d[0] + yz * d[1] + zz * d[2]
+        over = 1.0 / math.sqrt(ray[3] * ray[3] + ray[4] * ray[4] + ray[5] * ray[5])
+        ray[3], ray[4], ray[5] = ray[3] * over, ray[4] * over, ray[5] * over
+        state, count = mesh(own_nodes, own_children, own_blocks, matter, index, roughness, ray, depth, stream, pool, room)
+        if state > LEFT:
+            row[LOSSES + state - LOST] += 1
+        spent += count + 1
+    for k in (0, 3):
+        x, y, z = ray[k], ray[k + 1], ray[k + 2]
+        ray[k], ray[k + 1], ray[k + 2] = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+        over = 1.0 / math.sqrt(ray[k] ** 2 + ray[k + 1] ** 2 + ray[k + 2] ** 2)
+        ray[k], ray[k + 1], ray[k + 2] = ray[k] * over, ray[k + 1] * over, ray[k + 2] * over
+    return state, count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _isotropic(v, stream, pool):
+    v[2] = 2.0 * _uniform(stream, pool) - 1.0
+    across, phi = math.sqrt(max(1.0 - v[2] * v[2], 0.0)), 2.0 * math.pi * _uniform(stream, pool)
+    v[0], v[1] = across * math.cos(phi), across * math.sin(phi)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _enter(area, met, entry, d, stream, pool):
+    """A ray of uniform isotropic radiance where it enters a sphere: number, copy, place on the unit sphere, direction."""
+    met[0] = min(np.searchsorted(area, _uniform(stream, pool), "right"), len(area) - 1)
+    for k in range(1, 4):
+        met[k] = int((2.0 * _uniform(stream, pool) - 1.0) * FAR)
+    length = 0.0
+    while length < 1e-12:  # the normal plus a point of the unit sphere has the cosine distribution about the normal
+        _isotropic(entry, stream, pool)
+        _isotropic(d, stream, pool)
+        length = 0.0
+        for k in range(3):
+            d[k] -= entry[k]
+            length += d[k] * d[k]
+        length = math.sqrt(length)
+    for k in range(3):
+        d[k] /= length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, key1, replicate, first, count, length, warm):
+    """Sums over walks first ... first + count - 1 of a replicate, each of `length` hits after the first `warm` ones.
+
+    area : (N,) cumulated shares of the surface;  limit : longest flight between two spheres
+    Returns (SUMS + W,), W = 1 + the logarithm of length/4 to base 2: the rows above, then for windows of 1, 2, 4, ... hits the
+    mean squared way over all windows of a walk, added up over the walks.
+    """
+    cell, m, starts, image, owner = grid
+    shares, table, offset = kinds
+    nodes, children, blocks = trees
+    windows = 1
+    while 1 << (windows + 1) < length:
+        windows += 1
+    out, row = np.zeros(SUMS + windows), np.zeros(SUMS)
+    room, pool, stream = scratch(), np.empty(4), np.zeros(5, np.uint64)
+    stream[0], stream[1], stream[3] = key0, key1, replicate
+    met, left = np.empty(4, np.int64), np.empty(4, np.int64)
+    entry, d, to, o, start, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(6)
+    place = np.zeros((length + 1, 3))
+    for walker in range(count):
+        stream[2], stream[4] = np.uint64(first + walker), np.uint64(0)
+        row[:] = 0.0
+        hits, state = -1, MISSED
+        while state == MISSED:
+            _enter(area, met, entry, d, stream, pool)
+            state, events = meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, depth, stream, pool, room,
+                                 ray, row)
+            row[DRAWN] += 1
+        free, last = 0.0, 0.0
+        start[:] = 0.0
+        while state <= LEFT:
+            radius = radii[met[0]]
+            if state == LEFT:  # a hit is over: the step that ends here began where the hit before it ended
+                hits += 1
+                at = hits - warm
+                if at > 0:
+                    along = across = square = cosine = 0.0
+                    for k in range(3):
+                        way = radius * (ray[k] - entry[k])
+                        along += way * d[k]
+                        across += way * ray[3 + k]
+                        square += way * way
+                        cosine += d[k] * ray[3 + k]
+                        place[at, k] = place[at - 1, k] + start[k] + way
+                    row[HITS] += 1
+                    row[FLIGHT] += free
+                    row[FLIGHT2] += free * free
+                    row[NEXT] += free * last  # of the step before: 0 at first, counted below
+                    row[ALONG] += along
+                    row[ACROSS] += across
+                    row[SQUARE] += square
+                    row[COSINE] += cosine
+                    row[EVENTS] += events
+                    last = free
+                    if at == length:
+                        break
+                free = 0.0
+                start[:] = 0.0
+            else:
+                chord = 0.0
+                for k in range(3):
+                    way = radius * (ray[k] - entry[k])
+                    start[k] += way
+                    chord += way * d[k]
+                free += chord
+            for k in range(4):
+                left[k] = met[k]
+            for k in range(3):
+                d[k] = ray[3 + k]
+                o[k] = centers[left[0], k] + radius * ray[k]
+            z = flight(o, d, left, cell, m, starts, image, owner, limit, met, to)
+            if z >= limit:
+                break
+            free += z
+            radius = radii[met[0]]
+            length2 = 0.0
+            for k in range(3):
+                start[k] += z * d[k]
+                entry[k] = z * d[k] - to[k]
+                length2 += entry[k] * entry[k]
+            over = 1.0 / math.sqrt(length2)
+            for k in range(3):
+                entry[k] *= over
+            if hits >= warm:
+                row[VOIDS] += 1
+                row[VOID] += z
+                row[VOID2] += z * z
+                row[ENTRIES] += 1
+            state, events = meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, depth, stream, pool, room,
+                                 ray, row)
+        row[WALKS] = 1
+        if hits < warm + length:
+            row[GIVEN_UP] = 1
+            for k in range(EVENTS + 1):
+                row[k] = 0.0
+        else:
+            for j in range(windows):
+                n = 1 << j
+                step, total, number = max(n // 8, 1), 0.0, 0  # windows that overlap by more than 7/8 tell nothing new
+                for t in range(0, length + 1 - n, step):
+                    x, y, z = place[t + n, 0] - place[t, 0], place[t + n, 1] - place[t, 1], place[t + n, 2] - place[t, 2]
+                    total += x * x + y * y + z * z
+                    number += 1
+                out[SUMS + j] += total / number
+        for k in range(SUMS):
+            out[k] += row[k]
+    return out

@@ -1,0 +1,205 @@
+"""Scattering of light by one homogeneous sphere: Lorenz-Mie theory.
+
+Conventions: time factor exp(-i w t), m = n + ik with k >= 0 relative to the host, x = 2 pi r n_host/lambda_vacuum, S1
+perpendicular and S2 parallel to the scattering plane (Bohren & Huffman 1983).  Range and measured errors: docs/mie.md.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+X_MIN, X_MAX = 1e-12, 2e6
+M_MIN, M_MAX = 1e-4, 1e4
+PHASE_MAX = 2e9  # |m| x: one step of a recurrence each, 5 ns
+
+
+def efficiencies(m, x):
+    """Efficiencies and asymmetry of spheres.
+
+    Parameters
+    ----------
+    m : complex, n + ik with k >= 0, relative to the host; `inf` is a perfect conductor
+    x : size parameter, 1e-12 to 2e6; m and x broadcast
+
+    Returns
+    -------
+    q_ext, q_sca, q_back, g : of the broadcast shape, floats for scalars; 1.  Cross sections over pi r^2,
+        q_back = 4 |S1(pi)|^2/x^2, g the mean cosine of the scattering angle (0 where nothing scatters, m = 1)
+
+    Raises
+    ------
+    ValueError : an x out of range, gain (k < 0), an index that is no passive material's
+
+    Notes
+    -----
+    Relative error 1e-15 to 1e-13 (x = 1e6), also as x -> 0 and m -> 1; q_back 1e-16 x.  q_ext is the sum of q_sca and q_abs, so
+    it never falls below q_sca.  Source: Bohren & Huffman 1983, eqs. 4.61, 4.62 and 4.88.
+
+    Examples
+    --------
+    >>> q_ext, q_sca, q_back, g = efficiencies(1.33, 10.0)
+    >>> round(q_ext, 12)
+    2.206548710184
+    """
+    q_ext, q_sca, _, q_back, g = _all_efficiencies(m, x)
+    return q_ext, q_sca, q_back, g
+
+
+def absorption(m, x):
+    """Absorption efficiency, not formed as the difference of extinction and scattering.
+
+    Parameters, errors and range as `efficiencies`.  Keeps its relative accuracy however weak the absorption is (k = 1e-16).
+
+    Returns
+    -------
+    q_abs : of the broadcast shape; 1
+
+    Notes
+    -----
+    Re a_n - |a_n|^2 = Im A_n/|N_n - i M_n|^2 by the Wronskian, a sum of terms of one sign (`_kernels`).
+    """
+    return _all_efficiencies(m, x)[2]
+
+
+def amplitudes(m, x, theta):
+    """Scattering amplitudes of spheres.
+
+    Parameters
+    ----------
+    m, x : as `efficiencies`, any shapes that broadcast
+    theta : any shape; rad, 0 (forward) to pi.  The angle, not its cosine, which has lost the forward peak of large spheres
+
+    Returns
+    -------
+    S1, S2 : complex, shape broadcast(m, x).shape + theta.shape
+
+    Raises
+    ------
+    ValueError : as `efficiencies`, or an angle outside 0 to pi
+
+    Notes
+    -----
+    Error relative to the local maximum of |S|: 2e-16 max(x, 30), most of it the last bit of theta.
+    Source: Bohren & Huffman 1983, eq. 4.74.
+
+    Examples
+    --------
+    >>> S1, S2 = amplitudes(1.5, 3.0, np.array([0.0, np.pi]))
+    >>> bool(S1[0] == S2[0]), bool(abs(S1[1] + S2[1]) < 1e-14)
+    (True, True)
+    """
+    from bakery.physics.mie import _kernels
+
+    shape, m, x = _checked(m, x)
+    theta = np.asarray(theta, dtype=np.float64)
+    angles = np.ascontiguousarray(theta.reshape(-1))
+    bad = ~((angles >= 0.0) & (angles <= np.pi))
+    if bad.any():
+        raise ValueError(f"theta = {angles[bad][0]:g}: scattering angles are in radians, 0 (forward) to pi (backward)")
+    s1, s2 = np.empty((2, x.size, angles.size), dtype=np.complex128)
+    jobs = []
+    for index, places in _by_index(m, x):
+        size = x[places]
+        work = np.cumsum(size + 10.0) * max(angles.size, 1)
+        parts = _parts(work[-1] * 2e-10)
+        if places.size >= 4 * parts:  # radii among the threads; else angles
+            pieces = np.split(places, np.searchsorted(work, work[-1] * np.arange(1, parts) / parts))
+            jobs += [(index, piece, slice(None)) for piece in pieces if piece.size]
+        else:
+            edges = np.linspace(0, angles.size, parts + 1).astype(int)
+            jobs += [(index, places, slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if b > a]
+
+    def run(job):
+        index, places, part = job
+        piece = np.empty((min(places.size, _kernels.LANES), angles[part].size, 4))
+        for some in np.split(places, range(_kernels.LANES, places.size, _kernels.LANES)):  # few at a time: stays in the cache
+            _kernels.amplitude_block(index, x[some], angles[part], piece[:some.size])
+            both = piece[:some.size].view(np.complex128)
+            s1[some, part], s2[some, part] = both[..., 0], both[..., 1]
+
+    _in_threads(run, jobs)
+    return s1.reshape(shape + theta.shape)[()], s2.reshape(shape + theta.shape)[()]
+
+
+def _all_efficiencies(m, x):
+    """q_ext, q_sca, q_abs, q_back, g of the broadcast shape."""
+    from bakery.physics.mie import _kernels
+
+    shape, m, x = _checked(m, x)
+    out = np.empty((5, x.size))
+    jobs = []
+    for index, places in _by_index(m, x):
+        work = np.cumsum(x[places] + 10.0)
+        parts = min(_parts(work[-1] * 2e-9), places.size)
+        cuts = np.searchsorted(work, work[-1] * np.arange(1, parts) / parts) // _kernels.LANES * _kernels.LANES
+        jobs += [(index, piece) for piece in np.split(places, cuts) if piece.size]
+
+    def run(job):
+        index, places = job
+        piece = np.empty((5, places.size))
+        _kernels.efficiency_block(index, x[places], *piece)
+        out[:, places] = piece
+
+    _in_threads(run, jobs)
+    return tuple(row.reshape(shape)[()] if shape else float(row[0]) for row in out)
+
+
+def _checked(m, x):
+    """Broadcast shape, m and x as flat arrays; raises ValueError on what no sphere has."""
+    try:
+        m, x = np.asarray(m, dtype=np.complex128), np.asarray(x, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"m and x are numbers or arrays of numbers (m = n + ik, x real), found m = {m!r}, x = {x!r}") from None
+    try:
+        m, x = np.broadcast_arrays(m, x)
+    except ValueError:
+        raise ValueError(f"m of shape {m.shape} and x of shape {x.shape} do not broadcast") from None
+    shape, m, x = x.shape, m.reshape(-1), x.reshape(-1)
+
+    def refuse(bad, values, why):
+        if bad.any():
+            found = values[bad][0]
+            text = f"{found.real:g}" + (f"{found.imag:+g}i" if found.imag else "")
+            raise ValueError(f"{'x' if values is x else 'm'} = {text}: {why}")
+
+    conductor = np.isinf(m.real) & (m.real > 0.0) & (m.imag == 0.0)
+    refuse(~((x >= X_MIN) & (x <= X_MAX)), x, f"size parameters from {X_MIN:g} to {X_MAX:g} are computed")
+    refuse(~np.isfinite(m) & ~conductor, m, "an index is finite; only inf itself, without imaginary part, is a perfect conductor")
+    refuse(m.imag < 0.0, m, "k < 0 is gain here; with exp(-iwt) absorption is k > 0, so give the complex conjugate")
+    refuse(m.real < 0.0, m, "n is not negative for non-magnetic materials (a metal is, for example, 0.055+3.42i)")
+    size = np.where(conductor, 1.0, abs(m))
+    refuse((size < M_MIN) | (size > M_MAX), m, f"|m| from {M_MIN:g} to {M_MAX:g} is computed; a perfect conductor is inf")
+    refuse(size * x > PHASE_MAX, m, f"|m| x above {PHASE_MAX:g} is not computed: make x or |m| smaller")
+    return shape, m, x
+
+
+def _by_index(m, x):
+    """(index, places of its spheres in ascending order of x), one for each distinct index."""
+    if m.size and np.all(m == m[0]):
+        return [(complex(m[0]), np.argsort(x, kind="stable"))]
+    values, which = np.unique(m, return_inverse=True)
+    order = np.lexsort((x, which))
+    starts = np.searchsorted(which[order], np.arange(values.size + 1))
+    return [(complex(value), order[a:b]) for value, a, b in zip(values, starts[:-1], starts[1:])]
+
+
+def _cores():
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _parts(seconds):
+    """Into how many threads so much work is cut: one where starting them would cost more than it saves."""
+    return _cores() if seconds > 1e-3 else 1
+
+
+def _in_threads(run, jobs):
+    """Every job once; they write to disjoint places, so their order is of no consequence."""
+    if len(jobs) < 2 or _cores() == 1:
+        for job in jobs:
+            run(job)
+        return
+    with ThreadPoolExecutor(min(len(jobs), _cores())) as pool:
+        list(pool.map(run, jobs))

@@ -1,0 +1,197 @@
+"""Harmonics about the normal of the plane through axis and position, where rotations in that plane are phases.
+
+A lobe is c_lm in a frame with its axis e3 in the plane, x along e1 in the plane: even in azimuth.  About the normal, with
+azimuth from e3 towards e1, it is b_lk = sum_m d^l_km(pi/2) (-i)^m c_lm, zero unless l + k is even;
+b_l,-k = (-1)^k conj(b_lk).
+Stored for one l: real parts of k = ..., l - 4, l - 2, l from 0 or 1 on, then imaginary parts of the same k (that of k = 0 is 0).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from bakery.physics.multiple._kernels import packed
+
+TAPS = 4  # coefficients of a cubic spline at a place
+_ROWS = 4  # distances at a time: what they need stays in the second level of the cache
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def quarter_turns(order):
+    """d^l_km(pi/2) for 0 <= k, m <= l, (L + 1, L + 1, L + 1), by the recurrence in l for fixed k and m."""
+    d = np.zeros((order + 1, order + 1, order + 1))
+    for k in range(order + 1):
+        for m in range(order + 1):
+            l = max(k, m)
+            low = min(k, m)
+            # sqrt((2 l)! / ((l + low)! (l - low)!)) 2^-l
+            start = 0.5 * (math.lgamma(2.0 * l + 1) - math.lgamma(l + low + 1.0) - math.lgamma(l - low + 1.0)) - l * math.log(2.0)
+            value, before = math.exp(start), 0.0
+            if k > m and (k - m) % 2 == 1:
+                value = -value
+            d[l, k, m] = value
+            while l < order:
+                grown = -(2 * l + 1.0) * k * m * value if l > 0 else 0.0
+                fell = (l + 1.0) * math.sqrt((l * l - k * k) * (l * l - m * m * 1.0)) * before
+                if l > 0:
+                    n = l + 1.0
+                    after = (grown - fell) / (l * math.sqrt((n * n - k * k) * (n * n - m * m)))
+                else:
+                    after = 0.0  # d^1_00(pi/2) = cos(pi/2)
+                before, value = value, after
+                l += 1
+                d[l, k, m] = value
+    return d
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add(factors, rows, first, count, out):
+    """out += sum over n < count of factors[n] rows[first + 2 n]: four at a time, as loads and stores cost more than sums."""
+    whole = count - count % 4
+    for n in range(0, whole, 4):
+        f0, f1, f2, f3 = factors[n], factors[n + 1], factors[n + 2], factors[n + 3]
+        at = first + 2 * n
+        r0, r1, r2, r3 = rows[at], rows[at + 2], rows[at + 4], rows[at + 6]
+        for a in range(len(out)):
+            out[a] += f0 * r0[a] + f1 * r1[a] + f2 * r2[a] + f3 * r3[a]
+    for n in range(whole, count):
+        f, r = factors[n], rows[first + 2 * n]
+        for a in range(len(out)):
+            out[a] += f * r[a]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def to_normal(l, d, c, out):
+    """b of one l from many c.
+
+    Parameters
+    ----------
+    d : (L + 1, L + 1) quarter turn of this l
+    c : (l + 1, A);  out : (2 K, A), K = l // 2 + 1
+    """
+    K = l // 2 + 1
+    factors = np.empty(K, c.dtype)
+    for n in range(K):
+        k = l % 2 + 2 * n
+        for odd in range(2):
+            count = (l + 2 - odd) // 2
+            for i in range(count):
+                m = odd + 2 * i
+                # (-i)^m: 1, -i, -1, i
+                factors[i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
+            row = out[n + odd * K]
+            row[:] = 0.0
+            _add(factors, c, odd, count, row)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def from_normal(l, d, b, out):
+    """The inverse of `to_normal`."""
+    K = l // 2 + 1
+    for m in range(l + 1):
+        total = 0.0
+        part = 0 if m % 2 == 0 else K
+        for n in range(K):
+            k = l % 2 + 2 * n
+            total += d[k, m] * b[part + n] * (1.0 if k == 0 else 2.0)
+        out[m] = total if m % 4 == 0 or m % 4 == 3 else -total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_table(l, order, scaled, lowest, R, harmonics, columns, d):
+    """b of one l for every distance and angle of a table, times r exp(k0 r).
+
+    Parameters
+    ----------
+    scaled : (P, ...) of the propagator, of which R distances from number `lowest` on are wanted
+    harmonics : (L + 1, L + 1, H) by m and l, of the first half of the angles; the others mirror them about a right angle
+    columns : A, H = (A + 1) // 2
+    d : (L + 1, L + 1) quarter turn of this l
+
+    Returns
+    -------
+    (R, A, 2 K) float32.  Only the sum over l' cancels, and it is in double precision
+    """
+    A, H = columns, harmonics.shape[2]
+    K = l // 2 + 1
+    out = np.empty((R, A, 2 * K), np.float32)
+    c, b = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2 * K, A), np.float32)
+    factors, half = np.empty(order // 2 + 1), np.empty((2, H))
+    for first in range(0, R, _ROWS):
+        rows = min(_ROWS, R - first)
+        for m in range(l + 1):
+            for i in range(rows):
+                for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
+                    count = 0
+                    for j in range(m + odd, order + 1, 2):
+                        factors[count] = scaled[packed(j, l, m) if l <= j else packed(l, j, m), lowest + first + i]
+                        count += 1
+                    half[odd] = 0.0
+                    _add(factors, harmonics[m], m + odd, count, half[odd])
+                row = c[i, m]
+                for a in range(H):
+                    row[a] = half[0, a] + half[1, a]
+                    row[A - 1 - a] = half[0, a] - half[1, a]
+        for i in range(rows):
+            to_normal(l, d, c[i], b)
+            for a in range(A):
+                for k in range(2 * K):
+                    out[first + i, a, k] = b[k, a]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def phases(angle, first, last):
+    """Cosines and sines (Q, K) float32 of k times angles (Q,), k = first, first + 2, .. last."""
+    K = (last - first) // 2 + 1
+    cosine, sine = np.empty((len(angle), K), np.float32), np.empty((len(angle), K), np.float32)
+    for q in range(len(angle)):
+        c, s = math.cos(first * angle[q]), math.sin(first * angle[q])
+        c2, s2 = math.cos(2 * angle[q]), math.sin(2 * angle[q])
+        for k in range(K):
+            cosine[q, k], sine[q, k] = c, s
+            c, s = c * c2 - s * s2, s * c2 + c * s2
+    return cosine, sine
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def along(l, table, d, start, row, row_weight, column, column_weight, weight, cosine, sine, out):
+    """Sums a table of b over the points of segments, and turns the sums to c in frames with given axes.
+
+    Parameters
+    ----------
+    table : (R, A, 2 K) from `point_table`, as spline coefficients
+    start : (N + 1,) first point of each position, of Q in all
+    row, column : (Q,) first of TAPS rows, columns;  row_weight, column_weight : (Q, TAPS) float32
+    weight : (Q,) float32, of the point of the segment
+    cosine, sine : (Q, K) float32, of k times the angle from the frame's axis to the position as seen from that point
+    out : (N, l + 1)
+    """
+    K = l // 2 + 1
+    sums, here = np.empty(2 * K), np.empty(2 * K, np.float32)
+    for n in range(len(start) - 1):
+        sums[:] = 0.0
+        for q in range(start[n], start[n + 1]):
+            a = column[q]
+            here[:] = np.float32(0)
+            for i in range(0, TAPS, 2):
+                share, other = weight[q] * row_weight[q, i], weight[q] * row_weight[q, i + 1]
+                s0, s1 = share * column_weight[q, 0], share * column_weight[q, 1]
+                s2, s3 = share * column_weight[q, 2], share * column_weight[q, 3]
+                t0, t1 = other * column_weight[q, 0], other * column_weight[q, 1]
+                t2, t3 = other * column_weight[q, 2], other * column_weight[q, 3]
+                v, w = table[row[q] + i], table[row[q] + i + 1]
+                v0, v1, v2, v3 = v[a], v[a + 1], v[a + 2], v[a + 3]
+                w0, w1, w2, w3 = w[a], w[a + 1], w[a + 2], w[a + 3]
+                for k in range(2 * K):
+                    here[k] += (s0 * v0[k] + s1 * v1[k] + s2 * v2[k] + s3 * v3[k]
+                                + t0 * w0[k] + t1 * w1[k] + t2 * w2[k] + t3 * w3[k])
+            # azimuth counted from the frame's axis: times exp(i k angle)
+            c, s = cosine[q], sine[q]
+            for k in range(K):
+                sums[k] += here[k] * c[k] - here[K + k] * s[k]
+                sums[K + k] += here[k] * s[k] + here[K + k] * c[k]
+        from_normal(l, d, sums, out[n])

@@ -1,0 +1,89 @@
+"""From albedo and moments to a propagator with a stated error: how many orders, what is done with a peak, what the cut costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.multiple import legendre, point
+from bakery.physics.multiple.fourier import Propagator, propagator
+
+TOLERANCE = 2e-4  # largest moment that is cut; lobes are then right to 1e-4 .. 1e-3, behind the source to 1e-2
+MOST = 128  # orders; the work grows as their cube to fourth power
+_COARSE = 0.75  # order of the second solution over that of the first
+_LOOK = 8  # moments beyond the last, of which the largest counts as cut
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Third and later events, solved twice.
+
+    Attributes
+    ----------
+    medium : Propagator in mean free paths of the medium without `peak`
+    coarse : the same with fewer orders
+    cut : largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
+    peak : share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
+    extinction : sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
+    """
+
+    medium: Propagator
+    coarse: Propagator
+    cut: float
+    peak: float
+    extinction: float
+
+    def error(self, r, angle):
+        """Estimated error of the lobe at r, angle: root mean square over directions over that of the lobe itself.
+
+        Against solutions with many more orders the true error was 0.25 to 2.5 times the estimate (g = -0.8 .. 0.9;
+        0.1 to 10 mfp).  What leaving out a peak changes is not in it.
+        """
+        order = self.medium.order
+        fine, coarse = point.coefficients(self.medium, r, angle), point.coefficients(self.coarse, r, angle)
+        difference = fine.copy()
+        difference[..., :coarse.shape[-1]] -= coarse
+        twice = np.concatenate([np.where(np.arange(l + 1) == 0, 1.0, 2.0) for l in range(order + 1)])
+        square = np.sum(twice * fine**2, axis=-1)
+        return self.cut * np.sqrt(np.divide(np.sum(twice * difference**2, axis=-1), square, out=np.zeros_like(square),
+                                            where=square > 0))
+
+
+def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
+    """Solves for the third and later events with as many orders as the phase function needs.
+
+    Parameters
+    ----------
+    albedo : 1, 0 to 1
+    p : Legendre moments, to well beyond where they fall below the tolerance, or `most + 4` of them
+    tolerance : largest moment that may be cut
+    most : orders, at most; a narrower forward peak is left out
+
+    Raises
+    ------
+    ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
+    """
+    p = np.asarray(p, float)
+    order, peak, rest = legendre.order_needed(p, tolerance), 0.0, p
+    if order is None or order > most:
+        if len(p) < most + 4:
+            raise ValueError(f"{len(p)} moments, of which the last is {abs(p[-1]):.2g}; {most + 4} are needed, or a last one "
+                             f"below {tolerance:g}")
+        without = legendre.truncated(p, most)
+        order, peak, rest = most, without.peak, without.moments
+        of, extinction = without.albedo(albedo), without.extinction(albedo)
+    else:
+        of, extinction = albedo, 1.0
+    few, cut = coarser(rest, order)
+    return Solution(propagator(of, rest[:order + 1], threads=threads), propagator(of, rest[:few + 1], threads=threads),
+                    cut, peak, float(extinction))
+
+
+def coarser(p, order):
+    """Order of the second solution beside one of the moments p up to `order`, and `Solution.cut` of the two."""
+    few = int(_COARSE * order)
+    # without a peak nothing is left beyond the last moment, so that the last ones stand for what was cut
+    left = np.abs(p[order + 1:order + 1 + _LOOK] if len(p) > order + 1 else p[-2:]).max(initial=0.0)
+    lost = np.abs(p[few + 1:few + 1 + _LOOK]).max(initial=0.0)
+    return few, float(left / lost) if lost > 0 else 0.0

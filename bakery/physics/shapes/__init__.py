@@ -1,0 +1,1 @@
+"""Bodies of grains: shapes, meshes and their files."""

@@ -1,0 +1,1 @@
+"""How a narrow beam spreads."""

@@ -1,0 +1,216 @@
+"""Stage `beam`: how a narrow beam spreads in the medium, as tables over depth and distance from its axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages import rules
+from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.store.tree import Group
+
+MODELS = ("transport", "small-angle")
+MEASURES = ("fluence", "forward", "flux")
+_SAID = {"fluence": "scattered light of all directions", "forward": "of the directions that go on forward",
+         "flux": "power forward through a unit of area", "small_angle": "by the small-angle model, for comparison"}
+OUTPUTS = (
+    Output("depth", "(D,)", "1", "depths in mean free paths, equal steps of the logarithm"),
+    Output("ratio", "(U,)", "1", "distance from the axis over the depth, equal steps of the logarithm"),
+    *(Output(name, "(L, D, U)", "1", f"r depth kernel, {said}; the kernel is per squared mean free path and unit power")
+      for name, said in _SAID.items()),
+    Output("model", "(L,)", "1", "what fluence, forward and flux are computed with", choices=MODELS),
+    *(Output(f"m{n}", "(L, D)", "1", f"moment of r^{n} of the small-angle kernel, mean free paths^{n}") for n in (0, 2, 4)),
+    Output("alpha", "(L, D)", "1", "of the error-function kernel with m0 and m2: alpha/r G(r/beta), per mean free path"),
+    Output("beta", "(L, D)", "1", "of the same, mean free paths"),
+    Output("gaussian_b", "(L,)", "rad^2", "of the Gaussian lobe with the table's width: a quarter of its mean square angle"),
+    *(Output(f"{name}_rms", "(L,)", "1", f"relative root mean square difference of {name} from photons, less their noise")
+      for name in MEASURES),
+    *(Output(f"{name}_noise", "(L,)", "1", f"the photons' own noise, in the measure of {name}_rms") for name in MEASURES),
+    Output("photons", "(L,)", "1", "that were counted for each", whole=True),
+)
+_REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
+_NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
+_TOGETHER = 4
+_KERNELS = tuple(f"beam.{name}" for name in ("transport", "single", "photons", "table")) + ("multiple.legendre",)
+_WANTED, _LEAST, _MOST = 50, 20_000, 4_000_000  # photons at first: times the squared tolerance, at least; at most
+_MORE = 4  # times as many, until tables and noise together meet the tolerance
+_QUIET = 1 / 3  # of the tables' error: noise that more photons need not lower, as the tables themselves miss
+_PHOTON = 1.2e-5  # seconds of one core
+
+
+def inputs(recipe, upstream) -> dict:
+    medium = upstream["medium"]
+    return {"albedo": np.asarray(medium["albedo"].data, float), "theta": np.asarray(medium["theta"].data, float),
+            "phase": np.asarray(medium["phase"].data, float), "depth": recipe.beam.depth, "photons": recipe.beam.photons}
+
+
+def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed):
+    """Tables of one wavelength, their model, the lobe's B, errors against photons, and how many there were.
+
+    A task that any worker may run.  photons : their number, or None: as many as it takes to show the tolerance.
+    """
+    from bakery.physics.beam import build
+
+    medium = build.prepare(theta, phase)
+    small = build.small_angle_table(medium, albedo, nodes[0][-1], nodes=nodes)
+    model = build.model_of(medium)
+    made = dict.fromkeys(MEASURES, small)
+    if model == "transport":
+        made = build.transport_tables(medium, albedo, nodes[0][-1], nodes=nodes)
+    far = min(_FARTHEST, float(nodes[0][-1]))
+    planes = far * np.arange(1, 11) / 10
+    values = {name: table.value for name, table in made.items()} | {"small_angle": small.value}
+    if albedo == 0:
+        return values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0
+
+    edges = np.linspace(0, far, 51)
+
+    def errors(names, count):
+        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed)
+
+    count = photons or int(np.clip(_WANTED / tolerance**2, _LEAST, _MOST))
+    found = errors(["fluence"], count)
+    while not photons and count < _MOST:
+        error, noise = found["fluence"]
+        if error + noise <= tolerance or noise < _QUIET * error:
+            break
+        count = min(_MORE * count, _MOST)
+        found = errors(["fluence"], count)
+    return values, model, medium.planar.B, found | errors(["forward", "flux"], count), count
+
+
+def compute(inputs: dict, context) -> Result:
+    from bakery.physics.beam import build, kernels, moments, table
+
+    count = len(inputs["albedo"])
+    try:
+        widths = [build.prepare(inputs["theta"], phase).planar.width for phase in inputs["phase"]]
+    except ValueError as fault:
+        raise StageError(f"narrow beams: {fault}") from None
+    nodes = table.grid(inputs["depth"], min(widths))
+    tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, inputs["photons"], context.tolerance,
+              context.seed + k) for k in range(count)]
+    found = []
+    for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
+        found += context.map(tabulated, tasks[start:start + _TOGETHER])
+        context.report(len(found) / count)
+    z = nodes[0]
+    values = {"depth": z, "ratio": nodes[1], "photons": np.array([photons for *_, photons in found]),
+              "model": np.array([MODELS.index(model) for _, model, *_ in found], np.int8),
+              "gaussian_b": np.array([B for _, _, B, *_ in found])}
+    values |= {name: np.stack([tables[name] for tables, *_ in found]).astype(np.float32) for name in _SAID}
+    albedo, B = inputs["albedo"][:, None], values["gaussian_b"][:, None]
+    levers = moments.levers(z, albedo)
+    for name, value in zip(("m0", "m2", "m4"), moments.moments(*levers, (1 - albedo) * z, B)):
+        values[name] = value
+    values["alpha"], values["beta"] = kernels.erf_parameters(values["m0"], moments.mean_square(levers[0], levers[1], B))
+    for name in MEASURES:
+        values[name + "_rms"], values[name + "_noise"] = (np.array([errors[name][i] for *_, errors, _ in found]) for i in (0, 1))
+    notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
+             for k, (_, model, *_) in enumerate(found) if model != "transport"]
+    # the photons' noise could hide as much as it makes
+    error, noise = values["fluence_rms"], values["fluence_noise"]
+    reached, worst = float((error + noise).max()), int(np.argmax(error + noise))
+    why = f"the tables miss counted photons by {error[worst]:.2g}, and the photons have a noise of {noise[worst]:.2g}"
+    missed = (f"{why}; a larger beam.tolerance" + (" or more beam.photons" if noise[worst] > error[worst] else "") + " would do",)
+    return Result(dict(datasets(OUTPUTS, values)), reached, tuple(notes), missed if reached > context.tolerance else ())
+
+
+def tables_of(group: Group, name: str) -> list:
+    """Tables of a `beam` group by the name of their dataset, one a wavelength, as `bakery.physics.beam.table.Table`."""
+    from bakery.physics.beam.table import Table
+
+    depth, ratio = (np.asarray(group[path].data, float) for path in ("depth", "ratio"))
+    return [Table(depth, ratio, np.asarray(value, float)) for value in group[name].data]
+
+
+def kernels_of(group: Group, medium: Group) -> list:
+    """All kernels of a `beam` group by name, one set a wavelength, as `bakery.physics.beam.named.Kernels`."""
+    from functools import cache
+
+    from bakery.physics.beam.named import Kernels
+
+    held = cache(lambda name: tables_of(group, name))
+    theta, phase = (np.asarray(medium[name].data, float) for name in ("theta", "phase"))
+    transport = group["model"].data == MODELS.index("transport")
+    return [Kernels(float(albedo), theta, phase[k], float(group["gaussian_b"].data[k]), bool(transport[k]),
+                    lambda name, k=k: held(name)[k]) for k, albedo in enumerate(medium["albedo"].data)]
+
+
+# ---- rules and plan
+
+
+def sound(group: Group) -> Iterable[str]:
+    """Whether the coordinates of the tables ascend."""
+    if not all((np.diff(group[name].data) > 0).all() and group[name].data[0] > 0 for name in ("depth", "ratio")):
+        yield "depth or ratio do not ascend from above 0"
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `beam` group, in words."""
+    v = {name: np.asarray(member.data, float) for name, member in group.members.items()}
+    faults = list(rules.complete(v, _REQUIRED))
+    yield from faults
+    if faults:
+        return
+    faults = list(sound(group))
+    yield from faults
+    if faults:
+        return
+    for name in v:
+        if name not in ("depth", "ratio") and (v[name] < 0).any():
+            yield f"{name} below 0"
+    for name in _SAID:
+        if v[name].shape[1:] != (len(v["depth"]), len(v["ratio"])):
+            yield f"{name} is not (L, D, U)"
+    if not np.allclose(v["alpha"] * np.sqrt(2 * np.pi) * v["beta"], v["m0"], rtol=1e-9, atol=1e-300):
+        yield "alpha and beta do not give m0"
+    if (v["m0"] > 1 + 1e-9).any():
+        yield "m0 above 1"
+
+
+def cost(recipe) -> Cost:
+    number = len(recipe.wavelength)
+    photons = recipe.beam.photons or min(max(_MORE * _WANTED / recipe.beam.tolerance**2, _LEAST), _MOST)
+    tables = 3.0 if recipe.particles is not None else 1.2  # the peaks of spheres are narrow
+    return Cost(number * (tables + _PHOTON * photons), 1e8, number * 1.5e5,
+                f"{number} wavelengths, {photons:.2g} photons each", 1.0, kernels=_KERNELS, most=min(number, _TOGETHER))
+
+
+def measures(found: Group, reference: Group) -> Mapping[str, float]:
+    """Errors of a `beam` group against a converged one: relative root mean square over depths and rings, the largest of all."""
+    worst = {}
+    for name in MEASURES:
+        pairs = zip(tables_of(found, name), tables_of(reference, name))
+        far = min(_FARTHEST, float(found["depth"].data[-1]))
+        planes, edges = far * np.arange(1, 11) / 10, np.linspace(0, far, 51)
+        errors = []
+        for own, true in pairs:
+            a, b = own.rings(planes, edges), true.rings(planes, edges)
+            weight = 0.5 * (edges[1:] + edges[:-1])
+            errors.append(np.sqrt(np.sum(((a - b) * weight) ** 2) / max(np.sum((b * weight) ** 2), 1e-300)))
+        worst[name] = float(max(errors))
+    return {"error": worst["fluence"]} | worst
+
+
+STAGE = Stage(
+    name="beam",
+    version=2,
+    title="spread of a narrow beam",
+    reads=("wavelengths", "seed", "beam"),
+    needs=("medium",),
+    applies=lambda recipe: recipe.beam is not None,
+    outputs=OUTPUTS,
+    error_measure="relative root mean square difference of the fluence from counted photons, over planes and rings up to 5 mean "
+                  "free paths, less the photons' noise, plus that noise",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    tolerance_key="beam.tolerance",
+    sound=sound,
+    knobs=(Knob("photons", "beam.photons", "auto", "photons that measure the error", ("20000", "200000")),),
+    measures=measures,
+)

@@ -1,0 +1,1 @@
+"""The continuous medium that stands for packed grains."""

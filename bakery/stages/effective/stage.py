@@ -1,0 +1,302 @@
+"""Stage `medium` from packed grains: the continuous medium that stands for them, held against a walk through the grains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.grains import stage as grain_stage
+from bakery.stages.measures import integrated_difference
+from bakery.stages.medium import stage as medium
+from bakery.store.tree import Dataset, Group
+
+_LOADING = 0.2
+# hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball
+_HITS, _HIT, _HIT_BALL = 60.0, 1.2e-6, 0.6e-6
+CHOICES = ("mean_flight", "second_moment", "random_walk")
+_SHARES = ("hit_probability", "forward_delta", "fraction")
+_NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")
+_WALK = (
+    ("mean_square_displacement", "m^2", "mean square way that a hit adds at long times"),
+    ("mean_square_rte", "m^2", "the same in a medium with the walks' own mean free path, lambda_t, and mean cosine"),
+    ("flight", "m", "mean way from leaving the sphere of one hit to entering that of the next"),
+    ("void_chord", "m", "mean flight from sphere to sphere"),
+    ("hit_probability", "1", "share of the entered spheres whose grain is hit"),
+    ("lambda_s", "m", "mean way from entry to exit of a hit's sphere along the incoming direction"),
+    ("g", "1", "mean cosine of a hit"),
+    ("correlation", "1", "between the lengths of successive flights"),
+)
+OUTPUTS = (
+    *medium.OUTPUTS,
+    Output("sigma_t_error", "(L,)", "1/m", "error of sigma_t: standard error, and how far light spreads otherwise in the grains"),
+    Output("albedo_error", "(L,)", "1", "standard error of albedo"),
+    Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
+    Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits", within=(0, 1)),
+    Output("hit_probability_error", "(1,)", "1", "standard error of hit_probability"),
+    Output("void_chord", "(1,)", "m", "mean way between bounding spheres (Eq. 1)"),
+    Output("lambda_beta", "(1,)", "m", "mean way from hit to hit, outside of the spheres hit (Eq. 3)"),
+    Output("lambda_beta_error", "(1,)", "m", "standard error of lambda_beta"),
+    Output("lambda_s", "(L,)", "m", "mean way from entry to exit of a hit sphere along the incoming direction", within=ANY),
+    Output("lambda_s_error", "(L,)", "m", "standard error of lambda_s"),
+    Output("mean_square", "(L,)", "m^2", "mean squared distance of entry and exit"),
+    Output("mean_square_error", "(L,)", "m^2", "standard error of mean_square"),
+    Output("forward_delta", "(L,)", "1", "share of scattered light that keeps its direction; part of phase, below theta[1]",
+           within=(0, 1)),
+    Output("forward_delta_error", "(L,)", "1", "standard error of forward_delta"),
+    *(Output(f"sigma_t_{name}{end}", "(L,)", "1/m", ("standard error of sigma_t_" + name) if end else said,
+             optional=name == "random_walk")
+      for name, said in (("mean_flight", "1/(lambda_beta + albedo lambda_s) (Eq. 4)"),
+                         ("second_moment", "with the mean square way of light that is set over by grains"),
+                         ("random_walk", "with the mean square way of the random walk through explicit grains"))
+      for end in ("", "_error")),
+    Output("diffusion_coefficient", "(L,)", "m", "improved (Grosjean) diffusion coefficient"),
+    Output("sigma_tr_improved", "(L,)", "1/m", "effective transport coefficient with it"),
+    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True,
+             within=ANY if not end and name in ("g", "correlation", "lambda_s", "mean_square_displacement") else (0, math.inf))
+      for name, units, said in _WALK for end in ("", "_error")),
+    Output("random_walk/hits", "(1,)", "1", "hits that were walked", optional=True),
+    Output("random_walk/wavelength", "(1,)", "um", "whose indices the grains had; nothing is absorbed", optional=True),
+)
+
+
+def inputs(recipe, upstream) -> dict:
+    group, packing = upstream["grains"], upstream["packing"]
+    fraction = float(recipe.packing.fraction[0])
+    names = [grain.name for grain in recipe.grains.components]
+    given = grain_stage.inputs(recipe, {})
+    sizes = len(group["radius"].data)
+
+    def rows(name, figure, lossless=False):
+        """Values and errors (S, L, …)."""
+        part = group[name]
+        place = part["lossless"] if lossless and figure in grain_stage.LOSSLESS else part
+        if not lossless and "by_radius" in part.members and figure in (*grain_stage.BY_RADIUS, "phase"):
+            place = part["by_radius"]
+            return np.asarray(place[figure].data, float), np.asarray(place[figure + "_error"].data, float)
+        value, error = (np.asarray(place[figure + end].data, float) for end in ("", "_error"))
+        return np.repeat(value[None], sizes, axis=0), np.repeat(error[None], sizes, axis=0)
+
+    figures = (*_NAMES, "phase")
+    return {
+        "names": names, "weights": [float(group[f"{name}/weight"].data[0]) for name in names],
+        "parts": [{figure: rows(name, figure) for figure in figures} for name in names],
+        "lossless": [{figure: rows(name, figure, True) for figure in figures} for name in names],
+        "radius": np.asarray(group["radius"].data, float), "share": np.asarray(group["radius_share"].data, float),
+        "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": given["radius"],
+        "tile": _tile(packing, fraction), "components": given["components"], "depth": given["depth"],
+        "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
+        "wavelength": np.asarray(recipe.wavelength, float), "choice": recipe.effective_medium.sigma_t,
+        "walks": recipe.effective_medium.walks}
+
+
+def _tile(packing: Group, fraction: float):
+    """Centres, radii and cell in mean radii of the nearest denser tile, widened; the densest where none is as dense."""
+    from bakery.stages.packing.stage import nearest_denser, tiles
+
+    try:
+        return nearest_denser(packing, fraction)[:3]
+    except ValueError:
+        tile = max(tiles(packing).values(), key=lambda tile: float(tile["fraction"].data[0]))
+        return tile["centers"].data, tile["radii"].data, tile["cell"].data
+
+
+# ---- work
+
+
+def _means(parts, inputs, lossless=False):
+    """Means of the mixture over components and sizes, lengths in m."""
+    from bakery.physics.granular.effective import Means, mixed
+
+    made, weights, radii = [], [], []
+    for weight, part in zip(inputs["weights"], parts):
+        for s, (radius, share) in enumerate(zip(inputs["radius"], inputs["share"])):
+            values = {name: part[name][0][s] for name in part}
+            errors = {name: part[name][1][s] for name in part}
+            for name in ("hit_probability", "lambda_delta"):
+                values[name], errors[name] = float(values[name][0]), float(errors[name][0])
+            if lossless:
+                values["albedo"], errors["albedo"] = np.ones_like(values["g"]), np.zeros_like(values["g"])
+            made.append(Means(**values, errors=errors))
+            weights.append(weight * share)
+            radii.append(radius)
+    return mixed(made, weights, radii)
+
+
+def compute(inputs: dict, context) -> Result:
+    from bakery.physics.granular.effective import effective, void_chord
+    from bakery.physics.medium import diffusion, phase
+
+    R, tile = inputs["mean_radius"], inputs["tile"]
+    chord = void_chord(inputs["fraction"], R * tile[1])
+    means, white = _means(inputs["parts"], inputs), _means(inputs["lossless"], inputs, lossless=True)
+    found, lossless = effective(means, chord), effective(white, chord)
+    notes, missed = [], []
+    sigma = {"mean_flight": (found.sigma_t, found.errors["sigma_t"]),
+             "second_moment": (found.sigma_t_second_moment, found.errors["sigma_t_second_moment"])}
+    at = len(inputs["wavelength"]) // 2
+    walks = _walked(inputs, at, context)
+    model, spread, choice = 0.0, 0.0, inputs["choice"] or "mean_flight"
+    if walks.reason and not math.isfinite(walks.achieved_error):
+        notes.append(f"the random walk gives no mean square way: {walks.reason}")
+        if choice == "random_walk":
+            raise StageError(f"effective_medium.sigma_t: random_walk: {walks.reason}; mean_flight would do")
+    else:
+        choice = inputs["choice"] or "random_walk"
+        M, spread = walks.mean_square_displacement * R**2, walks.achieved_error
+        far = {"mean_flight": lossless.m_rte[at], "second_moment": lossless.m_tele[at]}
+        ratio = math.sqrt(lossless.m_rte[at] / M)
+        value, error = sigma["mean_flight"]
+        sigma["random_walk"] = value * ratio, np.hypot(error * ratio, value * ratio * spread)
+        model = abs(math.sqrt(M / far[choice]) - 1) if choice in far else 0.0
+        if model > max(3 * spread, context.tolerance):
+            more = math.sqrt(M / far[choice]) - 1
+            missed.append(f"light among the grains themselves spreads {abs(more):.0%} {'farther' if more > 0 else 'less far'} "
+                         "than sigma_t says; effective_medium.sigma_t: random_walk matches it")
+        if inputs["walks"] is None and not walks.reached:
+            missed.append(f"the random walk's mean square way is known to {2 * spread:.2g} only: {walks.reason}")
+    sigma_t, sigma_t_error = sigma[choice]
+    sigma_t_error = np.hypot(sigma_t_error, model * sigma_t)
+    theta, f = inputs["theta"], means.phase
+    f = _with_peak(theta, f, means.forward_delta)
+    albedo = np.clip(means.albedo, 0.0, 1.0)
+    sigma_s = albedo * sigma_t
+    sigma_a = sigma_t - sigma_s
+    # spread over the table in proportion to what is not in the peak
+    error = means.errors["phase"] * (1 - means.forward_delta[:, None])
+    members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], error, sigma_t, albedo)
+    single = {"fraction": inputs["fraction"], "hit_probability": means.hit_probability,
+              "hit_probability_error": means.errors["hit_probability"], "void_chord": chord, "lambda_beta": found.lambda_beta,
+              "lambda_beta_error": found.errors["lambda_beta"]}
+    values = {name: np.array([float(value)]) for name, value in single.items()}
+    values |= {"sigma_t_error": sigma_t_error, "albedo_error": means.errors["albedo"]}
+    for name in ("lambda_s", "mean_square", "forward_delta"):
+        values[name], values[name + "_error"] = getattr(means, name), means.errors[name]
+    for name, (value, error) in sigma.items():
+        values["sigma_t_" + name], values[f"sigma_t_{name}_error"] = value, error
+    diffuse = diffusion.improved(sigma_s, sigma_a, members["g"].data)
+    values |= {"diffusion_coefficient": diffuse.D, "sigma_tr_improved": diffuse.sigma_tr}
+    members |= datasets(OUTPUTS, values)
+    if "random_walk" in sigma:
+        members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))
+    sampled = float(np.max(np.divide(sigma_t_error, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
+    reached = max(model, sampled, spread)
+    context.report(1.0, reached)
+    return Result(members, reached, tuple(notes), tuple(missed))
+
+
+def _with_peak(theta, f, share):
+    """Phase functions f (L, A) of light that is turned, with the shares (L,) of light that is not as a peak below theta[1]."""
+    from bakery.physics.medium import phase
+
+    f = (1 - share[:, None]) * f
+    f[:, 0] += share / (2 * math.pi * phase.areas(theta)[0])
+    return f
+
+
+def _walked(inputs, at, context):
+    """Random walks through the tile; nothing is absorbed, indices are those of wavelength number `at`."""
+    from bakery.physics.grains import bvh, surface
+    from bakery.physics.granular import packed
+
+    made = []
+    for component, (vertices, faces) in zip(inputs["components"], inputs["meshes"]):
+        if component["type"] == "dielectric":
+            coat = surface.dielectric(component["index"].real[at], component["roughness"])
+        elif component["type"] == "diffuse":
+            coat = surface.diffuse(1.0)
+        else:
+            coat = surface.conductor(complex(math.inf, 0), component["roughness"])
+        made.append(packed.Grain(coat, None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
+    return packed.walk(*inputs["tile"], made, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
+                       tolerance=max(0.5 * context.tolerance, 1e-4), map=context.map,
+                       report=lambda share, error: context.report(share, error, "random walk through the grains"))
+
+
+def _walk_members(walks, R, wavelength):
+    values = {}
+    for name, units, _ in _WALK:
+        scale = R ** {"m": 1, "m^2": 2}.get(units, 0)
+        values[name], values[name + "_error"] = getattr(walks, name) * scale, walks.errors[name] * scale
+    values |= {"hits": walks.hits, "wavelength": wavelength}
+    return datasets(OUTPUTS, {name: np.array([float(value)]) for name, value in values.items()}, "random_walk/")
+
+
+# ---- rules and plan
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `medium` group from grains, in words."""
+    faults = list(medium.check(group))
+    yield from faults
+    v = {path: np.asarray(member.data, float) for path, member in group.walk() if isinstance(member, Dataset)}
+    for path, value in v.items():
+        if path.endswith("_error") and (value < 0).any():
+            yield f"{path} below 0"
+        if path.rpartition("/")[2] in _SHARES and ((value < 0) | (value > 1 + 1e-9)).any():
+            yield f"{path} outside 0 .. 1"
+    missing = [name for name in ("fraction", "void_chord", "lambda_beta", "lambda_s", "sigma_t_mean_flight") if name not in v]
+    if missing or faults:
+        yield from (f"{name} missing" for name in missing)
+        return
+    if not np.allclose(v["sigma_t_mean_flight"] * (v["lambda_beta"] + v["albedo"] * v["lambda_s"]), 1, rtol=1e-9):
+        yield "sigma_t_mean_flight is not 1/(lambda_beta + albedo lambda_s)"
+    if not any(np.array_equal(v["sigma_t"], v.get("sigma_t_" + name)) for name in CHOICES):
+        yield "sigma_t is none of " + ", ".join("sigma_t_" + name for name in CHOICES)
+
+
+def cost(recipe) -> Cost:
+    number = len(recipe.grains.components)
+    hits = recipe.effective_medium.walks or min(max(_HITS / recipe.tolerance**2, 32 * 512 * 2), 1 << 27)
+    round_ = all(grain.shape["type"] == "sphere" for grain in recipe.grains.components)
+    seconds = hits * (_HIT_BALL if round_ else _HIT)
+    rows = len(recipe.wavelength)
+    return Cost(seconds, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
+                f"about {hits:.2g} hits of a random walk through explicit grains", _LOADING + 0.1 * number,
+                kernels=("granular._packed", "packing.instances"), kind="of grains")
+
+
+def measures(found: Group, reference: Group) -> Mapping[str, float]:
+    """Errors of a `medium` group from grains against a converged one.
+
+    Returns
+    -------
+    dict of floats, in this order, each the largest over wavelengths
+
+    error : the largest of `spread` and half of `phase`
+    spread : relative difference of sigma_t from the one that makes light spread as in the explicit grains
+    albedo, g : differences
+    phase : integral of |f - f_ref| over the sphere
+    """
+    true = reference["sigma_t_random_walk" if "sigma_t_random_walk" in reference.members else "sigma_t"].data
+    errors = {"spread": np.abs(found["sigma_t"].data / true - 1)}
+    errors |= {name: np.abs(found[name].data - reference[name].data) for name in ("albedo", "g")}
+    errors["phase"] = integrated_difference(reference["theta"].data, found["phase"].data, reference["phase"].data)
+    largest = {name: float(np.max(value)) for name, value in errors.items()}
+    return {"error": max(largest["spread"], 0.5 * largest["phase"])} | largest
+
+
+OF_GRAINS = Stage(
+    name="medium",
+    version=2,
+    title="the continuous medium that stands for the packed grains",
+    reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
+           "effective_medium"),
+    needs=("packing", "grains"),
+    applies=lambda recipe: recipe.grains is not None,
+    outputs=OUTPUTS,
+    error_measure="how far light spreads with sigma_t against a random walk through the explicit grains of the tile (relative "
+                  "difference of the square roots of the mean square ways, nothing absorbed); or the standard error of that, or "
+                  "of sigma_t, if larger",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    sound=medium.sound,
+    measures=measures,
+    knobs=(Knob("sigma_t", "effective_medium.sigma_t", "auto", "what sigma_t matches", CHOICES),
+           Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),
+)

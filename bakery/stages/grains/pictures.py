@@ -1,0 +1,389 @@
+"""Pictures of packed grains: the exemplars, how each scatters, and the statistics of its walks."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.draw.style import FAINT, INK, QUIET, colours
+from bakery.errors import AssetError
+from bakery.physics.medium.phase import integral
+from bakery.store.tree import Dataset, Group, is_text, read_text
+
+# figure -> symbol, what it is in a few words, range that its column shows (None: from 0 to what is found)
+FIGURES = {
+    "hit_probability": ("β", "hit probability", (0.0, 1.0)),
+    "lambda_delta": ("λδ (R)", "chord of misses", (0.0, 2.0)),
+    "albedo": ("α", "albedo", (0.0, 1.0)),
+    "lambda_s": ("λs (R)", "way along the ray", (0.0, 2.0)),
+    "mean_square": ("⟨T²⟩ (R²)", "mean square way", (0.0, 4.0)),
+    "g": ("g", "mean cosine", (-1.0, 1.0)),
+    "forward_delta": ("δ", "unchanged light", (0.0, 1.0)),
+    "inner_path": ("L (R)", "path inside", None),
+}
+SURFACES = {"dielectric": "dielectric", "diffuse": "diffuse", "conductor": "metal"}
+_TINT = {"dielectric": (0.55, 0.66, 0.74), "diffuse": (0.66, 0.47, 0.30), "conductor": (0.50, 0.50, 0.53)}
+_GLOSS = {"dielectric": 0.55, "diffuse": 0.0, "conductor": 0.9}
+_EXACT = 1e-9  # an error below this has no digits to show
+
+
+@dataclass(frozen=True)
+class Exemplar:
+    """One component's grain.
+
+    Attributes
+    ----------
+    vertices, faces : (V, 3) in bounding radii, (F, 3); of a ball they are for pictures only
+    ball : whether the grain is exactly the unit ball
+    shape, surface : as stored; empty where the asset does not say
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    ball: bool
+    shape: Mapping
+    surface: Mapping
+
+
+def components_of(grains: Group) -> dict[str, Group]:
+    """The components of a `grains` group by name."""
+    return {name: member for name, member in grains.members.items()
+            if isinstance(member, Group) and {"vertices", "faces", "hit_probability"} & member.members.keys()}
+
+
+def exemplar(name: str, component: Group) -> Exemplar:
+    """The grain of a component; AssetError where its triangles are none."""
+    try:
+        vertices, faces = component["vertices"].data, component["faces"].data
+    except (KeyError, AttributeError):
+        raise AssetError(f"grains/{name}: holds no mesh (`vertices` and `faces`)") from None
+    sound = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3 and len(faces) \
+        and faces.dtype.kind in "iu" and np.isfinite(vertices).all() and np.abs(vertices).max(initial=0) < 1.01 \
+        and faces.min() >= 0 and faces.max() < len(vertices)
+    if not sound:
+        raise AssetError(f"grains/{name}: vertices and faces are no mesh in the unit sphere; run `bake verify` on the asset")
+    shape = _json(component, "shape")
+    return Exemplar(vertices, faces, shape.get("type") == "sphere", shape, _json(component, "surface"))
+
+
+def pictures(grains: Group, um) -> Iterator:
+    """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
+    found = components_of(grains)
+    meshes = {name: exemplar(name, part) for name, part in found.items() if {"vertices", "faces"} <= part.members.keys()}
+    if meshes:
+        yield shapes(meshes, found, grains)
+    if any("hit_probability" in part.members for part in found.values()):
+        yield statistics(found, um)
+    for name, part in found.items():
+        if "phase" in part.members and "theta" in grains.members:
+            yield from scattering(name, part, grains["theta"], um)
+    sized = {name: part["by_radius"] for name, part in found.items() if isinstance(part.members.get("by_radius"), Group)}
+    if sized and "radius" in grains.members and all("albedo" in part.members for part in sized.values()):
+        yield by_radius(sized, grains["radius"].data, um)
+
+
+def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: Group):
+    """Each component's grain in its bounding sphere, with a scale bar."""
+    from bakery.report.figures import Picture
+
+    across = min(len(meshes), max(3, round(math.sqrt(1.4 * len(meshes)))))
+    down = -(-len(meshes) // across)
+    pixels = 560 if len(meshes) <= 2 else 420
+    radius = _radii(grains)
+
+    def draw(figure):
+        from matplotlib.patches import Circle
+
+        from bakery.draw._meshes import rendered
+
+        panels = np.atleast_1d(figure.subplots(down, across)).ravel()
+        for axes in panels:
+            axes.set_axis_off()
+        for axes, (name, grain) in zip(panels, meshes.items(), strict=False):
+            kind = grain.surface.get("type")
+            image = rendered(None if grain.ball else grain.vertices, grain.faces, np.array(_TINT.get(kind, _TINT["dielectric"])),
+                             pixels, _GLOSS.get(kind, 0.2) / (1 + 8 * _number(grain.surface.get("roughness"))))
+            axes.imshow(image, extent=(-1.02, 1.02, -1.02, 1.02), interpolation="antialiased", zorder=2)
+            axes.add_patch(Circle((0, 0), 1, facecolor=(*_hex(FAINT), 0.25), edgecolor=QUIET, linewidth=0.8,
+                                  linestyle=(0, (4, 3)), zorder=1))
+            axes.plot((0, 1), (-1.16, -1.16), color=INK, linewidth=1.6, solid_capstyle="butt")
+            for end in (0, 1):
+                axes.plot((end, end), (-1.19, -1.13), color=INK, linewidth=1.0)
+            axes.text(-0.06, -1.16, f"R = {radius}", ha="right", va="center", fontsize=8.5, color=INK)
+            axes.set(xlim=(-1.06, 1.06), ylim=(-1.58, 1.28), aspect="equal")
+            axes.text(0, 1.15, f"{name}{_share(parts[name])}", ha="center", va="center", fontsize=10.5, fontweight="bold")
+            axes.text(0, -1.28, "\n".join(_described(grain)), ha="center", va="top", fontsize=8.5, color=QUIET)
+
+    rows = [(name, SURFACES.get(g.surface.get("type"), ""), "exact" if g.ball else len(g.faces)) for name, g in meshes.items()]
+    names, surfaces, faces = zip(*rows, strict=True)
+    return Picture("grains", "Grains", "The exemplar of each component in its bounding sphere (dashed), shaded to show its form; "
+                   "`bake render` shows its material.", (max(3.3 * across, 4.4), 4.5 * down), draw,
+                   (("component", names), ("surface", surfaces), ("triangles", faces)))
+
+
+def statistics(parts: Mapping[str, Group], um):
+    """A table of dots with errors: one row a component and wavelength, one column a figure."""
+    from bakery.report.figures import Picture
+
+    names = _shown(parts)
+    ink = colours(um)
+    rows = [(name, part, k) for name, part in parts.items() for k in range(len(um))]
+    tops = {name: _range(name, parts) for name in names}
+    notes = [line for name, part in parts.items() for line in [_effort(name, part)] if line]
+
+    def draw(figure):
+        panels = figure.subplots(1, len(names), sharey=True)
+        at = np.array([-(i + 1.0 * list(parts).index(name)) for i, (name, _, _) in enumerate(rows)])
+        for axes, figure_name in zip(np.atleast_1d(panels), names, strict=True):
+            symbol, words, _ = FIGURES[figure_name]
+            low, high = tops[figure_name]
+            for y, (_, part, k) in zip(at, rows, strict=True):
+                value, error = _value(part, figure_name, k)
+                if value is None or (k and _common(part, figure_name)):
+                    continue
+                tint = INK if _common(part, figure_name) else ink[k]
+                if error > _EXACT:
+                    axes.errorbar(value, y, xerr=error, color=tint, elinewidth=1.1, capsize=2.5, zorder=3)
+                axes.plot(value, y, "o", color=tint, markersize=4.2, markeredgewidth=0, zorder=4, clip_on=False)
+                axes.annotate(concise(value, error), (1.0, y), xycoords=("axes fraction", "data"), xytext=(0, 3.2),
+                              textcoords="offset points", ha="right", va="bottom", fontsize=7.6, color=tint,
+                              bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4}, zorder=5)
+            for name in list(parts)[1:]:
+                first = min(i for i, row in enumerate(rows) if row[0] == name)
+                axes.axhline(at[first] + 1.25, color=QUIET, linewidth=0.6)
+            axes.set_xlim(low, high)
+            axes.set_xticks([low, 0.5 * (low + high), high], [f"{x:g}" for x in (low, 0.5 * (low + high), high)])
+            axes.set_title(symbol, fontsize=10, pad=17)
+            axes.text(0, 1.01, words, transform=axes.transAxes, fontsize=7.8, color=QUIET, ha="left", va="bottom")
+            axes.tick_params(axis="y", length=0)
+            axes.spines["left"].set_visible(False)
+            axes.grid(axis="y", visible=False)
+        first = np.atleast_1d(panels)[0]
+        first.set_yticks(at, [f"{um[k]:g} µm" for _, _, k in rows])
+        first.set_ylim(at[-1] - 0.5, 1.2)
+        for y, (name, _, k) in zip(at, rows, strict=True):
+            if k == 0:
+                first.annotate(name, (0, y + 0.72), xycoords=("axes fraction", "data"), xytext=(-4, 0),
+                               textcoords="offset points", ha="right", va="center", fontsize=9.5, fontweight="bold")
+        for label, (_, _, k) in zip(first.get_yticklabels(), rows, strict=True):
+            label.set_color(ink[k] if len(um) > 1 else INK)
+        if notes:
+            figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8.2, color=QUIET)
+
+    size = max(1.42 * len(names) + 1.2, 5.0), 1.2 + 0.33 * (len(rows) + len(parts)) + 0.16 * len(notes)
+    return Picture("walks", "Statistics of the grains", "What happens to a ray that enters the bounding sphere (R its radius); "
+                   "digits in brackets are the standard error of the last ones, bars where it is wider than a dot.  "
+                   + "  ".join(f"{note}." for note in notes), size, draw, _columns(parts, names, um))
+
+
+def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
+    """The phase function of one component: over the angle with its error, and as a lobe."""
+    from bakery.report import figures
+
+    view = Group({"theta": theta} | {key: part[key] for key in ("phase", "phase_error") if key in part.members})
+    said = []
+    if "phase_error" in part.members:
+        spread = 50 * np.max(integral(theta.data, part["phase_error"].data))
+        said.append(f"standard errors of the bins together: {spread:.2g} % of the light")
+    delta = part.members.get("forward_delta")
+    if delta is not None and np.max(delta.data) > 0:
+        shares = dict.fromkeys(f"{100 * value:.3g} %" for value in delta.data)
+        said.append(f"{', '.join(shares)} of the light leaves unchanged: that peak at 0° is not part of the curves")
+    remarks = [f"{name}: {text}" for text in said]
+    whose = {"prefix": f"{name}_", "of": f" of {name}"}
+    yield figures.phase_function(view, um, remarks, **whose)
+    yield figures.lobe(view, um, **whose)
+
+
+def by_radius(parts: Mapping[str, Group], radius, um):
+    """Albedo, mean cosine and way against the size of the grain, one row a component."""
+    from bakery.report.figures import Picture, _labels, _legend_beside
+
+    size = radius.size, um.size
+    names = [name for name in ("albedo", "g", "lambda_s", "forward_delta")
+             if all(name in part.members and part[name].data.shape == size for part in parts.values())
+             and any(part[name].data.any() for part in parts.values())]
+    ink = colours(um)
+    order = np.argsort(radius)
+
+    def draw(figure):
+        panels = figure.subplots(len(parts), len(names), sharex=True, squeeze=False)
+        for row, (component, part) in zip(panels, parts.items(), strict=True):
+            for axes, name in zip(row, names, strict=True):
+                for k, label in enumerate(_labels(um)):
+                    axes.plot(1e3 * radius[order], part[name].data[order, k], color=ink[k], marker="o", markersize=3.5,
+                              label=label)
+                axes.set_title(f"{component}: {FIGURES[name][1]} {FIGURES[name][0]}")
+                axes.ticklabel_format(axis="y", useOffset=False)
+        for axes in panels[-1]:
+            axes.set_xlabel("radius R (mm)")
+        _legend_beside(figure, panels[0, 0])
+
+    table = [("radius [m]", radius[order])]
+    for component, part in parts.items():
+        table += [(f"{component} {name} at {x:g} um", part[name].data[order, k]) for name in names for k, x in enumerate(um)]
+    return Picture("grain_sizes", "Grains by size", "The same shape and material at each radius of the recipe: a larger grain "
+                   "absorbs more.", (3.0 * len(names) + 1.0, 0.6 + 2.3 * len(parts)), draw, tuple(table))
+
+
+def concise(value: float, error: float) -> str:
+    """A value with its standard error as digits in brackets, 1.3885(22); four digits where the error has none to show."""
+    if not math.isfinite(value):
+        return "nan"
+    if not error > _EXACT:
+        return f"{value:.5g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    last = round(error * 10**digits)
+    if last >= 100:  # 0.0996 rounds up to 0.10
+        digits, last = max(digits - 1, 0), round(error * 10 ** max(digits - 1, 0))
+    if digits == 0:
+        return f"{value:.0f}({last})"
+    return f"{value:.{digits}f}({last})"
+
+
+def table(grains: Group, um) -> tuple[list[str], list[list[str]]]:
+    """Heading (symbols) and rows of all figures of each component at each wavelength, for pages."""
+    parts = components_of(grains)
+    names = _shown(parts)
+    head = ["component", "wavelength (um)", *(FIGURES[name][0] for name in names)]
+    rows = []
+    for component, part in parts.items():
+        for k, x in enumerate(um):
+            found = [_value(part, name, k) for name in names]
+            rows.append([component, f"{x:g}", *("" if value is None else concise(value, error) for value, error in found)])
+    return head, rows
+
+
+def legend() -> str:
+    """What the symbols of `table` stand for."""
+    said = ", ".join(f"{symbol.partition(' ')[0]} {words}" for symbol, words, _ in FIGURES.values())
+    return f"{said}; R is the radius of the bounding sphere; digits in brackets are the standard error of the last ones"
+
+
+def _shown(parts: Mapping[str, Group]) -> list[str]:
+    """The figures that the components hold; unchanged light and paths inside only where there are any."""
+    found = [name for name in FIGURES if any(name in part.members for part in parts.values())]
+    return [name for name in found if name not in ("forward_delta", "inner_path")
+            or any(name in part.members and part[name].data.any() for part in parts.values())]
+
+
+def _described(grain: Exemplar) -> list[str]:
+    """Two lines: what the grain's form is, what its surface is."""
+    kind = grain.surface.get("type")
+    form = "ball, exact" if grain.ball else f"{grain.shape.get('type', 'mesh')}, {len(grain.faces):,} triangles"
+    surface = SURFACES.get(kind, "")
+    index = grain.surface.get("index")
+    if kind == "dielectric" and isinstance(index, Sequence) and index:
+        surface += f", index {_span(index)}"
+    if kind == "diffuse" and isinstance(grain.surface.get("reflectance"), Sequence):
+        surface += f", reflectance {_span(grain.surface['reflectance'])}"
+    if kind == "conductor" and isinstance(grain.surface.get("n"), Sequence):
+        surface += f", n {_span(grain.surface['n'])}, k {_span(grain.surface.get('k', [0]))}"
+    rough = _number(grain.surface.get("roughness"))
+    return [form, surface + (f", roughness {rough:g}" if rough else "")]
+
+
+def _span(values) -> str:
+    low, high = min(map(_number, values)), max(map(_number, values))
+    return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
+
+
+def _number(value) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _radii(grains: Group) -> str:
+    """The bounding radius in mm or um, or the range of several."""
+    member = grains.members.get("radius")
+    if not isinstance(member, Dataset) or not member.data.size:
+        return "bounding radius"
+    radius = np.sort(member.data.ravel())
+    scale, unit = (1e3, "mm") if radius[-1] >= 1e-4 else (1e6, "µm")
+    said = f"{scale * radius[0]:.3g}" + (f" to {scale * radius[-1]:.3g}" if radius[-1] > radius[0] * (1 + 1e-9) else "")
+    return f"{said} {unit}"
+
+
+def _share(part: Group) -> str:
+    weight = part.members.get("weight")
+    return f", {100 * float(weight.data.ravel()[0]):.3g} % of the grains" if isinstance(weight, Dataset) and weight.data.size \
+        and weight.data.ravel()[0] < 1 else ""
+
+
+def _effort(name: str, part: Group) -> str:
+    """Paths, hits, meetings; shares that were contradicted or cut."""
+    def of(key):
+        member = part.members.get(key)
+        return member.data.ravel() if isinstance(member, Dataset) and member.data.size else np.zeros(1)
+
+    if not of("paths")[0]:
+        return f"{name}: in closed form, no paths"
+    said = [f"{whole(of('paths')[0])} paths", f"{whole(of('hits')[0])} hits",
+            f"{np.max(of('events')):.3g} meetings with the surface a hit", f"contradicted {_part(np.max(of('contradicted')))}",
+            f"lost (cut) {_part(np.max(of('lost')))}"]
+    return f"{name}: {', '.join(said)}"
+
+
+def whole(number) -> str:
+    return f"{int(number):,}".replace(",", " ")
+
+
+def _part(share: float) -> str:
+    return "none" if share == 0 else f"{share:.1e}"
+
+
+def _value(part: Group, name: str, k: int) -> tuple[float | None, float]:
+    """A figure at a wavelength and its standard error (0 where none is stored)."""
+    member, error = part.members.get(name), part.members.get(f"{name}_error")
+    if not isinstance(member, Dataset) or member.data.size == 0:
+        return None, 0.0
+    at = min(k, member.data.size - 1)
+    return float(member.data.ravel()[at]), float(error.data.ravel()[at]) if isinstance(error, Dataset) else 0.0
+
+
+def _common(part: Group, name: str) -> bool:
+    """Whether a figure belongs to all wavelengths."""
+    return name in part.members and part[name].data.size == 1 and name in ("hit_probability", "lambda_delta")
+
+
+def _range(name: str, parts) -> tuple[float, float]:
+    """What a column shows: its natural range, wider where a value lies outside."""
+    values = np.concatenate([part[name].data.ravel() for part in parts.values() if name in part.members])
+    values = values[np.isfinite(values)]
+    low, high = FIGURES[name][2] or (0.0, 1.0)
+    found_low, found_high = (values.min(), values.max()) if values.size else (0.0, 1.0)
+    if FIGURES[name][2] is None:
+        high = 10.0 ** math.floor(math.log10(max(found_high, 1e-3)))
+        high *= next(step for step in (1, 2, 5, 10) if step * high >= found_high)
+    return (math.floor(2 * found_low) / 2 if found_low < low else low,
+            math.ceil(2 * found_high) / 2 if found_high > high else high)
+
+
+def _columns(parts, names, um) -> tuple:
+    rows = [(name, part, k) for name, part in parts.items() for k in range(len(um))]
+    columns = [("component", [name for name, _, _ in rows]), ("wavelength [um]", np.array([um[k] for _, _, k in rows]))]
+    for name in names:
+        found = [_value(part, name, k) for _, part, k in rows]
+        units = next(part[name].units for part in parts.values() if name in part.members)
+        columns.append((f"{name} [{units}]", np.array([np.nan if value is None else value for value, _ in found])))
+        columns.append((f"standard error of {name} [{units}]", np.array([error for _, error in found])))
+    return tuple(columns)
+
+
+def _json(component: Group, name: str) -> dict:
+    """A JSON text of a component; {} where there is none that can be read."""
+    member = component.members.get(name)
+    if not isinstance(member, Dataset) or not is_text(member):
+        return {}
+    try:
+        found = json.loads(read_text(member))
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _hex(colour: str) -> tuple[float, float, float]:
+    return tuple(int(colour[i:i + 2], 16) / 255 for i in (1, 3, 5))

@@ -1,0 +1,1 @@
+"""Coefficients and phase function of a continuous medium."""

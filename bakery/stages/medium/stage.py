@@ -1,0 +1,225 @@
+"""Stage `medium`: what a continuous renderer needs, from particles or from given coefficients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages import rules
+from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets
+from bakery.stages.optics import stage as optics
+from bakery.store.tree import Dataset, Group
+
+_ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
+OUTPUTS = (
+    Output("sigma_t", "(L,)", "1/m", "extinction coefficient"),
+    Output("sigma_s", "(L,)", "1/m", "scattering coefficient"),
+    Output("sigma_a", "(L,)", "1/m", "absorption coefficient"),
+    Output("sigma_a_error", "(L,)", "1/m", "change of sigma_a when the nodes over sizes are halved", optional=True),
+    Output("albedo", "(L,)", "1", "single-scattering albedo, sigma_s / sigma_t", within=(0, 1)),
+    Output("g", "(L,)", "1", "mean cosine of the tabulated phase function", within=SIGNED),
+    Output("sigma_t_reduced", "(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
+    Output("albedo_reduced", "(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced", within=(0, 1)),
+    Output("sigma_tr", "(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
+    Output("sigma_tr_error", "(L,)", "1/m", "the part of sigma_a_error in sigma_tr", optional=True),
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
+    Output("phase", "(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
+    Output("phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    Output("cdf", "(L, A)", "1", "probability of a scattering angle below theta", within=(0, 1)),
+    Output("s11", "(L, A)", "1/sr", "Mueller element s11, equal to phase", optional=True),
+    Output("s12", "(L, A)", "1/sr", "Mueller element s12", optional=True, within=ANY),
+    Output("s33", "(L, A)", "1/sr", "Mueller element s33", optional=True, within=ANY),
+    Output("s34", "(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)", optional=True, within=ANY),
+)
+_REQUIRED = tuple(output.path for output in OUTPUTS if not output.optional and output.path != "phase_error")
+
+
+def members_of(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None) -> dict:
+    """The group's datasets; elements (L, E, A)."""
+    from bakery.physics.medium import phase, similarity
+
+    f = elements[:, 0]
+    g = phase.mean_cosine(theta, f)
+    sigma_t = sigma_s + sigma_a if sigma_t is None else sigma_t
+    if albedo is None:
+        albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
+    reduced = dict(zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"), similarity.reduced(sigma_s, sigma_a, g)))
+    values = {"sigma_t": sigma_t, "sigma_s": sigma_s, "sigma_a": sigma_a, "albedo": albedo, "g": g, **reduced,
+              "theta": theta, "phase": f, "phase_error": error, "cdf": phase.cumulative(theta, f)}
+    if elements.shape[1] > 1:
+        values |= dict(zip(("s11", *optics.ELEMENTS), np.moveaxis(elements, 1, 0)))
+    return datasets(OUTPUTS, values)
+
+
+def _inputs_of_particles(recipe, upstream) -> dict:
+    particles, held = recipe.particles, upstream["optics"]
+    names = [c.name for c in particles.components]
+
+    def stacked(path):
+        return np.stack([np.asarray(held[f"{name}/{path}"].data, float) for name in names])
+
+    fields = ["phase"] + [name for name in optics.ELEMENTS if name in held[names[0]].members]
+    return {
+        "names": names, "fraction": [float(c.fraction) for c in particles.components],
+        "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
+        "mean_volume": stacked("mean_volume")[:, 0],
+        "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
+        "absorption_error": stacked("mean_absorption_error"),
+        "elements": np.stack([stacked(name) for name in fields], axis=2),
+        "phase_error": stacked("phase_error"), "error": stacked("error"),
+        "theta": np.asarray(held["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
+        "host_k": np.asarray(particles.host.k, float),
+    }
+
+
+def _compute_of_particles(inputs: dict, context) -> Result:
+    from bakery.physics.medium import mixing
+
+    fraction, volume = inputs["fraction"], inputs["mean_volume"]
+    number = inputs["number_density"]
+    if number is None:
+        number = mixing.number_density(fraction, volume, inputs["volume_fraction"])
+    filled = mixing.volume_fraction(fraction, volume, number)
+    if filled > 1:
+        raise StageError(f"{number:.3g} particles per m^3 would fill {filled:.3g} of the volume; "
+                         "a smaller number_density would do")
+    sigma_s, sigma_a, elements, error = mixing.mixed(
+        fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"], inputs["phase_error"], inputs["theta"])
+    host = (1 - filled) * mixing.bulk_absorption(inputs["host_k"], inputs["wavelength"])
+    notes = []
+    if filled > 0.01:
+        notes.append(
+            f"particles fill {100 * filled:.2g} % of the volume: beyond about 1 % spheres no longer scatter independently, "
+            "as assumed")
+    if (host > context.tolerance * sigma_a).any():
+        notes.append(
+            f"the host absorbs up to {host.max():.2g} /m; that is added to sigma_a, the spheres are computed for its real index")
+    # a weighted mean is no worse than its worst part; the weights of several parts are off by the error of cross sections
+    worst = float(inputs["error"].max()) + (optics.WEIGHTS * optics.share(len(fraction)) * context.tolerance
+                                            if len(fraction) > 1 else 0.0)
+    context.report(1.0, worst)
+    members = members_of(sigma_s, sigma_a + host, inputs["theta"], elements, error)
+    absorbed = mixing.coefficient(fraction, number, inputs["absorption_error"])
+    # sigma_tr goes like the square root of sigma_a
+    half = np.divide(0.5 * absorbed, sigma_a + host, out=np.zeros_like(absorbed), where=sigma_a + host > 0)
+    members |= datasets(OUTPUTS, {"sigma_a_error": absorbed, "sigma_tr_error": half * members["sigma_tr"].data})
+    return Result(members, worst, tuple(notes))
+
+
+def _inputs_of_coefficients(recipe, upstream) -> dict:
+    medium = recipe.medium
+    return {"sigma_t": np.asarray(medium.sigma_t, float), "albedo": np.asarray(medium.albedo, float), "type": medium.phase.type,
+            "g": None if medium.phase.g is None else np.asarray(medium.phase.g, float), "spread": medium.phase.spread,
+            "table": medium.phase.table, "wavelengths": len(recipe.wavelength)}
+
+
+def _compute_of_coefficients(inputs: dict, context) -> Result:
+    from bakery.physics.medium import analytic
+
+    try:
+        theta, values, error, worst = analytic.tabulated(
+            inputs["type"], _ANALYTIC * context.tolerance, inputs["wavelengths"], inputs["g"], inputs["spread"], inputs["table"])
+    except ValueError as fault:
+        raise StageError(f"phase function {inputs['type']}: {fault}") from None
+    sigma_t, albedo = (np.broadcast_to(inputs[name], (inputs["wavelengths"],)).astype(float) for name in ("sigma_t", "albedo"))
+    context.report(1.0, worst)
+    return Result(members_of(albedo * sigma_t, (1 - albedo) * sigma_t, theta, values[:, None], error, sigma_t, albedo), worst)
+
+
+def _cost_of_particles(recipe) -> Cost:
+    angles, rows = optics.predicted(recipe).angles, len(recipe.wavelength) * (7 if recipe.phase.polarized else 3)
+    return Cost(0.002 + 1e-6 * angles * rows, 8 * 4 * angles * rows + 2**20, 8 * angles * rows + 9000,
+                f"{angles} angles, {len(recipe.wavelength)} wavelengths", kind="of particles")
+
+
+def _cost_of_coefficients(recipe) -> Cost:
+    from bakery.physics.medium import analytic
+
+    phase = recipe.medium.phase
+    angles = analytic.predicted_angles(phase.type, _ANALYTIC * recipe.tolerance, phase.g, phase.spread, phase.table)
+    rows = 3 * (1 if phase.g is None else len(np.unique(phase.g)))  # equal rows pack to one
+    return Cost(0.001 + 1e-5 * angles, 8 * 6 * angles * rows + 2**20, 8 * angles * (1 + rows) + 7000,
+                f"about {angles} angles", kind="of coefficients")
+
+
+def sound(group: Group) -> Iterable[str]:
+    """Whether the angles ascend."""
+    return rules.angles(group["theta"].data)
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `medium` group, in words."""
+    from bakery.physics.medium import phase, similarity
+
+    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
+    faults = list(rules.complete(v, _REQUIRED)) or list(rules.angles(v["theta"]))
+    yield from faults
+    if faults:
+        return
+
+    def near(a, b, tolerance=1e-12):
+        return np.allclose(a, b, rtol=tolerance, atol=0)
+
+    if any((v[name] < 0).any() for name in ("sigma_t", "sigma_s", "sigma_a")):
+        yield "a coefficient below 0"
+    if not near(v["sigma_t"], v["sigma_s"] + v["sigma_a"]):
+        yield "sigma_t is not sigma_s + sigma_a"
+    if (v["albedo"] < 0).any() or (v["albedo"] > 1).any():
+        yield "albedo outside 0 .. 1"
+    if not near(v["albedo"] * v["sigma_t"], v["sigma_s"]):
+        yield "albedo is not sigma_s / sigma_t"
+    yield from rules.phase_function(v["theta"], v["phase"], [v.get(name) for name in optics.ELEMENTS])
+    if (np.abs(v["g"]) > 1).any() or not np.allclose(v["g"], phase.mean_cosine(v["theta"], v["phase"]), rtol=0, atol=1e-12):
+        yield "g is not the mean cosine of phase"
+    for name, value in zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"),
+                           similarity.reduced(v["sigma_s"], v["sigma_a"], v["g"])):
+        if not near(v[name], value):
+            yield f"{name} does not follow from sigma_s, sigma_a and g"
+    cdf = v["cdf"]
+    if (cdf[:, 0] != 0).any() or (cdf[:, -1] != 1).any() or (np.diff(cdf) < 0).any():
+        yield "cdf does not rise from 0 to 1"
+    elif not np.allclose(cdf, phase.cumulative(v["theta"], v["phase"]), rtol=0, atol=1e-12):
+        yield "cdf is not the integral of phase"
+    if any((value < 0).any() for name, value in v.items() if name.endswith("_error")):
+        yield "an error estimate below 0"
+    if "s11" in v and not near(v["s11"], v["phase"]):
+        yield "s11 is not phase"
+
+
+OF_PARTICLES = Stage(
+    name="medium",
+    version=3,
+    title="coefficients and phase function of the suspended particles",
+    reads=("wavelengths", "tolerance", "particles.host", "particles.number_density", "particles.volume_fraction",
+           "particles.components[*].fraction", "particles.components[*].name"),
+    needs=("optics",),
+    applies=lambda recipe: recipe.particles is not None,
+    outputs=OUTPUTS,
+    error_measure="largest relative error of sigma_t, sigma_s, albedo, g and of the phase function at any angle, as estimated by "
+                  "optics; sigma_a has its own, sigma_a_error",
+    cost=_cost_of_particles,
+    inputs=_inputs_of_particles,
+    compute=_compute_of_particles,
+    check=check,
+    sound=sound,
+)
+
+OF_COEFFICIENTS = Stage(
+    name="medium",
+    version=1,
+    title="coefficients and phase function as given by the recipe",
+    reads=("wavelengths", "tolerance", "medium"),
+    needs=(),
+    applies=lambda recipe: recipe.medium is not None,
+    outputs=OUTPUTS,
+    error_measure="largest relative error of the tabulated phase function between its angles; "
+                  "a user's table is exact by definition",
+    cost=_cost_of_coefficients,
+    inputs=_inputs_of_coefficients,
+    compute=_compute_of_coefficients,
+    check=check,
+    sound=sound,
+)

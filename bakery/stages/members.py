@@ -1,0 +1,233 @@
+"""Groups of an asset as Python sees them: members by name, phase functions that can be called, numbers that pass for floats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from bakery.errors import AssetError
+from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.regular import Loss, adaptive_table
+from bakery.store.missed import too_large
+from bakery.store.tree import Dataset, Group, is_text, read_text
+
+ERROR = "_error"  # X_error is the standard error of X
+HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
+_FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are named
+
+
+class MissingStage(AssetError, AttributeError):
+    """The asset is sound but was baked without the stage that is asked for."""
+
+
+class Members(Mapping):
+    """A group: datasets and groups by name, as attributes or as items.
+
+    Attributes
+    ----------
+    attributes : of the group, such as `tolerance` and `achieved_error`
+    units, description : name of a dataset -> its unit, its description
+    choices : name of an enumeration -> names of its values 0, 1, ...
+    error : name of a dataset -> its standard errors, where it has any
+    """
+
+    def __init__(self, group: Group, path: str, theta: np.ndarray | None = None):
+        self._group, self._path = group, path
+        datasets = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
+        self.attributes = MappingProxyType(group.attributes)
+        self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
+        self.description = MappingProxyType({name: member.description for name, member in datasets.items()})
+        self.choices = MappingProxyType({name: member.choices for name, member in datasets.items() if member.choices})
+        self.error = MappingProxyType({name.removesuffix(ERROR): _seen(member) for name, member in datasets.items()
+                                       if name.endswith(ERROR) and name.removesuffix(ERROR) in datasets})
+        own = datasets.get("theta")
+        self._theta = own.data if own is not None else theta
+        self._items = {name: self._item(name, member) for name, member in group.members.items()}
+
+    def _item(self, name: str, member: Dataset | Group):
+        if isinstance(member, Group):
+            return Members(member, f"{self._path}/{name}", self._theta)
+        if is_text(member):
+            return read_text(member)
+        return _seen(member)
+
+    def __getitem__(self, name: str):
+        """A member as it is stored: an array (`Values`, with its unit), text, or a group; `droplets/radius` goes down a group."""
+        head, _, rest = name.partition("/")
+        found = self._items[head]
+        if rest and not isinstance(found, Members):
+            raise KeyError(name)
+        return found[rest] if rest else found
+
+    def __getattr__(self, name: str):
+        if name.startswith("_") or name not in self._items:
+            held = ", ".join(self.__dict__.get("_items", ()))
+            raise AttributeError(f"{self.__dict__.get('_path', 'group')} holds no {name!r}; it holds {held}")
+        found = self._items[name]
+        if name == "phase" and isinstance(found, np.ndarray) and self._theta is not None \
+                and found.shape[-1] == len(self._theta):
+            return Phase(self._theta, found, self.units[name])
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __dir__(self):
+        return [*super().__dir__(), *self._items]
+
+    def __repr__(self) -> str:
+        lines = [f"{self._path}{summary(self.attributes)}"]
+        for name, member in self._group.members.items():
+            if isinstance(member, Group):
+                lines.append(f"  {name}/  {', '.join(member.members)}")
+            elif is_text(member):
+                lines.append(f"  {name}  text, {member.data.size} bytes")
+            else:
+                lines.append(f"  {name} {_shape(member.data.shape)} {member.units}  {_range(member)}"
+                             f"{_largest_error(member.data, self.error.get(name))}")
+        return "\n".join(lines)
+
+
+class Values(np.ndarray):
+    """An array that knows its unit: `units`, "1" for pure numbers.
+
+    Slices and copies keep the unit.  Arithmetic gives plain arrays, which have none: nobody here works out what it would be.
+    """
+
+    units = ""
+
+    def __array_finalize__(self, source):
+        self.units = getattr(source, "units", "")
+
+    def __array_wrap__(self, array, context=None, return_scalar=False):
+        plain = array.view(np.ndarray)
+        return plain[()] if return_scalar else plain
+
+    def __reduce__(self):
+        make, arguments, state = super().__reduce__()
+        return make, arguments, (state, self.units)
+
+    def __setstate__(self, state):
+        super().__setstate__(state[0])
+        self.units = state[1]
+
+    def __repr__(self) -> str:
+        return np.array_repr(self.view(np.ndarray)) + (f" {self.units}" if self.units not in ("", "1") else "")
+
+
+class One(Values):
+    """An array of one number that also passes for the number: the file holds no scalars, users of a fraction expect one."""
+
+    def __array_wrap__(self, array, context=None, return_scalar=False):
+        plain = super().__array_wrap__(array, context, return_scalar)
+        return plain.view(One) if isinstance(plain, np.ndarray) and plain.shape == (1,) else plain
+
+    def __float__(self) -> float:
+        return float(self.item())
+
+    def __int__(self) -> int:
+        return int(self.item())
+
+    def __format__(self, spec: str) -> str:
+        return format(self.item(), spec) if spec else str(self)
+
+
+def with_units(data: np.ndarray, units: str) -> Values:
+    """The same array, which knows its unit."""
+    seen = data.view(Values)
+    seen.units = units
+    return seen
+
+
+def _seen(member: Dataset) -> Values:
+    seen = with_units(member.data, member.units)
+    return seen.view(One) if seen.shape == (1,) else seen
+
+
+class Phase:
+    """A tabulated phase function: linear in cos theta between its angles, its integral over the sphere is 1.
+
+    Attributes
+    ----------
+    theta : (A,) rad, ascending from 0 (forward) to pi
+    table : (..., A) 1/sr
+    """
+
+    def __init__(self, theta: np.ndarray, table: np.ndarray, units: str = "1/sr"):
+        self.theta, self.table, self.units = theta, table, units
+
+    def __call__(self, theta) -> np.ndarray:
+        """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
+        return evaluate(self.theta, self.table, theta)
+
+    def regular(self, row: int = 0, limit: float = 1e-3) -> tuple[np.ndarray, Loss]:
+        """One row of the table on equidistant cosines from -1 to +1, as `tabphase` of stock renderers wants it, and the loss.
+
+        See `bakery.physics.medium.regular.adaptive_table`; values (N,) float32, 1/sr.
+        """
+        return adaptive_table(self.theta, self.table[row], limit)
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        return np.array(self.table, dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        return f"phase(theta) {_shape(self.table.shape)} {self.units}, {len(self.theta)} angles from 0 to pi"
+
+
+def summary(attributes: Mapping) -> str:
+    """A stage's error against its tolerance, in words; what is measured stands in its attribute `error_measure`."""
+    achieved, tolerance = attributes.get("achieved_error"), attributes.get("tolerance")
+    if not isinstance(achieved, float) or not isinstance(tolerance, float):
+        return ""
+    mark = ", MISSED" if too_large(attributes) else ""
+    return f"  error {achieved:.2g} of {tolerance:.2g}{mark}"
+
+
+def headline(group: Members) -> str:
+    """The figures that one asks a group for first, with units and largest relative errors, and what else it holds, in a line."""
+    shown = [f"{name} {in_words(group[name], group.units[name], group.error.get(name))}" for name in HEADLINES
+             if isinstance(group.get(name), np.ndarray) and group[name].size]
+    rest = [name for name in group if name not in HEADLINES]
+    room = max(_NAMED - len(shown), 0)
+    named = [f"{name}/" if isinstance(group[name], Members) else name for name in rest[:room]]
+    return ", ".join(shown + named) + (f" and {len(rest) - room} more" if len(rest) > room else "")
+
+
+def in_words(data: np.ndarray, units: str, error: np.ndarray | None = None) -> str:
+    """Values, or their range where they are many, with unit and largest relative error."""
+    said = " ".join(f"{x:.6g}" for x in data.flat) if data.size <= _FEW else range_of(data)
+    said += f" {units}" if units not in ("", "1") else ""
+    if error is None or error.shape != data.shape or not np.any(data != 0):
+        return said
+    worst = np.max(np.divide(error, np.abs(data), out=np.zeros(data.shape), where=data != 0))
+    return f"{said} +- {100 * worst:.2g} %"
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
+
+
+def _range(dataset: Dataset) -> str:
+    if dataset.choices:
+        held = [name for i, name in enumerate(dataset.choices) if (dataset.data == i).any()]
+        return " or ".join(held)
+    return range_of(dataset.data) if dataset.data.dtype.kind in "fiu" else str(dataset.data.dtype)
+
+
+def range_of(data: np.ndarray) -> str:
+    """Smallest and largest value in words."""
+    if data.size == 0:
+        return "empty"
+    low, high = data.min(), data.max()
+    return f"{low:.4g}" if low == high else f"{low:.4g} .. {high:.4g}"
+
+
+def _largest_error(data: np.ndarray, error: np.ndarray | None) -> str:
+    if error is None or error.shape != data.shape or not error.size:
+        return ""
+    return f"  +- {error.max():.2g}"

@@ -1,0 +1,1 @@
+"""Light that is scattered three times and more."""

@@ -1,0 +1,1 @@
+"""Single scattering by suspended spheres."""

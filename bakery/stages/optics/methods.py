@@ -1,0 +1,133 @@
+"""Where rays stood in for the series: read from what the stage `optics` recorded, in words and as values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from bakery.asset.axes import axes
+from bakery.store.tree import Dataset, Group
+
+RAYS = "goa"
+_NAMES = {"rayleigh": "Rayleigh", "mie": "Mie"}
+_BY_LIGHT = ("g", "sigma_t_reduced", "albedo_reduced", "sigma_tr")  # cross sections are the series' own at every size
+_OF_A_SPHERE = {"goa": "goa (amplitudes by rays, cross sections by the series)"}
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """The change from series to rays in one component at one wavelength.
+
+    Attributes
+    ----------
+    wavelength : um
+    radius : um, the smallest node that was computed by rays
+    below : how smaller ones were computed, in words; "" where there are none
+    size_parameter : 1, from which rays are taken; None where the asset does not say
+    error : 1, integral of the difference to the series' phase function over the sphere; None likewise
+    """
+
+    component: str
+    wavelength: float
+    radius: float
+    below: str
+    size_parameter: float | None
+    error: float | None
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`)."""
+        values = asdict(self)
+        return {f"{key}_um" if key in ("wavelength", "radius") else key: value for key, value in values.items()}
+
+
+def components(root: Group) -> Iterator[tuple[str, Group]]:
+    """The components of an asset whose sizes and methods are stored."""
+    optics = root.members.get("optics")
+    for name, member in (optics.members if isinstance(optics, Group) else {}).items():
+        if isinstance(member, Group) and {"radius", "method"} <= member.members.keys() and member["method"].choices:
+            yield name, member
+
+
+def boundaries(name: str, component: Group, wavelength) -> list[Boundary]:
+    """One for each wavelength at which rays took part; () where the asset was made without."""
+    method, radius = component["method"], component["radius"].data
+    if RAYS not in method.choices or method.data.shape != (len(wavelength), len(radius)):
+        return []
+    found = []
+    for i, um in enumerate(wavelength):
+        rays = method.data[i] == method.choices.index(RAYS)
+        if not rays.any():
+            continue
+        others = [choice for j, choice in enumerate(method.choices) if choice != RAYS and (method.data[i] == j).any()]
+        found.append(Boundary(name, float(um), float(radius[rays].min()), " and ".join(_NAMES.get(one, one) for one in others),
+                              _at(component, "switch", i), _at(component, "ray_difference", i)))
+    return found
+
+
+def _at(component: Group, name: str, i: int) -> float | None:
+    member = component.members.get(name)
+    if not isinstance(member, Dataset) or member.data.ndim != 1 or i >= member.data.size:
+        return None
+    value = float(member.data[i])
+    return value if np.isfinite(value) and (value > 0 or name != "switch") else None
+
+
+def sentence(found: Sequence[Boundary], some: bool) -> str:
+    """The boundaries of one component in a line; `some` where other wavelengths have none."""
+    where = f" at {_list(b.wavelength for b in found)} um" if some else ""
+    radii = _list(b.radius for b in found)
+    known = [b.size_parameter for b in found if b.size_parameter is not None]
+    x = f" (x = {_list(known)})" if known else ""
+    head = f"{found[0].below} below {radii} um{x}, rays above" if found[0].below else f"rays throughout, from {radii} um{x}"
+    errors = [b.error for b in found if b.error is not None]
+    differ = f"; rays differ by {'up to ' if len(errors) > 1 else ''}{100 * max(errors):.2g} %" if errors else ""
+    return f"{found[0].component}{where}: {head}{differ}"
+
+
+def concerned(root: Group, path: str, wanted=None) -> list[list[Boundary]]:
+    """The boundaries behind a dataset, by component: those of all components for `medium`, of its own below `optics`.
+
+    Only what depends on how light is spread over the angles has any.  `wanted`: wavelengths (um) that were asked for; the stored
+    ones on either side count.
+    """
+    group, _, rest = path.partition("/")
+    wavelength = root.members.get("wavelength")
+    if group not in ("medium", "optics") or not isinstance(wavelength, Dataset) \
+            or not (axes(root, path) == ("L", "A") or path.rpartition("/")[2] in _BY_LIGHT):
+        return []
+    um = wavelength.data
+    near = set(um[rows(um, wanted)].tolist())
+    found = [boundaries(name, component, um) for name, component in components(root)
+             if group == "medium" or rest.startswith(f"{name}/")]
+    chosen = [[b for b in each if b.wavelength in near] for each in found]
+    return [each for each in chosen if each]
+
+
+def remarks(root: Group, path: str, wanted=None) -> list[str]:
+    """A line for each component with rays in it."""
+    return [sentence(each, len(each) < len(rows(root["wavelength"].data, wanted))) for each in concerned(root, path, wanted)]
+
+
+def of_spheres(methods: Iterable[str]) -> str:
+    """The methods of single spheres, in words."""
+    return "method: " + ", ".join(_OF_A_SPHERE.get(name, name) for name in dict.fromkeys(methods))
+
+
+def rows(um, wanted=None) -> list[int]:
+    """Which stored wavelengths (um) values at the wanted ones come from: the same, or those on either side."""
+    if wanted is None:
+        return list(range(len(um)))
+    taken = set()
+    for x in np.atleast_1d(wanted):
+        gap = um - x
+        if np.min(np.abs(gap)) <= 1e-9 * x:
+            taken.add(int(np.argmin(np.abs(gap))))
+            continue
+        taken |= {int(np.argmin(np.where(side, np.abs(gap), np.inf))) for side in (gap < 0, gap > 0) if side.any()}
+    return sorted(taken)
+
+
+def _list(values) -> str:
+    return ", ".join(dict.fromkeys(f"{value:.3g}" if value < 999.5 else f"{value:.0f}" for value in values))

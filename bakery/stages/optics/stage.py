@@ -1,0 +1,332 @@
+"""Stage `optics`: cross sections and phase functions of each component, averaged over its sizes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages import declaration, measures, rules
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.store.tree import Dataset, Group, read_text, text
+
+_KERNELS = ("mie._kernels",)
+_OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "rays", "solve", "special", "surface"))
+# the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
+_SLOWER = 1.5
+_RAYS_LOADED = 1e8  # bytes
+METHODS = ("rayleigh", "mie", "goa")
+WEIGHTS = 0.2  # of what a component may be off: what the weights of several add, from cross sections held to a tenth of it
+ELEMENTS = ("s12", "s33", "s34")
+_REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
+             "mean_absorption", "phase")
+OUTPUTS = (
+    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
+    Output("COMPONENT/radius", "(R,)", "um", "quadrature nodes of the size distribution"),
+    Output("COMPONENT/weight", "(R,)", "1", "share of the particle number at each node, adding up to 1", within=(0, 1)),
+    Output("COMPONENT/mean_volume", "(1,)", "um^3", "mean volume of a particle, exact"),
+    Output("COMPONENT/extinction", "(L, R)", "um^2", "extinction cross section of a sphere"),
+    Output("COMPONENT/scattering", "(L, R)", "um^2", "scattering cross section of a sphere"),
+    Output("COMPONENT/absorption", "(L, R)", "um^2", "absorption cross section of a sphere"),
+    Output("COMPONENT/method", "(L, R)", "1", "how each sphere was computed", choices=METHODS),
+    Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
+    Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
+    Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
+    Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
+    Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections, rays apart"),
+    Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere", optional=True),
+    Output("COMPONENT/ray_difference", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres",
+           optional=True),
+    Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
+    Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True,
+             within=ANY)
+      for name in ELEMENTS),
+)
+
+
+def _population(component):
+    from bakery.physics.sizes import population
+
+    try:
+        return population(component.size)
+    except ValueError as error:
+        raise StageError(f"{component.name}: {error}") from None
+
+
+def _components(recipe):
+    """Components with indices relative to the host's real index: an absorbing host is `medium`'s affair (medium/mixing.py)."""
+    from bakery.physics.averages import Component
+
+    host = np.asarray(recipe.particles.host.n, float)
+    return [Component(c.name, (np.asarray(c.material.n, float) + 1j * np.asarray(c.material.k, float)) / host, _population(c))
+            for c in recipe.particles.components]
+
+
+def inputs(recipe, upstream) -> dict:
+    return {"components": _components(recipe), "wavelength": np.asarray(recipe.wavelength, float),
+            "host": np.asarray(recipe.particles.host.n, float), "polarized": bool(recipe.phase.polarized)} | _settings(recipe)
+
+
+def _settings(recipe) -> dict:
+    from bakery.physics.averages import Rays
+
+    phase = recipe.phase
+    return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, phase.edge, phase.switch),
+            "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
+
+
+def share(components: int) -> float:
+    """Of the tolerance, what each of so many components may be off, so that the medium of them all meets it."""
+    return 1.0 if components == 1 else 1 / (1 + WEIGHTS)
+
+
+def predicted(recipe):
+    """The work that the averages of a recipe are expected to take."""
+    return _expected(recipe)[0]
+
+
+def _expected(recipe):
+    from bakery.physics.averages import expected
+
+    given = inputs(recipe, {})
+    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance, remember=_remember)
+
+
+def _remember(measure, *asked):
+    """`measure(*asked)`, a `Choice` of rays, or what an earlier plan or bake found for the very same arguments.
+
+    Measuring takes seconds where spheres are large; plan, bake and the plan after it ask for the same.
+    """
+    memory = declaration.memory()
+    if memory is None:
+        return measure(*asked)
+    # repr writes the shortest digits that give the same float back
+    key = hashlib.sha256(repr((STAGE.version, asked)).encode()).hexdigest()
+    held = memory.get("rays", key)
+    choice = _choice_of(held[0]) if held else None
+    if choice is None:
+        choice = measure(*asked)
+        memory.put("rays", key, _kept(choice, key), Group())
+    return choice
+
+
+def _kept(choice, key: str) -> Group:
+    return Group({"figures": Dataset(np.array([choice.switch, choice.error, choice.saved]), "1", "switch, error, share saved"),
+                  "theta": Dataset(choice.theta, "rad", "sample angles"),
+                  "difference": Dataset(choice.difference, "1/sr", "largest difference of the phase functions near each angle"),
+                  "why": text(choice.why, "the choice in words")}, {"input_hash": key})
+
+
+def _choice_of(group: Group):
+    """The choice that a group holds; None where it holds something else."""
+    from bakery.physics.averages.choice import Choice
+
+    try:
+        figures, theta, difference = (np.asarray(group[name].data, float) for name in ("figures", "theta", "difference"))
+        why = read_text(group["why"])
+    except (KeyError, AttributeError, ValueError):
+        return None
+    if figures.shape != (3,) or theta.ndim != 1 or theta.shape != difference.shape or np.isnan(figures).any():
+        return None
+    return Choice(*figures.tolist(), theta, difference, why)
+
+
+def cost(recipe) -> Cost:
+    from bakery.physics.averages.predicted import LOADING
+
+    made, channels, choices = _expected(recipe)
+    rays = any(choice.taken for choice in choices)
+    seconds = _SLOWER * made.seconds
+    return Cost(seconds, made.memory + rays * _RAYS_LOADED, made.file,
+                f"about {made.angles} angles, {made.spheres} spheres, {seconds:.2g} s of one core by the rates of "
+                f"benchmarks/averages.py; {LOADING:g} s to load kernels", LOADING, _remarks(channels, choices),
+                kernels=_KERNELS + rays * _OF_RAYS, kind=f"{'rays' if rays else 'series'} {recipe.measure}")
+
+
+def _remarks(channels, choices) -> tuple[str, ...]:
+    """One line for each component, or for each wavelength where they differ."""
+    lines = {}
+    for channel, choice in zip(channels, choices):
+        lines.setdefault((channel.component, choice.why), []).append(f"{channel.wavelength:g}")
+    return tuple(f"{component} at {', '.join(at)} um: {'' if 'rays' in why else 'series only; '}{why}"
+                 for (component, why), at in lines.items())
+
+
+def _share(x: float) -> float:
+    """Share of the work that is done, from that of the work that was expected: more may be needed, and does not stop the bar."""
+    return x if x < 0.8 else 1 - 0.04 / (x - 0.6)
+
+
+def compute(inputs: dict, context) -> Result:
+    from bakery.physics.averages import averages, expected
+
+    aim = share(len(inputs["components"])) * context.tolerance
+    whole = expected(**inputs, tolerance=aim, remember=_remember)[0].seconds
+
+    def report(seconds, error):
+        context.report(_share(seconds / max(whole, 1e-9)), error)
+
+    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=_remember)
+    members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
+    notes, missed, reached = [], [], 0.0
+    for component, average in zip(inputs["components"], found):
+        members[component.name] = _group(component, average, inputs["wavelength"], inputs["host"])
+        notes += _notes(component, average, inputs["wavelength"], context.tolerance)
+        missed += _missed(component, average, inputs, context.tolerance)
+        reached = max(reached, float(average.error.max()), *(choice.error for choice in average.choices))
+    context.report(1.0, reached)
+    return Result(members, reached, tuple(notes), tuple(missed))
+
+
+def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
+    worst = int(np.argmax(average.absorption_error))
+    if average.absorption_error[worst] > tolerance:
+        absorption, extinction = (mean[worst] for mean in _means(average))
+        yield (f"{component.name} at {wavelength[worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
+               f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
+               "hardly absorb do so in resonances narrower than any grid")
+
+
+def _missed(component, average, inputs, tolerance) -> Iterable[str]:
+    """Why a tolerance was not met, and what would do."""
+    wavelength, worst = inputs["wavelength"], int(np.argmax(average.error))
+    if average.error[worst] > tolerance:
+        where, error = f"{component.name} at {wavelength[worst]:g} um", average.error[worst]
+        if inputs["radii"] or inputs["angles"]:
+            yield (f"{where}: the numbers of sizes and angles that phase.radii and phase.angles fix leave an error of "
+                   f"{error:.2g}; auto would do")
+        else:
+            yield (f"{where}: sums over as many sizes as are tried leave an error of {error:.2g}; a larger tolerance, a wider "
+                   "size distribution or a little absorption would do")
+    for at, choice in zip(wavelength, average.choices):
+        if choice.error > tolerance:
+            yield (f"{component.name} at {at:g} um: rays from size parameter {choice.switch:.3g} are off by {choice.error:.2g} "
+                   "of the light; method: auto would keep to the tolerance")
+
+
+def _means(average):
+    scattering = np.sum(average.scattering * average.weight, axis=-1)
+    absorption = np.sum(average.absorption * average.weight, axis=-1)
+    return absorption, scattering + absorption
+
+
+def _group(component, average, wavelength, host) -> Group:
+    x = 2 * np.pi * (host / wavelength)[:, None] * average.radius
+    switch = np.array([choice.switch for choice in average.choices])
+    mean_absorption, mean_extinction = _means(average)
+    mean_scattering = np.sum(average.scattering * average.weight, axis=-1)
+    values = {
+        "radius": average.radius, "weight": average.weight, "mean_volume": np.array([component.sizes.mean_volume]),
+        "extinction": average.scattering + average.absorption, "scattering": average.scattering, "absorption": average.absorption,
+        "method": np.where(x >= switch[:, None], METHODS.index("goa"), METHODS.index("mie")).astype(np.uint8),
+        "switch": np.where(np.isfinite(switch), switch, 0.0),
+        "ray_difference": np.array([choice.error for choice in average.choices]),
+        "mean_extinction": mean_extinction, "mean_scattering": mean_scattering,
+        "mean_absorption": mean_absorption, "mean_absorption_error": average.absorption_error * mean_absorption,
+        "error": average.error, "phase": average.elements[:, 0], "phase_error": average.phase_error,
+    }
+    values |= dict(zip(ELEMENTS, np.moveaxis(average.elements[:, 1:], 1, 0), strict=False))
+    return Group(datasets(OUTPUTS, values, "COMPONENT/"))
+
+
+def sound(group: Group) -> Iterable[str]:
+    """Whether angles and radii ascend."""
+    yield from rules.angles(group["theta"].data)
+    for name, part in group.members.items():
+        if isinstance(part, Group):
+            yield from (f"{name}: {fault}" for fault in _ascending(part["radius"].data))
+
+
+def _ascending(radius) -> Iterable[str]:
+    if not ((radius > 0).all() and (np.diff(radius) >= 0).all()):
+        yield "radius not above 0 and ascending"
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of an `optics` group, in words."""
+    theta = group["theta"].data if "theta" in group.members else None
+    if theta is not None:
+        faults = list(rules.angles(theta))
+        yield from faults
+        theta = None if faults else theta
+    for name, member in group.members.items():
+        if isinstance(member, Group):
+            yield from (f"{name}: {fault}" for fault in _check_component(member, theta))
+
+
+def _check_component(group: Group, theta) -> Iterable[str]:
+    values = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
+    faults = list(rules.complete(values, _REQUIRED))
+    yield from faults
+    if faults:
+        return
+    radius, weight = values["radius"], values["weight"]
+    yield from _ascending(radius)
+    if (weight < 0).any() or abs(weight.sum() - 1) > 1e-12:
+        yield "weight does not add up to 1"
+    for prefix in ("", "mean_"):
+        ext, sca, ab = (values[prefix + kind] for kind in ("extinction", "scattering", "absorption"))
+        if (sca < 0).any() or (ab < 0).any():
+            yield f"{prefix}scattering or {prefix}absorption below 0"
+        if not np.allclose(ext, sca + ab, rtol=1e-12, atol=0):
+            yield f"{prefix}extinction is not {prefix}scattering + {prefix}absorption"
+    for kind in ("extinction", "scattering", "absorption"):
+        if not np.allclose(values["mean_" + kind], np.sum(values[kind] * weight, axis=-1), rtol=1e-12, atol=0):
+            yield f"mean_{kind} is not the weighted sum of {kind}"
+    if values["method"].size and values["method"].max() >= len(METHODS):
+        yield "method is none of " + ", ".join(METHODS)
+    if (switch := values.get("switch")) is not None and ((switch < 30) & (switch != 0)).any():
+        yield "switch to rays below size parameter 30"
+    if "mean_volume" in values and not (values["mean_volume"] > 0).all():
+        yield "mean_volume not above 0"
+    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error", "ray_difference")
+           if name in values):
+        yield "an error estimate below 0"
+    if theta is not None:
+        yield from rules.phase_function(theta, values["phase"], [values.get(name) for name in ELEMENTS])
+    elif (values["phase"] < 0).any():
+        yield "phase below 0"
+
+
+STAGE = Stage(
+    name="optics",
+    version=8,
+    title="single scattering of each component, averaged over its sizes",
+    reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
+           "particles.components[*].material", "particles.components[*].size", "phase"),
+    needs=(),
+    applies=lambda recipe: recipe.particles is not None,
+    outputs=OUTPUTS,
+    error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
+                  "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
+                  "linear interpolation in cos theta half-way between angles; for (nearly) equal spheres relative to the "
+                  "nearest crest (with measure: integrated, instead of all this the integral of the phase function's error over "
+                  "the sphere); or, where rays stand for series, the integral of the difference that they make to the phase "
+                  "function over the sphere, if that is larger",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    sound=sound,
+    knobs=(
+        Knob("tolerance", "tolerance", 0.01, "largest error of cross sections and phase function",
+             ("30%", "10%", "3%", "1%", "0.3%")),
+        Knob("measure", "measure", "pointwise", "where the tolerance of the phase function holds", ("integrated", "pointwise")),
+        Knob("method", "phase.method", "auto", "series, rays, or rays where they are good enough and save time",
+             ("goa", "auto", "mie")),
+        Knob("switch", "phase.switch", "auto", "size parameter from which rays are taken", ("30", "100", "300", "1000", "3000")),
+        Knob("orders", "phase.orders", 3, "highest number of chords of a ray", ("1", "3", "6", "12")),
+        Knob("edge", "phase.edge", "narrow", "window of exact waves at the edge", ("none", "narrow", "wide")),
+        Knob("rainbow", "phase.rainbow", True, "uniform formula at rainbows", ("false", "true")),
+        Knob("axis", "phase.axis", True, "uniform formula on the axis", ("false", "true")),
+        Knob("radii", "phase.radii", "auto", "number of sizes", ("33", "65", "129", "257", "513", "1025")),
+        Knob("angles", "phase.angles", "auto", "number of angles", ("91", "181", "361", "721", "1801")),
+    ),
+    measures=measures.optics,
+    reference={"measure": "pointwise", "phase.method": "mie", "phase.radii": "auto", "phase.angles": "auto",
+               "phase.switch": "auto"},
+)

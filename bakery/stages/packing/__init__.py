@@ -1,0 +1,1 @@
+"""Periodic tiles of packed spheres."""

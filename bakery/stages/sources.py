@@ -1,0 +1,180 @@
+"""What an asset's tables of light can be asked: kernels of narrow beams, multiple scattering around a source."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery.stages.members import Members, MissingStage
+from bakery.store.tree import Group
+
+KINDS = ("point", "segment")
+
+
+class Beam(Members):
+    """The group `beam`: kernels of a narrow beam, by name."""
+
+    def __init__(self, group: Group, medium: Group | None):
+        super().__init__(group, "beam")
+        self._medium = medium
+
+    def kernel(self, depth, r, measure: str = "fluence") -> np.ndarray:
+        """How a narrow beam of unit power spreads, (L, ...) mfp^-2, scattered light only.
+
+        Parameters
+        ----------
+        depth, r : mean free paths, 0 or more; broadcast
+        measure : fluence (all directions), forward, flux (power through a surface across the beam): the best ones.  For
+            comparison single, small_angle, small_angle_absorbing, erf, path_integral, and elek, which is approximate
+
+        Raises
+        ------
+        ValueError : another measure, deeper than the tables, negative
+
+        Notes
+        -----
+        0 at depth 0; infinite on the axis (but for path_integral and elek).
+        """
+        return np.stack([one.kernel(depth, r, measure) for one in self._ready()])
+
+    def layered(self, thickness, density, r, measure: str = "forward") -> np.ndarray:
+        """The kernel behind layers of unequal density, (L, *r.shape), per square of the unit of length.
+
+        Parameters
+        ----------
+        thickness, density : (N,) of the layers, from where the beam enters to the plane; the unit of length is the mean free path
+            at density 1
+        r : > 0
+        measure : forward, flux; for comparison single, small_angle and erf
+
+        Raises
+        ------
+        ValueError : another measure, an optical depth beyond the tables, no layers
+        """
+        return np.stack([one.layered(thickness, density, r, measure) for one in self._ready()])
+
+    def _ready(self) -> list:
+        if "_kernels" not in self.__dict__:
+            if self._medium is None:
+                raise MissingStage("kernels of a beam need the group medium, which is missing; bake the recipe again")
+            from bakery.stages.beam.stage import kernels_of
+
+            self._kernels = kernels_of(self._group, self._medium)
+        return self._kernels
+
+
+class Multiple(Members):
+    """The group `multiple`: light of third and later events around a source, in an infinite medium.
+
+    Attributes
+    ----------
+    point, segment : `Source`, can be called with a position and a direction
+
+    Notes
+    -----
+    The four queries take positions in mean free paths of the medium, (..., 3), and unit vectors along which light travels, and
+    broadcast.  They return (L, ...) for a source of unit power.
+    """
+
+    def __init__(self, group: Group, theta: np.ndarray | None):
+        super().__init__(group, "multiple", theta)
+        self._sources = {kind: Source(group, kind) for kind in KINDS if kind in group.members}
+
+    def __getattr__(self, name: str):
+        sources = self.__dict__.get("_sources", {})
+        return sources[name] if name in sources else super().__getattr__(name)
+
+    def point_to_point(self, vertex, incoming, target, outgoing) -> np.ndarray:
+        """In-scattered light at `target` into `outgoing`, mfp^-3 sr^-1.
+
+        The power enters a collision at `vertex`, travelling along `incoming`.
+        """
+        return self._asked("point_to_point", (vertex, target), (incoming, outgoing))
+
+    def segment_to_point(self, origin, direction, length, target, outgoing) -> np.ndarray:
+        """The same of a beam from `origin` along `direction`, whose first events within `length` (mean free paths) count."""
+        return self._asked("segment_to_point", (origin, target), (direction, outgoing), length)
+
+    def point_to_segment(self, vertex, incoming, eye, view, distance) -> np.ndarray:
+        """Radiance that reaches `eye` against `view`, mfp^-2 sr^-1.
+
+        The line of sight's integral of point_to_point within `distance` (mean free paths), weakened on its way.
+        """
+        return self._asked("point_to_segment", (vertex, eye), (incoming, view), distance)
+
+    def segment_to_segment(self, origin, direction, length, eye, view, distance) -> np.ndarray:
+        """The same from a beam."""
+        return self._asked("segment_to_segment", (origin, eye), (direction, view), length, distance)
+
+    def _asked(self, name, places, directions, *lengths):
+        from bakery.physics.multiple import queries
+
+        kind, _, target = name.split("_")
+        if kind not in self._sources:
+            raise MissingStage(f"the tables hold no {kind} source; bake them with "
+                               "multiple_scattering: {sources: [point, segment]}")
+        answers = []
+        for point, segment, stretch in self._sources[kind].tables():
+            (one, other), lasting = (np.multiply(place, stretch) for place in places), [np.multiply(x, stretch) for x in lengths]
+            # a beam's length stands behind its direction, that of a line of sight behind its own
+            first = [one, directions[0], *lasting[:kind == "segment"]]
+            last = [other, directions[1], *lasting[kind == "segment":]]
+            tables = (point,) if kind == "point" else (point, segment)
+            answers.append(getattr(queries, name)(*tables, *first, *last) * stretch ** (3 if target == "point" else 2))
+        return np.stack(answers)
+
+
+class Source:
+    """Light that a point or a segment source sends into a direction by its third and later scattering events."""
+
+    def __init__(self, group: Group, kind: str):
+        self._group, self.kind, self._tables = group, kind, None
+
+    def __call__(self, rho, z, theta, phi, length: float | None = None) -> np.ndarray:
+        """Per unit volume and unit power, (L, ...) mfp^-3 sr^-1; arguments broadcast.
+
+        Parameters
+        ----------
+        rho, z : cylindrical coordinates about the source, mean free paths of the medium; light enters along +z
+        theta, phi : rad, direction of travel: from +z, from the azimuth of the position
+        length : of a segment, mean free paths, 0 or more; that of the table by default
+
+        Raises
+        ------
+        ValueError : a length for a point source, or below 0
+        MissingStage : only the other kind of source was baked
+        """
+        from bakery.physics.multiple import lookup
+
+        if self.kind == "point" and length is not None:
+            raise ValueError("a point source has no length")
+        if length is not None and not length >= 0:
+            raise ValueError(f"length {length}: 0 or more mean free paths")
+        values = []
+        for point, segment, stretch in self.tables():
+            at = np.multiply(rho, stretch), np.multiply(z, stretch), theta, phi
+            if self.kind == "point":
+                found = lookup.point(point, *at)
+            else:
+                own = None if length is None else length * stretch
+                found = lookup.segment(point, segment, *at, own)
+            values.append(found * stretch**3)
+        return np.stack(values)
+
+    def tables(self) -> list:
+        """Of each wavelength the point table, that of this source, and the mean free paths of both in one of the medium's."""
+        if self._tables is None:
+            from bakery.physics.multiple import lookup
+            from bakery.stages.multiple.stage import tables_of
+
+            made = {}
+            for kind in ("point", self.kind):
+                if kind not in self._group.members:
+                    raise MissingStage(f"the tables of a {self.kind} source need those of a {kind} source too; bake them with "
+                                       "multiple_scattering: {sources: [point, segment]}")
+                made[kind] = [lookup.ready(table) for table in tables_of(self._group, kind)]
+            stretch = self._group["extinction"].data
+            self._tables = list(zip(made["point"], made[self.kind], stretch, strict=True))
+        return self._tables
+
+    def __repr__(self) -> str:
+        return f"{self.kind}(rho, z, theta, phi{', length=None' * (self.kind == 'segment')}) mfp^-3 sr^-1"

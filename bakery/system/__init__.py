@@ -1,0 +1,1 @@
+"""What the machine offers: LLVM, memory, threads, the terminal."""

@@ -1,0 +1,249 @@
+"""Fog in screen space: a picture without fog and its distances become the picture with fog."""
+
+from __future__ import annotations
+
+import os
+import time
+
+_ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a surface are taken to lie; 2e-3 from infinity
+
+
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None,
+           overwrite=False) -> dict:
+    """Renders a scene file to a PNG and an EXR file beside each other.
+
+    Parameters
+    ----------
+    scene : path of the scene, or what `renderers.scene.load` made of it
+    output : `X.png` or `X.exr`, both are written; beside the scene, by its name, if None
+    overrides : dotted key -> value as text, such as `{"fog.density.scale": "5"}`; of a path
+    quality, variant, seed : of the Mitsuba scene, if the picture comes from one; as in `renderers.mitsuba.render_scene`
+    progress : function of (fraction 0 to 1, noise or None)
+    threads : as many as the process may use if None; the pictures do not depend on it
+    overwrite : replace also files that are no such pictures; never one that the scene reads
+
+    Returns
+    -------
+    report : dict with `files`, `size`, `picture` (how it was made), `optical_depth` (smallest, median and largest, a channel),
+        `share_scattered` (of the picture's luminance), `share_sun` (of it), `seconds` of each part, `tone_curve`
+
+    Raises
+    ------
+    RecipeError : with every problem of the scene
+    UsageError, AssetError : a file is not what it should be; the text says which and why
+
+    Notes
+    -----
+    The EXR holds R, G, B, the picture without fog as `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
+    `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it is fogged anew in no time.
+    """
+    import numpy as np
+
+    import bakery
+    from bakery.errors import UsageError
+    from renderers import colour, images
+    from renderers import scene as scenes
+    from renderers.fog import filter as screen_filter
+    from renderers.fog import kernels
+
+    if not isinstance(scene, scenes.Scene):
+        scene = scenes.load(scene, overrides)
+    values, clock = scene.values, _Clock()
+    png, exr = images.output_pair(output or scene.picture, scene.inputs, overwrite)
+    threads = threads or len(os.sched_getaffinity(0))
+    asset = bakery.open(scene.file(values.asset))
+    try:
+        medium = kernels.fog_of(asset, channels=3, kernel=values.filter.kernel)
+    except UsageError as error:
+        raise scene.wrong("asset", error) from None
+    density = _density(scene, threads)
+    clock("prepare")
+    picture = _picture(scene, quality, variant, seed, progress and (lambda done, noise=None: progress(0.5 * done, noise)))
+    clock("picture")
+    height, width = picture.distance.shape
+    rays, origin = picture.camera.rays(height, width), picture.camera.origin
+    distance, sky = _finite(scene, density, origin, picture.distance)
+    moments = density.integrals(origin, rays.reshape(-1, 3), distance.ravel()).reshape(height, width, 3)
+    column = moments[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lever = np.where(column > 0, np.sqrt(3 * moments[..., 2] / column), distance)
+    clock("density")
+    depth = column[..., None] * _spread(medium.sigma_t)
+    # linear in the light: with L all around one sees L but for what is absorbed, and surfaces differ from L by col - L
+    ambient = sum((_spread(light.radiance) for light in values.fog.light if light.type == "ambient"), np.zeros(3))
+    outside, energy = ("black", "lost") if ambient.any() else ("edge", "kept")
+    outside, energy = values.filter.outside or outside, values.filter.energy or energy
+    angle = picture.camera.angle(height, width)
+    result = screen_filter.fogged(picture.rgb - ambient, distance, angle, column, lever, medium, energy=energy, outside=outside,
+                                  cut_off=values.filter.cut_off, threads=threads,
+                                  progress=progress and (lambda done: progress(0.5 + 0.4 * done, None)))
+    through = np.exp(-depth)
+    if ambient.any():
+        # where nearer things absorb less than a pixel's own way the sum is too small: no less than what comes straight
+        result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
+    clock("filter")
+    if progress:
+        progress(0.9)
+    added = _sunlight(scene, asset, medium, density, origin, rays, distance)
+    clock("sun")
+    result = result + added
+    curve, display = _display(values.display, result)
+    layers = {**_rgb("", result), **_rgb("clear.", picture.rgb), "distance": picture.distance}
+    _write(png, exr, display, layers)
+    clock("write")
+    if progress:
+        progress(1.0)
+    total = float(np.mean(result @ colour.LUMINANCE))
+    direct = float(np.mean((through * picture.rgb) @ colour.LUMINANCE))
+    share = {"share_scattered": 1 - direct / total, "share_sun": float(np.mean(added @ colour.LUMINANCE)) / total} \
+        if total > 0 else {"share_scattered": 0.0, "share_sun": 0.0}
+    return {"renderer": "screen", "scene": str(scene.path), "asset": asset.path, "files": [str(png), str(exr)],
+            "size": [width, height], "picture": picture.made, "without_surface": int(sky.sum()),
+            "distance": [float(distance.min()), float(distance.max())],
+            "optical_depth": {name: [float(f(depth[..., c])) for c in range(3)]
+                              for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))},
+            **share, "overrides": dict(scene.overrides), "seconds": clock.parts, "tone_curve": curve}
+
+
+def describe(report) -> list[str]:
+    """Lines for people."""
+    picture, depth, seconds = report["picture"], report["optical_depth"], report["seconds"]
+    source = f"{picture['color']} and {picture['depth']}" if picture["from"] == "files" else \
+        f"{picture['scene']}, {picture['samples']} samples a pixel, noise {100 * picture['noise']:.2g} %, " \
+        f"{picture['variant']} ({picture['reason']})"
+    sky = f"; {report['without_surface']:,} pixels without a surface" if report["without_surface"] else ""
+    red, green, blue = (" / ".join(f"{depth[name][c]:.3g}" for name in depth) for c in range(3))
+    parts = ", ".join(f"{name} {spent:.1f} s" for name, spent in seconds.items() if name != "total")
+    return [f"pictures: {', '.join(report['files'])}",
+            f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}",
+            f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
+            f"scattered: {100 * report['share_scattered']:.3g} % of the light"
+            + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""),
+            f"time: {seconds['total']:.1f} s ({parts})"]
+
+
+class _Clock:
+    """Seconds of each part."""
+
+    def __init__(self):
+        self._begin = self._last = time.monotonic()
+        self.parts = {}
+
+    def __call__(self, name):
+        now = time.monotonic()
+        self.parts[name], self._last = now - self._last, now
+        self.parts["total"] = now - self._begin
+
+
+def _density(scene, threads):
+    from bakery.errors import UsageError
+    from renderers.fog import density, grids
+
+    section = scene.values.fog.density
+    if section.type == "uniform":
+        return density.Uniform(section.scale)
+    if section.type == "height":
+        return density.Height(section.scale, section.base, section.falloff, tuple(section.up))
+    try:
+        values, lo, hi = grids.read(scene.file(section.file), section.dataset)
+    except UsageError as error:
+        raise scene.wrong("fog.density.file", error) from None
+    lo, hi = section.lo or lo, section.hi or hi
+    try:
+        return density.Grid(values, tuple(lo), tuple(hi), section.scale, threads)
+    except ValueError as error:
+        raise scene.wrong("fog.density", error) from None
+
+
+def _picture(scene, quality, variant, seed, progress):
+    from bakery.errors import UsageError
+    from renderers.fog import picture
+
+    section, camera = scene.values.picture, scene.values.camera
+    if hasattr(section, "mitsuba"):
+        return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, unit=section.unit, variant=variant,
+                                    quality=quality or "final", seed=seed or 0, progress=progress)
+    if not (quality is None and variant is None and seed is None):
+        raise UsageError(f"{scene.path}: found a quality, variant or seed, which are those of Mitsuba scenes; none would do, "
+                         "as this picture comes from files")
+    return picture.from_files(scene.file(section.color), scene.file(section.depth), origin=camera.origin, target=camera.target,
+                              up=camera.up, fov=camera.fov, layer=section.layer, channel=section.channel, measure=section.measure,
+                              unit=section.unit, sky=section.sky)
+
+
+def _finite(scene, density, origin, distance):
+    """Distances with those of pixels without a surface at `far`, and which pixels these are."""
+    import numpy as np
+
+    sky, far = np.isinf(distance), scene.values.picture.far
+    farthest = float(distance[~sky].max(initial=0.0))
+    if far is not None and far < farthest:
+        raise scene.wrong("picture.far", f"found {far:g} m, nearer than the farthest surface; {farthest:.4g} m or more would do")
+    if far is None and sky.any():
+        reach = density.reach(origin)
+        if not np.isfinite(reach):
+            y, x = np.argwhere(sky)[0]
+            raise scene.wrong("picture", f"found {sky.sum():,} pixels without a surface (the first in row {y}, column {x}) in "
+                              "fog that goes on for ever; `far: 1 km`, where they are taken to lie, would do")
+        far = max(_ENDLESS * reach, farthest, 1.0)
+    return np.where(sky, far, distance), sky
+
+
+def _spread(values):
+    """Red, green and blue from one value or three."""
+    import numpy as np
+
+    return np.broadcast_to(np.asarray(values, float), 3)
+
+
+def _sunlight(scene, asset, medium, density, origin, rays, distance):
+    """What the fog scatters of parallel light from outside the picture, (H, W, 3)."""
+    import numpy as np
+
+    from bakery.errors import UsageError
+    from renderers.fog import external
+
+    suns = [external.Sun(tuple(light.direction), tuple(_spread(light.irradiance)))
+            for light in scene.values.fog.light if light.type == "sun"]
+    if not suns:
+        return np.zeros(rays.shape)
+
+    def phase(theta):
+        found = asset.medium.phase(theta)
+        return found[np.argsort(-np.asarray(asset.wavelength))] if len(found) == 3 else np.repeat(found, 3, axis=0)
+
+    try:
+        found = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
+                                   _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
+    except UsageError as error:
+        raise scene.wrong("fog.light", error) from None
+    return found.reshape(rays.shape)
+
+
+def _display(section, rgb):
+    """The tone curve in words, and the picture for a display, 8 bits."""
+    import numpy as np
+
+    from renderers import colour, images
+
+    if section.curve == "none":
+        shown, words = colour.encode(np.clip(rgb * section.exposure, 0, 1)), "none after exposure, then the sRGB curve"
+    else:
+        shown, words = images.tone_map(rgb, section.exposure, section.white), images.TONE_CURVE
+    return words, np.round(255 * np.clip(shown, 0, 1)).astype(np.uint8)
+
+
+def _rgb(prefix, image):
+    return {f"{prefix}{name}": image[..., i] for i, name in enumerate("RGB")}
+
+
+def _write(png, exr, display, layers):
+    import numpy as np
+
+    from renderers import images
+    from renderers.fog.picture import library
+
+    mi = library()
+    stack = np.ascontiguousarray(np.stack([layer.astype(np.float32) for layer in layers.values()], axis=-1))
+    bitmap = mi.Bitmap(stack, pixel_format=mi.Bitmap.PixelFormat.MultiChannel, channel_names=list(layers))
+    images.write([(png, lambda path: mi.Bitmap(display).write(path)), (exr, lambda path: bitmap.write(path))])

@@ -1,0 +1,317 @@
+"""Pictures without fog: radiance, distance and the camera that saw them, from files or from a Mitsuba scene.
+
+A pixel has one distance, that of the ray through its centre.  A mean over the pixel's samples would put the edge of a roof
+halfway to the hill behind, where nothing is; the smallest distance would widen what is near.  Colours at edges stay means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bakery.errors import UsageError
+from bakery.system.memory import free_memory
+
+_BYTES = 1000.0  # a pixel, of all that rendering holds at once
+_ALPHA = 1 - 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera: `origin` (3,) m, and its image plane at unit distance along its axis.
+
+    The middle of the pixel in row y, column x is `corner` + (x + 1/2) `right` + (y + 1/2) `down`, (3,) each, from the origin.
+    """
+
+    origin: np.ndarray
+    corner: np.ndarray
+    right: np.ndarray
+    down: np.ndarray
+
+    @classmethod
+    def looking(cls, origin, target, up, fov, height, width):
+        """From `origin` (m) at `target` in the middle; `fov` rad from the left to the right edge."""
+        origin, ahead = np.array(origin, float), np.subtract(target, origin)
+        ahead = ahead / np.linalg.norm(ahead)
+        right = np.cross(ahead, up)
+        right = right / np.linalg.norm(right)
+        pitch = 2 * np.tan(fov / 2) / width
+        right, down = right * pitch, np.cross(ahead, right) * pitch
+        return cls(origin, ahead - right * width / 2 - down * height / 2, right, down)
+
+    def points(self, height, width):
+        """Middles of the pixels on the image plane, (H, W, 3), from the origin."""
+        y, x = np.mgrid[:height, :width] + 0.5
+        return self.corner + x[..., None] * self.right + y[..., None] * self.down
+
+    def rays(self, height, width):
+        """Directions through the middles of the pixels, (H, W, 3), unit."""
+        points = self.points(height, width)
+        return points / _length(points)[..., None]
+
+    def angle(self, height, width):
+        """Side of a pixel as seen from the camera, (H, W) rad: the root of its solid angle.
+
+        With square pixels of pitch p that is p cos^1.5 of the angle to the axis: the geometric mean of p cos^2 outwards and
+        p cos across.
+        """
+        return np.sqrt(np.linalg.norm(np.cross(self.right, self.down)) / _length(self.points(height, width)) ** 3)
+
+
+def _length(points):
+    # no BLAS and no pairwise sums: the same bits on every machine
+    return np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + points[..., 2] ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a camera sees without fog.
+
+    Attributes
+    ----------
+    rgb : (H, W, 3) linear sRGB radiance
+    distance : (H, W) m along the rays through the middles of the pixels; inf where there is no surface
+    camera : Camera
+    made : dict, how, for the report
+    """
+
+    rgb: np.ndarray
+    distance: np.ndarray
+    camera: Camera
+    made: dict = field(default_factory=dict)
+
+
+# ---- from files
+
+
+def from_files(color, depth, *, origin, target, up, fov, layer=None, channel=None, measure="distance", unit=1.0, sky=None):
+    """A picture from a file of radiance and a file of distances.
+
+    Parameters
+    ----------
+    color : .exr (linear) or .png (sRGB); alpha is not looked at in EXR files and has to be 1 in PNG files
+    depth : .exr, .npy (H, W) or .png of 16 bits
+    origin, target, up, fov : of the camera, m and rad
+    layer, channel : of EXR files with several
+    measure : `distance` from the camera, or `z`, along its axis
+    unit : m, of the depth's numbers
+    sky : the depth's number for no surface, besides inf
+
+    Raises
+    ------
+    UsageError : a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance
+    """
+    rgb = read_color(color, layer)
+    _refuse_too_large(color, *rgb.shape[:2])
+    raw = read_depth(depth, channel)
+    if rgb.shape[:2] != raw.shape:
+        raise UsageError(f"{depth}: found {_size(raw)} pixels; {color} has {_size(rgb)}")
+    distance = raw * float(unit)
+    if sky is not None:
+        distance[np.isclose(raw, sky, rtol=1e-6, atol=0)] = np.inf
+    _refuse(~(distance > 0), f"{depth}: found the depth {{:g}} at {{}}; numbers above 0 would do "
+            "(`sky:` names the number that means no surface)", raw)
+    camera = Camera.looking(origin, target, up, fov, *raw.shape)
+    if measure == "z":
+        distance = distance * _length(camera.points(*raw.shape))
+    return Picture(rgb, distance, camera, {"from": "files", "color": str(color), "depth": str(depth)})
+
+
+def read_color(path, layer=None):
+    """Linear radiance (H, W, 3) of an EXR or PNG file."""
+    path = Path(path)
+    if path.suffix.lower() not in (".exr", ".png"):
+        raise UsageError(f"{path}: found a file that ends in {path.suffix or 'nothing'}; .exr or .png would do")
+    mi, bitmap = _bitmap(path)
+    if path.suffix.lower() == ".png":
+        if layer is not None:
+            raise UsageError(f"{path}: found a PNG file, which has no layer {layer}; an EXR file would do")
+        full = np.array(bitmap.convert(component_format=mi.Struct.Type.Float32))
+        if "A" in _names(bitmap) and np.any(full[..., _names(bitmap).index("A")] < _ALPHA):
+            raise UsageError(f"{path}: found transparent pixels; a picture without alpha would do")
+        linear = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+        return np.array(linear, float)
+    rgb = _layer(path, _channels(bitmap), layer)
+    _refuse(~np.isfinite(rgb).all(axis=2), f"{path}: found the radiance {{:g}} at {{}}; finite numbers would do", rgb.sum(axis=2))
+    return rgb
+
+
+def _layer(path, channels, layer):
+    """Red, green and blue of a layer; of the only one, or the nameless one, where none is named."""
+    prefix = "" if layer is None else f"{layer}."
+    found = [layer or ""] if all(prefix + c in channels for c in "RGB") else []
+    if layer is None and not found:
+        found = [name.removesuffix(".R") for name in channels if name.endswith(".R")
+                 and all(f"{name[:-1]}{c}" in channels for c in "GB")]
+    if len(found) == 1:
+        prefix = f"{found[0]}." if found[0] else ""
+        return np.stack([channels[prefix + c] for c in "RGB"], axis=2)
+    grey = f"{prefix}Y"
+    if not found and grey in channels:
+        return np.repeat(channels[grey][..., None], 3, axis=2)
+    wanted = "the name of one as `layer:`" if found else f"{prefix}R, {prefix}G and {prefix}B, or {grey},"
+    raise UsageError(f"{path}: found the channels {_listed(channels)}; {wanted} would do")
+
+
+def read_depth(path, channel=None):
+    """The numbers of a depth file (H, W), as they stand."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".exr", ".npy", ".png"):
+        raise UsageError(f"{path}: found a file that ends in {path.suffix or 'nothing'}; .exr, .npy or .png would do")
+    if channel is not None and suffix != ".exr":
+        raise UsageError(f"{path}: found a {suffix[1:].upper()} file, which has no channel {channel}; an EXR file would do")
+    if suffix == ".npy":
+        try:
+            raw = np.load(path, allow_pickle=False, mmap_mode="r")
+        except (OSError, ValueError, EOFError) as error:
+            raise UsageError(f"{path}: cannot be read ({error})") from None
+        if getattr(raw, "ndim", 0) != 2 or raw.dtype.kind not in "fiu" or not raw.size:
+            raise UsageError(f"{path}: found {getattr(raw, 'dtype', type(raw))} of shape {getattr(raw, 'shape', '')}; "
+                             "numbers of shape (height, width) would do")
+        return np.array(raw, float)
+    _, bitmap = _bitmap(path)
+    channels = _channels(bitmap)
+    if suffix == ".png" and (len(channels) > 1 or np.array(bitmap).dtype != np.uint16):
+        raise UsageError(f"{path}: found a PNG of {len(channels)} channels, {np.array(bitmap).dtype}; one of 16 bits would do")
+    if channel is None and len(channels) > 1:
+        raise UsageError(f"{path}: found the channels {_listed(channels)}; the name of one as `channel:` would do")
+    if channel is not None and channel not in channels:
+        raise UsageError(f"{path}: found the channels {_listed(channels)}, and no {channel}")
+    return channels[channel] if channel is not None else next(iter(channels.values()))
+
+
+def _bitmap(path):
+    mi = library()
+    try:
+        bitmap = mi.Bitmap(str(path))
+    except (RuntimeError, ValueError) as error:
+        raise UsageError(f"{path}: cannot be read as a picture ({' '.join(str(error).split())})") from None
+    return mi, bitmap
+
+
+def _names(bitmap):
+    return [part.name for part in bitmap.struct_()]
+
+
+def _channels(bitmap):
+    """name -> (H, W) float64."""
+    values = np.array(bitmap)
+    values = values[..., None] if values.ndim == 2 else values
+    return {name: values[..., i].astype(float) for i, name in enumerate(_names(bitmap))}
+
+
+def _listed(channels):
+    return ", ".join(list(channels)[:20])
+
+
+def _size(image):
+    return f"{image.shape[1]} x {image.shape[0]}"
+
+
+def _refuse(wrong, message, values):
+    if wrong.any():
+        y, x = np.argwhere(wrong)[0]
+        more = f" and in {wrong.sum() - 1:,} more pixels" if wrong.sum() > 1 else ""
+        raise UsageError(message.format(values[y, x], f"row {y}, column {x}{more}"))
+
+
+def library():
+    """Mitsuba, which reads and writes pictures, in some variant."""
+    from renderers.mitsuba import variants
+
+    variants.require_mitsuba()
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        mi.set_variant("scalar_rgb")
+    return mi
+
+
+def _refuse_too_large(path, height, width):
+    """Now rather than when the system runs out of memory, minutes later."""
+    needed, free = _BYTES * height * width, free_memory()
+    if free is not None and needed > free:
+        raise UsageError(f"{path}: found {width} x {height} pixels, which need some {needed / 1e9:.3g} GB of memory; "
+                         f"{free / 1e9:.3g} GB are free, enough for {free / _BYTES / 1e6:.3g} million pixels")
+
+
+# ---- from a Mitsuba scene
+
+
+def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None, seed=0, progress=None):
+    """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
+
+    Parameters
+    ----------
+    path : Mitsuba XML, without fog; its first sensor is a perspective camera
+    samples : a pixel; what the scene asks for if None.  `quality` takes a share of them
+    unit : m, of the scene's lengths
+    quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
+
+    Notes
+    -----
+    Distances are those of the first surface, whatever it is made of: glass, and the boundary of a medium, count as surfaces.
+    """
+    from renderers.mitsuba import passes
+    from renderers.mitsuba.scene import QUALITY, load
+
+    if quality not in QUALITY:
+        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+    import mitsuba as mi  # after renderers.mitsuba, which finds LLVM for it
+
+    scene, chosen, reason = load(path, variant=variant)
+    sensor = scene.sensors()[0]
+    width, height = (int(n) for n in sensor.film().crop_size())
+    _refuse_too_large(path, height, width)
+    camera = _sensor_camera(mi, sensor, path, width, height)
+    samples = max(1, round(QUALITY[quality] * (samples or sensor.sampler().sample_count())))
+    picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed, progress=progress)
+    distance = _distances(mi, scene, sensor, camera, height, width)
+    camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
+    made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
+            "noise": picture.noise}
+    return Picture(picture.rgb, distance * unit, camera, made)
+
+
+def _sensor_camera(mi, sensor, path, width, height):
+    """The pinhole camera that a sensor is, from the rays that it sends through four corners of its film."""
+    matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
+    origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    plane = []
+    for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
+        start, way = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
+        if np.linalg.norm(np.cross(start, way)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not way @ ahead > 0:
+            plane = []
+            break
+        plane.append(way / (way @ ahead))
+    if not plane or np.abs(plane[1] + plane[2] - plane[0] - plane[3]).max() > 1e-4 * np.abs(plane[3] - plane[0]).max():
+        raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; a perspective camera would do")
+    return Camera(origin, plane[0], (plane[1] - plane[0]) / width, (plane[2] - plane[0]) / height)
+
+
+def _distances(mi, scene, sensor, camera, height, width):
+    """Distances of the first surfaces between the clipping planes, (H, W) in units of the scene; inf where there is none."""
+    import drjit as dr
+
+    directions = camera.rays(height, width).reshape(-1, 3)
+    slant = _length(camera.points(height, width)).reshape(-1)  # distance over z
+    near, far = sensor.near_clip() * slant, sensor.far_clip() * slant
+    start = camera.origin + near[:, None] * directions
+    found = np.full(len(directions), np.inf)
+    if dr.is_jit_v(mi.Float):
+        ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(directions.T))
+        ray.maxt = mi.Float(far - near)
+        hit = scene.ray_intersect_preliminary(ray, coherent=True)
+        found = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
+    else:
+        for i, (begin, way, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
+            ray = mi.Ray3f(begin, way)
+            ray.maxt = limit
+            hit = scene.ray_intersect_preliminary(ray, coherent=True)
+            if hit.is_valid():
+                found[i] = hit.t
+    return (found + near).reshape(height, width)

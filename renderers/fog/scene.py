@@ -1,0 +1,212 @@
+"""What a scene of the screen-space renderer may say: a picture without fog, the fog, the light upon it, and the filter."""
+
+# no annotations from __future__: pydantic would have to compile each of them again
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from bakery.errors import Problem
+from bakery.grammar.fields import Flag, Path, number, numbers, whole, word
+from bakery.grammar.section import Section, pick
+from bakery.grammar.text import Mapping, Sequence, owner
+from renderers.scene import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
+
+KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_absorbing", "erf", "path_integral", "elek")
+NEEDS = ("medium", "beam")  # stages of the asset
+FILES = ("asset", "picture.color", "picture.depth", "picture.mitsuba", "fog.density.file")
+
+
+# ---- the picture
+
+
+class _Distances(Section):
+    unit: Length = Field(1.0, description="Length of one unit of the depth or of the Mitsuba scene, such as 1 cm.")
+    far: Length | None = Field(None, description="Where pixels without a surface are taken to lie, and the fog to end there.")
+
+
+class Files(_Distances):
+    color: Path = Field(description="EXR (linear) or PNG (sRGB) file of what the camera would see without fog.")
+    layer: Path | None = Field(None, description="Of an EXR file with several: the layer X of the channels X.R, X.G, X.B.")
+    depth: Path = Field(description="File of the distances: EXR, NPY, or PNG of 16 bits.")
+    channel: Path | None = Field(None, description="Of a depth file with several, such as depth.Z.")
+    measure: word("distance", "z") = Field(description="distance (from the camera) or z (along its axis).")
+    sky: number() | None = Field(None, description="Value of the depth that means no surface, besides inf.")
+
+
+class Rendered(_Distances):
+    mitsuba: Path = Field(description="Mitsuba scene (XML), without fog; its first sensor is the camera.")
+    samples: whole(1, 10**6) | None = Field(None, description="A pixel; what the scene asks for if absent.")
+
+
+Picture = Annotated[
+    Annotated[Files, Tag("files")] | Annotated[Rendered, Tag("mitsuba")],
+    Discriminator(
+        lambda node: None if not isinstance(node, Mapping) else "mitsuba" if "mitsuba" in node
+        else "files" if "color" in node or "depth" in node else None,
+        custom_error_type="choice",
+        custom_error_message="|{mitsuba: …}|{color: …, depth: …, measure: …}",
+    ),
+]
+
+
+# ---- the fog
+
+Scale = number(least=0, most=1e12)
+
+
+class UniformDensity(Section):
+    type: word("uniform") = Field(description="The same everywhere.")
+    scale: Scale = Field(1.0, description="Density relative to the asset's medium.")
+
+
+class HeightDensity(Section):
+    type: word("height") = Field(description="Constant up to a height, falling exponentially above.")
+    scale: Scale = Field(1.0, description="Density at the ground relative to the asset's medium.")
+    base: number(LENGTH) = Field(0.0, description="Height from which the density falls.")
+    falloff: Length = Field(description="Height over which it falls by e.")
+    up: Direction = Field((0.0, 0.0, 1.0), description="Direction in which heights are measured.")
+
+
+class GridDensity(Section):
+    type: word("grid") = Field(description="Trilinear between the values of a file.")
+    file: Path = Field(description="File of the densities: HDF5, NPY or Mitsuba's VOL.")
+    dataset: Path | None = Field(None, description="Of an HDF5 file.")
+    lo: Position | None = Field(None, description="Corner of the box that the grid fills; a VOL file holds its own.")
+    hi: Position | None = Field(None, description="The opposite corner.")
+    scale: Scale = Field(1.0, description="Factor on the file's values.")
+
+
+Density = Annotated[
+    Annotated[UniformDensity, Tag("uniform")] | Annotated[HeightDensity, Tag("height")] | Annotated[GridDensity, Tag("grid")],
+    pick("type", ("uniform", "height", "grid")),
+]
+
+
+class Sun(Section):
+    type: word("sun") = Field(description="Parallel light.")
+    direction: Direction = Field(description="In which it travels.")
+    irradiance: numbers(least=0, most_entries=3) = Field(description="Across its direction; one value or [r, g, b].")
+
+
+class Ambient(Section):
+    type: word("ambient") = Field(description="What lies outside the picture, the same in all directions.")
+    radiance: numbers(least=0, most_entries=3) = Field(description="One value or [r, g, b].")
+
+
+Light = Annotated[Annotated[Sun, Tag("sun")] | Annotated[Ambient, Tag("ambient")], pick("type", ("sun", "ambient"))]
+
+
+class Fog(Section):
+    density: Density = Field(UniformDensity.model_construct(type="uniform", scale=1.0), description="Where the fog is.")
+    light: Annotated[list[Light], Field(max_length=64)] = Field((), description="Light that falls on the fog from outside.")
+    diffuse: Flag = Field(True, description="Also the part of that light which the fog scatters more than once.")
+
+
+# ---- filter and display
+
+
+class Filter(Section):
+    kernel: word(*KERNELS) = Field(
+        "flux", description="flux, what a surface across the beam receives; the others for comparison."
+    )
+    energy: word("kept", "lost") | None = Field(
+        None, description="Of scattered light. lost: without what goes back past the camera; kept: with it.  With ambient light "
+        "lost, else kept."
+    )
+    outside: word("edge", "black") | None = Field(
+        None, description="What lies outside the picture: as what it shows nearby, or dark.  With ambient light that, else edge."
+    )
+    cut_off: number(above=0, most=1e6, words={"none": None}) = Field(
+        None, description="Where the kernel is cut, in its own widths; what is cut is spread over the rest."
+    )
+
+
+class Display(Section):
+    curve: word("reinhard", "none") = Field("reinhard", description="Tone curve of the PNG.")
+    exposure: number(above=0, most=1e12) = Field(1.0, description="Factor before the curve.")
+    white: number(above=0, most=1e12) = Field(4.0, description="Luminance after exposure that becomes white (reinhard).")
+
+
+class SceneFile(Common):
+    """A picture, seen through fog."""
+
+    picture: Picture = Field(description="What the camera would see without fog.")
+    fog: Fog = Field(description="The fog; this section chooses the renderer.")
+    filter: Filter = Field(
+        Filter.model_construct(kernel="flux", energy=None, outside=None, cut_off=None), description="How light is spread."
+    )
+    display: Display = Field(
+        Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows it."
+    )
+
+
+# ---- what has to hold between keys
+
+
+def problems(root: Mapping, values: dict) -> Iterator[Problem]:
+    """Problems between keys; `values` are those that are well formed by themselves."""
+    picture, camera = root.get("picture"), root.get("camera")
+    if isinstance(picture, Mapping) and "mitsuba" in picture and camera is not None:
+        yield owner(camera).problem("found a camera beside a Mitsuba scene", "expected none: the scene's sensor is the camera")
+    if isinstance(picture, Mapping) and "mitsuba" not in picture and camera is None:
+        yield owner(picture).problem("missing", "expected camera: {origin: …, target: …, fov: …}, of this picture", key="camera")
+    yield from direction_problems(root, values, "camera.up")
+    yield from _looking(root, values)
+    yield from direction_problems(root, values, "fog.density.up")
+    yield from _grid(root, values)
+    lights = node_at(root, "fog.light")
+    for i, light in enumerate(lights if isinstance(lights, Sequence) else ()):
+        if isinstance(light, Mapping):
+            yield from _light(light, values, f"fog.light[{i}]")
+            if values.get(f"fog.light[{i}].type") == "ambient" and values.get("filter.outside") is not None:
+                yield node_at(root, "filter.outside").place.problem(
+                    f"found {values['filter.outside']} beside ambient light", "expected none: ambient light is what lies outside")
+
+
+def _looking(root: Mapping, values: dict) -> Iterator[Problem]:
+    origin, target = triple(values, "camera.origin"), triple(values, "camera.target")
+    if origin is None or target is None:
+        return
+    ahead = target - origin
+    up = triple(values, "camera.up") if node_at(root, "camera.up") is not None else np.array([0.0, 0.0, 1.0])
+    if not np.any(ahead):
+        yield owner(node_at(root, "camera.target")).problem("found the camera's own place", "expected a point ahead of it")
+    elif up is not None and np.linalg.norm(np.cross(ahead, up)) < 1e-6 * np.linalg.norm(ahead) * np.linalg.norm(up):
+        place = node_at(root, "camera.up") or node_at(root, "camera.target")
+        yield owner(place).problem("found a camera that looks along its own up", "expected another up, such as [0, 1, 0]")
+
+
+def _grid(root: Mapping, values: dict) -> Iterator[Problem]:
+    density = node_at(root, "fog.density")
+    if values.get("fog.density.type") != "grid" or not isinstance(density, Mapping):
+        return
+    suffix = str(values.get("fog.density.file", "")).lower().rpartition(".")[2]
+    if "fog.density.file" in values and suffix not in ("h5", "hdf5", "npy", "vol"):
+        yield density["file"].place.problem(f"found a file that ends in .{suffix}", "expected .h5, .hdf5, .npy or .vol")
+    if suffix in ("h5", "hdf5") and "dataset" not in density:
+        yield owner(density).problem("missing", "expected dataset: the name of a dataset in the file", key="fog.density.dataset")
+    if suffix in ("npy", "vol") and "dataset" in density:
+        yield owner(density["dataset"]).problem("found a dataset", f"expected none: .{suffix} files hold one array")
+    for corner in ("lo", "hi"):
+        if suffix in ("h5", "hdf5", "npy") and corner not in density:
+            yield owner(density).problem("missing", f"expected {corner}: a corner of the grid's box, such as [0, 0, 0] m",
+                                         key=f"fog.density.{corner}")
+    lo, hi = triple(values, "fog.density.lo"), triple(values, "fog.density.hi")
+    if lo is not None and hi is not None and not np.all(lo < hi):
+        yield owner(density["hi"]).problem("found a corner that is not above lo along each axis", "expected hi above lo")
+
+
+def _light(light: Mapping, values: dict, key: str) -> Iterator[Problem]:
+    amount = "radiance" if values.get(f"{key}.type") == "ambient" else "irradiance"
+    node = light.get(amount)
+    if node is not None and _entries(node, values, f"{key}.{amount}") == 2:
+        yield owner(node).problem("found 2 entries", "expected one, or three: red, green and blue")
+    found = triple(values, f"{key}.direction") if "direction" in light else None
+    if found is not None and not np.any(found):
+        yield owner(light["direction"]).problem("found a direction of length 0", "expected one such as [0, 0, -1]")
+
+
+def _entries(node, values: dict, key: str) -> int:
+    return len(node) if isinstance(node, Sequence) else len(values.get(key) or (0,))

@@ -1,1 +1,0 @@
-"""The renderer that needs nothing but NumPy and numba."""

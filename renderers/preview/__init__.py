@@ -1,0 +1,1 @@
+"""The standard preview of an asset."""

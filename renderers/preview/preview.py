@@ -1,0 +1,265 @@
+"""The standard preview of an asset: a block of its medium in a studio, and a strip with its phase function.
+
+The edge of the block is chosen so that the medium is seen, neither a veil nor a brick; the report and the strip say how
+long it is.  Its surface is index-matched: light enters and leaves without reflection or refraction.  Packed grains have a second
+picture on the left: the exemplars themselves.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.errors import AssetError, UsageError
+from renderers import colour, images
+from renderers.mitsuba import passes, variants
+from renderers.mitsuba import tables as asset_tables
+from renderers.preview import grains, lobe, studio
+
+# width in pixels, samples a pixel and wavelength, noise to stop at, seconds after which no pass is begun
+QUALITY = {"draft": (320, 8, 0.10, 30.0), "preview": (576, 32, 0.05, 120.0), "final": (1280, 96, 0.03, 900.0)}
+REDUCED_PATHS, DIFFUSION_LENGTHS, MEAN_FREE_PATHS = 3.0, 4.0, 60.0
+HEAP = 40.0  # mean free paths of a block of packed grains, about a hundred of their radii
+HEAP_SAMPLES, HEAP_CLEAR = 0.5, 0.05  # share of the samples that it gets where less is absorbed in a collision: paths are long
+AIM = 0.3  # mean cosine below which aiming at the lights was measured to pay (haze yes, soot even, milk no)
+HEAP_PATIENCE = 6.0  # times 1 / (1 - albedo) events of a path before roulette
+EXPOSURE, WHITE = 1.4, 1.6
+PREVIEW_OF = "bakery content_hash"  # in the text of both files: by it `bake report` knows whose picture it is
+
+
+def block_edge(asset, packed=False) -> tuple[float, str]:
+    """Edge of the block in m, and in words what set it.
+
+    The shortest of 3 reduced mean free paths (beyond that a block is a brick), 4 diffusion lengths (beyond that it is black)
+    and 60 mean free paths (beyond that it takes minutes), each at the wavelength where it is shortest: so the block shows
+    its colour, whether it scatters or absorbs some wavelengths more than others.  `packed`: a medium that stands for packed
+    grains is a heap, not a veil, and means nothing at the size of a few grains: always 60 mean free paths.
+    """
+    medium = asset.medium
+    sigma_t, albedo, g = (np.asarray(array, dtype=float) for array in (medium.sigma_t, medium.albedo, medium.g))
+    if not np.any(sigma_t > 0):
+        raise AssetError("medium/sigma_t is 0 at every wavelength: there is nothing to see; "
+                         "give the recipe a number_density or volume_fraction")
+    reduced = sigma_t * (1 - albedo * g)
+    diffusion = np.sqrt(3 * sigma_t * (1 - albedo) * reduced)
+    limits = {f"{REDUCED_PATHS:g} reduced mean free paths": (REDUCED_PATHS, reduced),
+              f"{DIFFUSION_LENGTHS:g} diffusion lengths": (DIFFUSION_LENGTHS, diffusion),
+              f"{MEAN_FREE_PATHS:g} mean free paths": (MEAN_FREE_PATHS, sigma_t)}
+    if packed:
+        limits = {f"{HEAP:g} mean free paths": (HEAP, sigma_t)}
+    lengths = {words: count / max(inverse.max(), 1e-300) for words, (count, inverse) in limits.items()}
+    words = min(lengths, key=lengths.get)
+    return float(lengths[words]), f"{words} at {asset.wavelength[int(np.argmax(limits[words][1]))]:.3f} um"
+
+
+def preview(asset_path, output_path, *, quality="preview", width=None, spp=None, tolerance=None, time_limit=None, variant=None,
+            seed=0, denoise=True, progress=None, overwrite=False) -> dict:
+    """Renders the standard preview to a PNG and an EXR file beside each other.
+
+    An asset of packed grains has two panels side by side: its exemplar grains, and a block of the medium that stands for them.
+
+    Parameters
+    ----------
+    asset_path : a baked asset with a `medium`, or with `grains`, or both
+    output_path : `X.png` or `X.exr`; both are written
+    quality : `draft`, `preview` or `final`: defaults of the next four
+    width : pixels of a panel
+    spp : samples a pixel and wavelength, at most
+    tolerance : noise at which to stop: root mean square standard error of the luminance over its mean
+    time_limit : seconds after which no further pass is begun, for all panels together
+    variant : of Mitsuba; default the best that the machine can run
+    denoise : whether the PNG shows the filtered picture; the EXR never does
+    progress : function of (fraction 0 to 1, noise so far or None), called after each wavelength of each pass
+    overwrite : replace also files that are no such pictures
+
+    Returns
+    -------
+    report : dict with `files`, `variant`, `reason`, `seconds`, `samples` (the fewest), `noise` (of the EXR, the largest),
+        `noise_shown` (of the PNG), `stopped_by`, `width` and `rows` (of the rendered picture; the strip is below), `tone_curve`,
+        `exposure`, `white`, `panels` (a dict each: `shows`, `left`, `width` and its own samples and noise); with a medium
+        `block_edge` (m), `block` and `misdirected` (share of the scattered light that the table sends to another angle; 0 but in
+        scalar variants); with grains `grains` (names as shown), `grain_radius` (m) and `grains_left_out`
+
+    Raises
+    ------
+    UsageError : unknown quality or variant, or a place that cannot be written, before any rendering
+    AssetError : a damaged asset, or one without a medium and grains
+    """
+    begin = time.monotonic()
+    if quality not in QUALITY:
+        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+    png, exr = images.output_pair(output_path, [asset_path], overwrite)
+    asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
+    held = [name for name in ("grains", "medium") if name in asset.stages]
+    edge, words = block_edge(asset, "grains" in held) if "medium" in held else (0.0, "")
+    shown = grains.grains_of(asset) if "grains" in held else None
+    chosen, reason = variants.activate("mono", variant)
+    if "mono" not in chosen and not chosen.startswith("scalar"):
+        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
+                         "scalar_rgb would do")
+    given = (width, spp, tolerance, time_limit)
+    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(given, QUALITY[quality]))
+    if width < 16 or spp < 1:
+        raise UsageError(f"width {width}, spp {spp}: at least 16 pixels and 1 sample are needed")
+    size = width, width * 5 // 8
+    import mitsuba as mi
+
+    panels = []
+    if shown:
+        panels.append(_grains(mi, asset, shown, size))
+    if edge:
+        panels.append(_block(mi, asset, asset_path, edge, words, size, chosen))
+    done = []
+    for i, panel in enumerate(panels):
+        long = panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
+        samples = max(1, round(HEAP_SAMPLES * spp)) if long else spp
+        picture = passes.render(panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
+                                per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
+                                seed=seed, progress=_part(progress, i, len(panels)))
+        pixels, noise_shown = picture.rgb, picture.noise
+        if denoise:
+            first, second = images.filtered(picture.halves, 2 * picture.variance, panel.features())
+            pixels = (first + second) / 2
+            noise_shown = images.relative_noise(pixels, ((first - second) / 2) ** 2)
+        display = np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip])
+        linear = np.concatenate([picture.rgb, colour.decode(panel.strip)])
+        done.append((picture, noise_shown, display, linear))
+    pictures, noises, displays, linears = zip(*done)
+    gap = max(1, width // 96)
+    _write(png, exr, _beside(displays, gap), _beside(linears, gap), asset.content_hash)
+    order = ("time", "samples", "noise")
+    report = {"files": [str(png), str(exr)], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
+              "samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
+              "noise_shown": max(noises), "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
+              "width": displays[0].shape[1] * len(panels) + gap * (len(panels) - 1), "rows": size[1],
+              "tone_curve": images.TONE_CURVE, "exposure": EXPOSURE, "white": WHITE,
+              "panels": [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": picture.samples,
+                          "noise": picture.noise, "noise_shown": noise, "stopped_by": picture.stopped_by}
+                         for i, (panel, picture, noise) in enumerate(zip(panels, pictures, noises))]}
+    for panel in panels:
+        report |= panel.report()
+    return report
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One rendered picture with its strip.
+
+    Attributes
+    ----------
+    shows : "grains" or "medium"
+    scenes : () -> list of L scenes, made when they are rendered
+    features : () -> (height, width, F) what the filter must keep
+    strip : (H, width, 3) below the picture
+    report : () -> what the report says of it, once it is rendered
+    """
+
+    shows: str
+    scenes: Callable
+    features: Callable
+    strip: np.ndarray
+    report: Callable
+
+
+def _grains(mi, asset, shown, size) -> Panel:
+    """The exemplars on the ground."""
+    found, radius, count = shown
+    unit = grains.scale(len(found))
+    sizes = asset.grains["radius"]
+    words = [f"R = {lobe.length(radius)}" + (f" on average, {lobe.length(sizes.min())} to {lobe.length(sizes.max())}"
+                                             if len(sizes) > 1 else ""),
+             f"checks {lobe.length(studio.CHECK * unit * radius)}"]
+    words += [f"{len(found)} of {count} components"] if count > len(found) else []
+    um = asset.wavelength[lobe.middle(asset)]
+    strip = lobe.grain_strip(asset, found, size[0], (
+        "   ·   ".join(words), f"g, way (along the ray, through the bounding sphere) and phase function at {um:.3f} um",
+        "straight: light that leaves unchanged, not in the curves"))
+
+    def report():
+        return {"grains": [grain.name for grain in found], "grain_radius": radius, "grains_left_out": count - len(found)}
+
+    return Panel("grains", lambda: [grains.scene(mi, found, radius, k, *size) for k in range(len(asset.wavelength))],
+                 lambda: grains.features(mi, found, radius, *size), strip, report)
+
+
+def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
+    """The block of the medium."""
+    losses = []
+
+    def scenes():
+        made, lost = zip(*(_scene(mi, asset, asset_path, k, edge, *size) for k in range(len(asset.wavelength))))
+        losses.extend(loss.misdirected for loss in lost if loss)
+        return list(made)
+
+    straight = lobe.straight(asset)
+    said = [f"block edge {lobe.length(edge)} = {words}", f"checks {lobe.length(studio.CHECK * edge)}   ·   {chosen}"]
+    said += [f"not drawn: a peak with {100 * straight:.2g} % of the light"] if straight else []
+    strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], said)
+    return Panel("medium", scenes, lambda: studio.features(*size, edge * np.asarray(asset.medium.sigma_t).max()), strip,
+                 lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
+
+
+def _part(progress, index, count):
+    """The progress of one panel as that of the whole."""
+    if progress is None:
+        return None
+    return lambda fraction, noise: progress((index + fraction) / count, noise)
+
+
+def _beside(pictures, gap):
+    """Pictures in a row, dark between them."""
+    dark = np.full((pictures[0].shape[0], gap, 3), 0.005)
+    row = [pictures[0]]
+    for picture in pictures[1:]:
+        row += [dark, picture]
+    return np.concatenate(row, axis=1)
+
+
+def _write(png, exr, display, linear, content_hash):
+    import mitsuba as mi
+
+    def saved(pixels):
+        bitmap = mi.Bitmap(pixels)
+        bitmap.metadata()[PREVIEW_OF] = content_hash
+        return bitmap.write
+
+    images.write([(png, saved(np.round(255 * display).astype(np.uint8))), (exr, saved(linear.astype(np.float32)))])
+
+
+def _without_unchanged(medium, k, sigma_t, albedo):
+    """The same medium without the peak of light that packed grains leave unchanged, which no regular grid resolves.
+
+    A collision that changes nothing is none: sigma_t loses what sigma_s loses.  Returns sigma_t, albedo, phase.
+    """
+    phase = medium.phase
+    share = float(medium["forward_delta"][k]) if "forward_delta" in medium else 0.0
+    if not 0 < share < 1:
+        return sigma_t, albedo, phase
+    table = phase.table.copy()
+    cell = np.sin(phase.theta[1] / 2) ** 2  # half the step of the cosine
+    table[k, 0] = max(table[k, 0] - share / (2 * np.pi * cell), 0.0)
+    less = sigma_t * (1 - share * albedo)
+    return less, (1 - share) * albedo * sigma_t / less, type(phase)(phase.theta, table / (1 - share))
+
+
+def _scene(mi, asset, asset_path, k, edge, width, height):
+    """The studio with the medium at wavelength k, and what its phase function has lost (None: nothing)."""
+    sigma_t, albedo, g = (float(array[k]) for array in (asset.medium.sigma_t, asset.medium.albedo, asset.medium.g))
+    heap = "grains" in asset.stages
+    lost, phase = None, {"type": "bakedphase", "filename": asset_path, "channel": k}
+    if mi.variant().startswith("scalar"):
+        # Every event would be a call of Python; Mitsuba's own table is faster by far and loses next to nothing.
+        sigma_t, albedo, found = _without_unchanged(asset.medium, k, sigma_t, albedo)
+        values, lost = found.regular(k)
+        phase = {"type": "tabphase", "values": ",".join(map("{:.9g}".format, values.tolist()))}
+    medium = {"type": "homogeneous", "sigma_t": sigma_t * edge, "albedo": albedo, "phase": phase,
+              # Aiming at the lights pays for round lobes; in a forward peak, and deep in a heap, it doubles the time for little.
+              "sample_emitters": g < AIM and not heap}
+    # Roulette before 1 / (1 - albedo) events would end paths that still carry nearly all of their light.  It lets at most 95 %
+    # live, so weights grow from then on: bright dots in heaps, whose paths are long; there it waits until little light is left.
+    patience = HEAP_PATIENCE if heap else 1.0
+    return studio.scene(mi, medium, width, height, int(np.clip(patience / max(1 - albedo, 1e-9), 8, 2000 * patience))), lost
