@@ -82,7 +82,7 @@ def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, tab
             "flux": _table(z, ratio, forward[1])}
 
 
-def errors(tables, albedo, theta, phase, planes, edges, count, seed=0):
+def errors(tables, albedo, theta, phase, planes, edges, count, seed=0, stream=0):
     """Root mean square errors of tables against photons (`photons.rms`).
 
     Parameters
@@ -91,6 +91,7 @@ def errors(tables, albedo, theta, phase, planes, edges, count, seed=0):
     albedo, theta, phase : of the medium
     planes, edges : depths of the planes and edges of the rings, mfp
     count : photons; followed twice where both forward and all light are asked for
+    seed, stream : of the photons
 
     Returns
     -------
@@ -100,7 +101,7 @@ def errors(tables, albedo, theta, phase, planes, edges, count, seed=0):
     for back in (False, True):
         names = [name for name in tables if (name == "fluence") == back]
         if names:
-            counted = photons.count(albedo, theta, phase, planes, edges, count, seed=seed, back=back)
+            counted = photons.count(albedo, theta, phase, planes, edges, count, seed=seed, stream=stream, back=back)
             for name in names:
                 result[name] = photons.rms(tables[name].rings(planes, edges), counted, "flux" if name == "flux" else "fluence")
     return result

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from bakery import rng
 from bakery.physics.medium import phase as tables
 from bakery.physics.multiple.photons import scattered, turned
 
 BLOCKS = 32  # random streams, and samples of each mean
-_STREAM = 0x6265616D  # of this module's random numbers
 _LOW, _KEPT = 0.1, 0.3  # weight below which a photon plays for its life, and the weight of those that win
 _GRAZING = 0.01  # cosine below which 1/cos, whose variance is infinite, is replaced by its mean for a steady radiance, 2/0.01
 _GONE = 20.0  # optical depths to the next plane after which a photon that cannot matter any more is given up
@@ -49,7 +49,7 @@ class Counted:
         return (self.edges[1:] + self.edges[:-1]) / 2
 
 
-def count(albedo, theta, phase, depth, edges, photons, *, seed=0, first=1, last=None, back=True, threads=1,
+def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, first=1, last=None, back=True, threads=1,
           layers=((0.0,), (1.0,))) -> Counted:
     """Follows photons of a narrow beam.
 
@@ -60,6 +60,7 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, first=1, last=
     depth : (D,) mfp, of the planes, ascending, > 0
     edges : (R + 1,) mfp, ascending from >= 0
     photons : number
+    seed, stream : whole numbers >= 0; the same ones give the same values
     first, last : numbers of scattering events of the light that counts (None: any more)
     back : whether light that goes back through a plane counts too
     threads : the values do not depend on it
@@ -85,9 +86,9 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, first=1, last=
     each = -(-int(photons) // BLOCKS)
 
     def block(index):
-        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, int(seed), index])))
+        random = rng.generator(seed, "beam.photons", stream, index)
         sums = np.zeros((2, len(depth), len(edges) - 1))
-        _follow(stream, each, float(albedo), *table, begins, density, optical, depth, thick, edges, first,
+        _follow(random, each, float(albedo), *table, begins, density, optical, depth, thick, edges, first,
                 2**62 if last is None else last, back, sums)
         return sums
 
@@ -140,7 +141,7 @@ def count_small_angle(scatterings, sample, left, density, depth, edges, photons,
     each = -(-int(photons) // BLOCKS)
     rings, moments = np.empty((BLOCKS, len(edges) - 1)), np.empty((BLOCKS, 3))
     for index in range(BLOCKS):
-        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, int(seed), index, 2])))
+        stream = rng.generator(seed, "beam.small_angle", index)
         events = stream.poisson(scatterings, each)
         photon = np.repeat(np.arange(each), events)
         at = np.interp(stream.random(len(photon)) * cumulative[-1], cumulative, left)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numba import njit
 
+from bakery import rng
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.surface import Surface
@@ -26,7 +27,6 @@ FORWARD = 1e-6  # rad, within which a direction counts as unchanged
 CONTRADICTED_MAX, LOST_MAX = 1e-5, 1e-6  # shares that a sound mesh stays below
 EDGES = np.linspace(0.0, np.pi, 181)
 FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g")
-_STREAM = 0x67726169  # of this module's random numbers
 _FIRST, _BLOCK = 512, 8192  # paths of a replicate at first; most in a block
 _SHARE = 0.5 * math.sqrt(2 / math.pi)  # of the integral of the phase function's standard error: light that is expected elsewhere
 _FLOOR = 0.01  # albedo below which its error is absolute
@@ -127,7 +127,7 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     mu, edges = _checked(surface, mu, tolerance, asked, edges)
     tracer = tracer or Walker(mesh, surface, mu)
     map = map or _in_turn
-    key = np.random.SeedSequence([_STREAM, seed, stream]).generate_state(2)
+    key = rng.key(seed, "grains.walk", stream)
     sums = None
     first, count = 0, _FIRST
     while True:
@@ -161,8 +161,9 @@ def blocks(tracer, edges, names, key, parts):
     """Sums (P, C + 1, 8 + B) of the paths first ... first + count - 1 of each part (replicate, first, count)."""
     entries = []
     for replicate, first, count in parts:
-        rng = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, *names, replicate])))
-        entries.append((points(*scrambled(rng), first, count), first, replicate))
+        seed, stream = names
+        random = rng.generator(seed, "grains.entries", stream, replicate)
+        entries.append((points(*scrambled(random), first, count), first, replicate))
     out = None
     for k, paths in enumerate(_traced(tracer, entries, key)):
         if out is None:

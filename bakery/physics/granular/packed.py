@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bakery import rng
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.surface import DIELECTRIC, Surface
 from bakery.physics.grains.walk import EVENTS_MAX
@@ -31,7 +32,6 @@ _BLOCK = 1 << 16  # hits of a task, about
 _LIMIT = 1e5  # longest flight between two spheres, in mean ones
 _STRAIGHT = 0.2  # drift with windows twice as long beyond which M has no value
 _GAP = -1e-9  # of the mean diameter: so much spheres may overlap by rounding
-_STREAM = 0x7061636B65  # of this module's random numbers
 
 
 @dataclass(frozen=True)
@@ -346,7 +346,7 @@ class _Scene:
             nodes = np.concatenate([np.zeros(0, np.float32), *(tree[0] for tree in trees)])
             children, blocks = nodes.view(np.int32), np.concatenate([np.zeros(0), *(tree[2] for tree in trees)])
         area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
-        key = np.random.SeedSequence([_STREAM, self.seed]).generate_state(2)
+        key = rng.key(self.seed, "granular.walk")
         kinds = self.shares, np.array(table, float), np.array(offset, np.int64)
         return (self.centers, self.radii, area, grid, kinds, (nodes, children, blocks), np.uint64(self.seed), self.depth,
                 _LIMIT * self.exact, np.uint64(key[0]), np.uint64(key[1]))

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery import rng
 from bakery.physics.multiple import along, frame, lookup, tally, uniform
 from bakery.physics.multiple import table as tables
 from bakery.physics.multiple.frame import POINT, SEGMENT
@@ -27,7 +28,6 @@ _ROUNDS = 3  # batches after that
 _NEAREST = 0.03  # mfp from the source, of the places that the basis is made of
 _FROM, _ANGLES = 0.1, 8  # mfp: boxes that the error is measured in; angles in each
 _SECOND = 1 / 3  # halving bins makes an error of second order 1/4 of it
-_SEED = 0x636F756E  # of the places of tests
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=tables.LE
         more = min(wanted, most) - sums.photons
         if more >= tally.BLOCKS:
             sums = sums + tally.follow(medium, more, seed, batch)
-        fit = uniform.Fit(medium, tolerance, np.random.default_rng(_SEED))
+        fit = uniform.Fit(medium, tolerance, rng.generator(0, "multiple.fit"))
         made = _points(medium, sums, fit)
         biased, whole = made.table.error, made.table.error_with_solver
         if whole <= tolerance or sums.photons >= 0.99 * most:

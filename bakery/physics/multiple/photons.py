@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from bakery import rng
 from bakery.physics.medium import phase as tables
 
 BLOCKS = 32  # random streams, and samples of each mean
-_STREAM = 0x70686F74  # of this module's random numbers
 _LOW, _KEPT = 0.2, 0.5  # weight below which a photon plays for its life, and the weight of those that win
 _RETURN = 1e-4  # share of the light at the rim that comes back, below which it is dropped
 
@@ -81,7 +81,7 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     each = -(-int(photons) // BLOCKS)
 
     def block(index):
-        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, int(seed), index])))
+        stream = rng.generator(seed, "multiple.photons", index)
         sums = np.zeros((len(rho) - 1, len(z) - 1, len(lobes) + 1))
         _follow(stream, each, float(albedo), *table, rho, z, lobes, -1.0 if length is None else float(length), first,
                 2**62 if last is None else last, float(rim), sums)

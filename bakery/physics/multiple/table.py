@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bakery import rng
 from bakery.physics.multiple import basis as bases
 from bakery.physics.multiple import frame, point, segment, tree
 from bakery.physics.multiple.frame import POINT, SEGMENT
@@ -244,7 +245,7 @@ class _Build:
         self.solid_angle = frame.solid_angles(self.shape).ravel()
         self.polar = frame.polar(np.linspace(0, 1, self.shape[0]))
         self.azimuth = np.linspace(0, np.pi, self.shape[1])
-        self.random = np.random.default_rng([seed, kind])
+        self.random = rng.generator(seed, "multiple.places", kind)
 
     def run(self) -> Table:
         size = 1 << self.finest

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bakery import rng
 from bakery.physics.medium import phase as tables
 from bakery.physics.multiple import _tally, legendre
 from bakery.physics.multiple._tally import BOXES
@@ -37,7 +38,6 @@ _BINS = 56  # of an angle
 _NARROW, RESOLUTION = 0.05, 0.1  # rad: a peak that has halved before is spread over a cone so wide, at the ends of paths
 _PART = 0.02  # rad, of a bin that is averaged over
 _MOMENTS, _SMALL, _MOST = 96, 1e-3, 40  # azimuthal orders: until p_l^2 is small, at most
-_STREAM = 0x74616C79  # of this module's random numbers
 _MILNE = 0.7104  # lengths of diffusion from where light would vanish to the surface that it enters
 
 
@@ -139,7 +139,7 @@ def follow(medium: Medium, photons, seed, batch) -> Sums:
     rim = far(medium, BOXES + _MORE) + 2 * free
     flights = 0
     for block in range(BLOCKS):
-        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, int(seed), batch, block])))
+        stream = rng.generator(seed, "multiple.tally", batch, block)
         flights += _tally.follow(stream, each, medium.albedo, *table, 2 * np.sin(medium.edges / 2) ** 2, medium.extent, medium.k0,
                                  rim, rim - _MILNE * free, medium.orders, halves[block % 2], blocks[block])
     return Sums(each * BLOCKS, flights, halves / (each * BLOCKS / 2), blocks / each)

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bakery.rng import generator
+
 EQUILIBRIUM = 0.5  # up to here (freezing begins at 0.494) a tile is a fluid in equilibrium, above it is what growth left behind
 JAMMED = 1e6  # reduced pressure at which growth is pointless
 ATTEMPTS = 3
@@ -17,7 +19,6 @@ GAP_MAX = 1e-10  # of the mean diameter: overlap that cannot be rounding
 COUNT_MAX = 1_000_000
 FRACTION_MIN = 1e-6
 _START = 0.28  # random sequential addition is quick up to here (it ends at 0.384)
-_STREAM = 0x7061636B  # of this module's random numbers
 _ORDERED_FROM, _ORDERED_COUNT = 0.48, 64  # fraction and number of spheres from which bond order is looked at
 _BUDGET = 20_000  # collisions a sphere and attempt
 _LIGHT = 20  # events a collision that no run of growth comes near to; of a dilute one most are bubbles left
@@ -127,7 +128,7 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
     plan = _schedule(schedule, wished / stretch)
     best, collisions, events = None, 0, 0
     for attempt in range(ATTEMPTS):
-        rng = np.random.default_rng([_STREAM, seed, stream, attempt])
+        rng = generator(seed, "packing.centers", stream, attempt)
         tile = _attempt(wished, radii, edges, plan, stretch, rng, report, budget or _BUDGET)
         collisions, events = collisions + tile.collisions, events + tile.events
         if best is None or _merit(tile) > _merit(best):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-_STREAM = 0x67726169  # of this module's random numbers
+from bakery import rng as streams
 
 
-def stream(seed, *names):
-    """A generator of its own for each seed and each list of whole numbers; only `.random` is used here."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence([_STREAM, seed, *names])))
+def stream(seed, part):
+    """A generator of its own for each seed and part of a shape; only `.random` is used here."""
+    return streams.generator(seed, "shapes", part)
 
 
 def directions(rng, count):

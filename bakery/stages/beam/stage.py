@@ -46,8 +46,8 @@ def inputs(recipe, upstream) -> dict:
             "phase": np.asarray(medium["phase"].data, float), "depth": recipe.beam.depth, "photons": recipe.beam.photons}
 
 
-def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed):
-    """Tables of one wavelength, their model, the lobe's B, errors against photons, and how many there were.
+def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, number):
+    """Tables of one wavelength (its number), their model, the lobe's B, errors against photons, and how many there were.
 
     A task that any worker may run.  photons : their number, or None: as many as it takes to show the tolerance.
     """
@@ -68,7 +68,7 @@ def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed):
     edges = np.linspace(0, far, 51)
 
     def errors(names, count):
-        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed)
+        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed, number)
 
     count = photons or int(np.clip(_WANTED / tolerance**2, _LEAST, _MOST))
     found = errors(["fluence"], count)
@@ -91,7 +91,7 @@ def compute(inputs: dict, context) -> Result:
         raise StageError(f"narrow beams: {fault}") from None
     nodes = table.grid(inputs["depth"], min(widths))
     tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, inputs["photons"], context.tolerance,
-              context.seed + k) for k in range(count)]
+              context.seed, k) for k in range(count)]
     found = []
     for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
         found += context.map(tabulated, tasks[start:start + _TOGETHER])
@@ -197,7 +197,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="beam",
-    version=2,
+    version=3,
     title="spread of a narrow beam",
     reads=("wavelengths", "seed", "beam"),
     needs=("medium",),

@@ -281,7 +281,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 OF_GRAINS = Stage(
     name="medium",
-    version=2,
+    version=3,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),

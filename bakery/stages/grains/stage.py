@@ -419,7 +419,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="grains",
-    version=1,
+    version=2,
     title="scattering statistics of each exemplar grain",
     reads=("wavelengths", "seed", "grains", "packing.radii", "scatterometer"),
     needs=(),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery import rng
 from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
@@ -339,7 +340,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
     """
     from bakery.physics.multiple import lookup
 
-    random = np.random.default_rng(1)
+    random = rng.generator(0, "multiple.compare")
     errors = {"error": 0.0, "integral": 0.0}
     reach = float(min(found["extent"].data.min(), reference["extent"].data.min()))
     r, angle = np.exp(random.uniform(np.log(0.1), np.log(reach), 200)), np.pi * random.random(200)
@@ -368,7 +369,7 @@ _FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up
 
 STAGE = Stage(
     name="multiple",
-    version=3,
+    version=4,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),

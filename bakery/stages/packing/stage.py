@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from bakery import rng
 from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
@@ -203,9 +204,9 @@ def _packed(number, k, fraction, radii, cell, seed, schedule):
     return pack(fraction, radii, cell, seed=seed, schedule=schedule, report=report)
 
 
-def _stream(seed: int, index: int):
+def _stream(seed: int, tile: int, block: int):
     """The random stream of a task of chords."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, int.from_bytes(b"chords"), index])))
+    return rng.generator(seed, "packing.chords", tile, block)
 
 
 def compute(inputs: dict, context) -> Result:
@@ -222,7 +223,7 @@ def compute(inputs: dict, context) -> Result:
         if tile.status == "crystal":
             raise StageError(f"fraction {tile.wished:g}: {tile.reason}; nothing is stored. A larger packing.growth, more spheres "
                              "or several sizes would do")
-        members[name], error = _measured(tile, inputs["seed"], context)
+        members[name], error = _measured(tile, k, inputs["seed"], context)
         reached = max(reached, error)
         if not tile.reached:
             missed.append(f"fraction {tile.wished:g} was not reached: {tile.reason}; stored is the tile of fraction "
@@ -241,14 +242,14 @@ def compute(inputs: dict, context) -> Result:
     return Result(members, reached, tuple(notes), tuple(missed))
 
 
-def _measured(tile, seed: int, context) -> tuple[Group, float]:
+def _measured(tile, number: int, seed: int, context) -> tuple[Group, float]:
     """A tile's group, and the error in the stage's measure."""
     from bakery.physics.packing import structure
 
     form = (tile.centers, tile.radii, tile.cell)
     count = len(tile.radii)
     touching, order = structure.contacts(*form), structure.bond_order(*form)
-    chords = structure.chord_lengths(*form, context.tolerance, partial(_stream, seed), context.map)
+    chords = structure.chord_lengths(*form, context.tolerance, partial(_stream, seed, number), context.map)
     values = {
         "centers": tile.centers, "radii": tile.radii, "cell": tile.cell, "fraction": [structure.fraction(tile.radii, tile.cell)],
         "fraction_wished": [tile.wished], "smallest_gap": [structure.smallest_gap(*form)],
@@ -437,7 +438,7 @@ def _difference(own: Group, true: Group) -> float:
 
 STAGE = Stage(
     name="packing",
-    version=1,
+    version=2,
     title="periodic tiles of packed spheres",
     reads=("tolerance", "packing"),
     needs=(),

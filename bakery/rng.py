@@ -1,0 +1,75 @@
+"""Every random stream by name: (seed, name, index) gives its generator.
+
+A stream's word is part of what its numbers are made of, and a name is never used for something else; so two streams never share
+numbers, whatever the seeds.  A stage whose stream changes changes its values: its version goes up.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Stream(NamedTuple):
+    """A stream's own 32-bit word, and what each of its indices counts."""
+
+    word: int
+    index: tuple[str, ...]
+
+
+STREAMS = {
+    "shapes": Stream(0x67726169, ("part of the shape",)),
+    "packing.centers": Stream(0x7061636B, ("tile", "attempt")),
+    "packing.chords": Stream(0x63686F72, ("tile", "block")),
+    "grains.entries": Stream(0x656E7472, ("walk", "replicate")),
+    "grains.walk": Stream(0x77616C6B, ("walk",)),
+    "granular.walk": Stream(0x6772616E, ()),
+    "multiple.photons": Stream(0x70686F74, ("block",)),
+    "multiple.tally": Stream(0x74616C79, ("batch", "block")),
+    "multiple.places": Stream(0x706C6163, ("kind of source",)),
+    "multiple.fit": Stream(0x66697473, ()),
+    "multiple.compare": Stream(0x636F6D70, ()),
+    "beam.photons": Stream(0x6265616D, ("wavelength", "block")),
+    "beam.small_angle": Stream(0x616E676C, ("block",)),
+}
+_WORD = 1 << 32
+
+
+def sequence(seed: int, name: str, *index: int) -> np.random.SeedSequence:
+    """What a stream's numbers are made of.
+
+    Parameters
+    ----------
+    seed : 0 to 2^64 - 1
+    name : one of `STREAMS`
+    index : 0 to 2^32 - 1 each, as many as the stream has
+
+    Raises
+    ------
+    KeyError : no such stream
+    ValueError : a seed or an index out of range, or another number of indices
+    """
+    stream, seed = STREAMS[name], int(seed)
+    if not 0 <= seed < _WORD**2 or len(index) != len(stream.index) or not all(0 <= int(i) < _WORD for i in index):
+        raise ValueError(f"stream {name}: seed {seed}, index {index}; 0 to 2^64 - 1 and {len(stream.index)} whole numbers below "
+                         "2^32 are possible")
+    # NumPy cuts large numbers into words one after the other: a large seed's upper word apart, or it would pass for an index
+    high = seed // _WORD
+    return np.random.SeedSequence([stream.word, seed % _WORD, *map(int, index)], spawn_key=(high,) if high else ())
+
+
+def generator(seed: int, name: str, *index: int) -> np.random.Generator:
+    """The generator of a stream: Philox, counter-based; see `sequence`.
+
+    Examples
+    --------
+    >>> generator(0, "beam.photons", 1, 7).random() == generator(0, "beam.photons", 1, 7).random()
+    True
+    """
+    return np.random.Generator(np.random.Philox(sequence(seed, name, *index)))
+
+
+def key(seed: int, name: str, *index: int) -> np.ndarray:
+    """Two 32-bit words for kernels that bring a counter-based generator of their own; see `sequence`."""
+    return sequence(seed, name, *index).generate_state(2)

@@ -1,0 +1,68 @@
+"""Random streams: names and words are unique, numbers of one stream are no other's, nothing else draws numbers."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+
+import numpy as np
+import pytest
+
+from bakery import rng
+from tests.conftest import ROOT
+
+
+def test_words_are_unique_and_of_32_bits():
+    words = [stream.word for stream in rng.STREAMS.values()]
+    assert len(set(words)) == len(words)
+    assert all(0 < word < 2**32 for word in words)
+
+
+def indices(stream):
+    return [(0,) * len(stream.index), *(tuple(int(i == k) for i in range(len(stream.index))) for k in range(len(stream.index)))]
+
+
+def test_no_two_streams_share_their_numbers():
+    # seeds that differ in the upper word alone, and one that an index could be mistaken for
+    seeds = 0, 1, 2**32, 2**32 + 1, 5 * 2**32 + 7, 2**53
+    first = {}
+    for (name, stream), seed in itertools.product(rng.STREAMS.items(), seeds):
+        for index in indices(stream):
+            first.setdefault(int(rng.generator(seed, name, *index).integers(2**63)), []).append((name, seed, index))
+    assert all(len(who) == 1 for who in first.values()), [who for who in first.values() if len(who) > 1]
+
+
+def test_a_large_seed_is_not_an_index():
+    assert rng.generator(5 * 2**32 + 7, "multiple.photons", 0).random() != rng.generator(7, "multiple.photons", 5).random()
+
+
+def test_wavelengths_of_neighbouring_seeds_differ():
+    assert rng.generator(0, "beam.photons", 1, 0).random() != rng.generator(1, "beam.photons", 0, 0).random()
+
+
+@pytest.mark.parametrize("seed, name, index", [(-1, "shapes", (0,)), (2**64, "shapes", (0,)), (0, "shapes", ()),
+                                               (0, "shapes", (1, 2)), (0, "shapes", (-1,)), (0, "shapes", (2**32,))])
+def test_out_of_range(seed, name, index):
+    with pytest.raises(ValueError, match=f"stream {name}"):
+        rng.generator(seed, name, *index)
+
+
+def test_keys_are_the_sequence_s_own():
+    assert np.array_equal(rng.key(3, "granular.walk"), rng.sequence(3, "granular.walk").generate_state(2))
+
+
+def calls(tree):
+    return [node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+
+def test_nothing_else_makes_generators():
+    for path in sorted([*(ROOT / "bakery").rglob("*.py"), *(ROOT / "renderers").rglob("*.py")]):
+        if path.name != "rng.py":
+            made = {"default_rng", "SeedSequence", "Philox", "PCG64", "RandomState"} & set(calls(ast.parse(path.read_text())))
+            assert not made, f"{path}: {made}; bakery.rng has every stream by name"
+
+
+def test_every_stream_is_drawn_from():
+    text = "".join(path.read_text() for path in (ROOT / "bakery").rglob("*.py") if path.name != "rng.py")
+    assert not [name for name in rng.STREAMS if f'"{name}"' not in text]
