@@ -6,16 +6,12 @@ edge.  Conventions of `bakery.mie`.  Measured errors, and where it pays: docs/go
 
 from __future__ import annotations
 
-import operator
-
 import numpy as np
 
+from bakery.physics.goa import _inputs
 from bakery.physics.goa.cross import absorption, extinction_of_rays
-from bakery.physics.mie import X_MAX, _by_index, _checked, _in_threads, _parts
+from bakery.physics.mie import _by_index, _in_threads, _parts
 
-X_LOW, X_HIGH = 1.0, 1e8
-EDGES = (None, "narrow", "wide")
-ORDERS_MAX = 50
 BLOCK = 1024  # angles of one job of `amplitudes`
 ANGLES_AT_ONCE = 4096  # bounds the memory of their rays
 TOGETHER = 16  # spheres whose coefficients are computed side by side
@@ -57,13 +53,13 @@ def amplitudes(m, x, theta, orders=3, *, rainbow=True, axis=True, edge="narrow")
     >>> bool(abs(abs(S1[0]) / 5.042e5 - 1) < 0.01), bool(abs(S1[0] - S2[0]) < 1)
     (True, True)
     """
-    shape, m, x = _checked_large(m, x)
+    shape, m, x = _inputs.large(m, x)
     theta = np.asarray(theta, dtype=np.float64)
     angles = np.ascontiguousarray(theta.reshape(-1))
     bad = ~((angles >= 0.0) & (angles <= np.pi))
     if bad.any():
         raise ValueError(f"theta = {angles[bad][0]:g}: scattering angles are in radians, 0 (forward) to pi (backward)")
-    orders, edge = _checked_options(orders, edge)
+    orders, edge = _inputs.options(orders, edge)
     s1, s2 = np.zeros((2, x.size, angles.size), dtype=np.complex128)
     order = np.argsort(angles, kind="stable")  # rays are traced for ascending angles
     jobs = []
@@ -145,7 +141,7 @@ def _sums(m, x, weight, theta, orders, rainbow, axis, edge):
     """(4, A) weighted Mueller elements."""
     from bakery.physics.goa import _field
 
-    orders, edge = _checked_options(orders, edge)
+    orders, edge = _inputs.options(orders, edge)
     m = complex(m)
     x, weight, theta = (np.ascontiguousarray(v, dtype=np.float64) for v in (x, weight, theta))
     sums = np.zeros((4, theta.size))
@@ -160,29 +156,3 @@ def _sums(m, x, weight, theta, orders, rainbow, axis, edge):
         for group, field in _fields(m, x, theta[part], orders, rainbow, axis, edge):
             _field.gather(field, weight[group], sums[:, part])
     return sums
-
-
-def _checked_large(m, x):
-    """As `bakery.mie._checked`, for x from 1 to 1e8."""
-    try:
-        x = np.asarray(x, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"x is a number or an array of numbers, found {x!r}") from None
-    bad = ~((x >= X_LOW) & (x <= X_HIGH))
-    if bad.any():
-        raise ValueError(f"x = {x[bad].flat[0]:g}: rays are for size parameters from {X_LOW:g} (sensibly 30) to {X_HIGH:g}; "
-                         "take bakery.mie below")
-    shape, m, _ = _checked(m, np.minimum(x, X_MAX))
-    return shape, np.array(m), np.array(np.broadcast_to(x, shape).reshape(-1))
-
-
-def _checked_options(orders, edge):
-    try:
-        orders = operator.index(orders)
-    except TypeError:
-        raise ValueError(f"orders = {orders!r}: a whole number of chords, 0 to {ORDERS_MAX}") from None
-    if not 0 <= orders <= ORDERS_MAX:
-        raise ValueError(f"orders = {orders}: 0 to {ORDERS_MAX} chords are followed")
-    if not (edge is None or isinstance(edge, str)) or edge not in EDGES:
-        raise ValueError(f"edge = {edge!r}: 'narrow', 'wide' or None (no exact partial waves)")
-    return orders, edge

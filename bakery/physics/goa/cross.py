@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.goa import _inputs
+
 EDGE = 1.99226  # first edge term of the extinction efficiency, times x^(-2/3): Nussenzveig & Wiscombe 1980
 NODES = 256
 
@@ -23,9 +25,7 @@ def extinction_of_rays(m, x):
     diverges and anomalous diffraction, 4 Re[1/2 + e^-w/w + (e^-w - 1)/w^2] with w = -2ix(m-1), stands in (van de Hulst 1957,
     ch. 11).  For absorbing spheres the edge term is that of transparent ones.
     """
-    from bakery.physics.goa import _checked_large
-
-    shape, m, x = _checked_large(m, x)
+    shape, m, x = _inputs.large(m, x)
     q = np.empty(x.size)
     mirror = np.isinf(m)
     soft = ~mirror & (abs(m - 1.0) * x < 1.0)
@@ -59,9 +59,9 @@ def absorption(m, x):
     t = 4 x k cos t_t; beyond the critical angle of bubbles 1 - R alone.  Exact to 1 % for x > 1000, 6 % low at 100 (12 % where
     4xk << 1): tunnelling at the edge is missing, of order x^(-2/3).
     """
-    from bakery.physics.goa import _checked_large, _cross
+    from bakery.physics.goa import _cross
 
-    shape, m, x = _checked_large(m, x)
+    shape, m, x = _inputs.large(m, x)
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     q = np.empty(x.size)
     _cross.absorption_block(m, x, nodes, weights, q)
