@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bakery.physics.medium import analytic, phase
+from bakery.physics.medium import _kernels, analytic, phase
 from bakery.physics.multiple import fourier, legendre, peaks, photons, point, table
 
 BLOCKS = 32
@@ -118,7 +118,7 @@ def _follow(stream, number, albedo, v, steps, whole, cdf, rest, rho, z, lobes, s
         weight, counted, first = own, 1, True
         while weight > 0:
             while True:  # the first event counts by definition
-                drop = photons.scattered(v, steps, whole, cdf, stream.random())
+                drop = _kernels.sampled(v, steps, whole, cdf, stream.random())
                 i = min(max(np.searchsorted(v, drop, side="right") - 1, 0), len(steps) - 1)
                 t = min((drop - v[i]) / steps[i], 1.0)
                 counts = stream.random() * (whole[i] + t * (whole[i + 1] - whole[i])) < rest[i] + t * (rest[i + 1] - rest[i])
@@ -127,7 +127,7 @@ def _follow(stream, number, albedo, v, steps, whole, cdf, rest, rho, z, lobes, s
             if counts and not first:
                 counted += 1
             first = False
-            ux, uy, uz = photons.turned(ux, uy, uz, drop, 2 * math.pi * stream.random())
+            ux, uy, uz = _kernels.turned(ux, uy, uz, drop, 2 * math.pi * stream.random())
             flight = -math.log1p(-stream.random())
             x, y, h = x + flight * ux, y + flight * uy, h + flight * uz
             r = math.hypot(x, y)

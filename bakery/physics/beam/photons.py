@@ -13,8 +13,7 @@ import numpy as np
 from numba import njit
 
 from bakery import rng
-from bakery.physics.medium import phase as tables
-from bakery.physics.multiple.photons import scattered, turned
+from bakery.physics.medium._kernels import layout, sampled, turned
 
 BLOCKS = 32  # random streams, and samples of each mean
 _LOW, _KEPT = 0.1, 0.3  # weight below which a photon plays for its life, and the weight of those that win
@@ -75,7 +74,7 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, firs
     """
     depth, edges = np.asarray(depth, float), np.asarray(edges, float)
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)
-    table = (2 * np.sin(theta / 2) ** 2, tables.steps(theta), phase, tables.cumulative(theta, phase))
+    table = layout(theta, phase)
     begins, density = (np.array(one, float) for one in layers)
     if begins[0] != 0 or not (np.diff(begins) > 0).all() or not (density >= 0).all() or len(begins) != len(density):
         raise ValueError("layers begin at 0 and ascend, each with a density of 0 or more")
@@ -187,7 +186,7 @@ def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, begins, density, op
                 if stream.random() * _KEPT >= weight:
                     break
                 weight = _KEPT
-            v = scattered(v_nodes, steps, f, cdf, stream.random())
+            v = sampled(v_nodes, steps, f, cdf, stream.random())
             ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
             event += 1
             if event >= first and (uz > 0 or (back and uz < 0)):

@@ -183,7 +183,7 @@ def _fill(vertices, faces, leaves, order, blocks, names):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scratch():
-    """Memory of one thread for `nearest`."""
+    """Memory of one thread for `nearest`: four arrays, overwritten at each call."""
     return np.empty(_PENDING, np.int32), np.empty(_PENDING, np.float32), np.empty(BOXES, np.float32), np.empty(TRIANGLES)
 
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
+from bakery.physics.medium._kernels import evaluated, sampled, turned
 from bakery.physics.multiple.frame import CORE, POINT
-from bakery.physics.multiple.photons import scattered, turned
 
 BOXES = 64  # of u = arsinh(r / CORE) up to the extent
 _LOW, _HIGH = 0.25, 4.0  # of the weight that belongs to a distance
@@ -37,9 +37,7 @@ def means(v_nodes, steps, f, angles, edges, turns, wide, out):
                 for i in range(turns):
                     v = min(max(1 - c * cj - s * sj * cosines[1, i] if M > 1
                                 else 1 - c * cj - s * sj * math.cos(math.pi * (i + 0.5) / turns), 0.0), 2.0)
-                    n = min(max(np.searchsorted(v_nodes, v, side="right") - 1, 0), len(steps) - 1)
-                    share = min(max((v - v_nodes[n]) / steps[n], 0.0), 1.0)
-                    ring[i] = f[n] + share * (f[n + 1] - f[n])
+                    ring[i] = evaluated(v_nodes, steps, f, v)
                 for m in range(M):
                     total = 0.0
                     row = cosines[m]
@@ -150,7 +148,7 @@ def follow(stream, photons, albedo, v_nodes, steps, f, cdf, edges, extent, k0, r
                     ux, uy, uz = turned(-qx, -qy, -qz, 1 - math.sqrt(stream.random()), 2 * math.pi * stream.random())
                 else:
                     weight *= albedo
-                    v = scattered(v_nodes, steps, f, cdf, stream.random())
+                    v = sampled(v_nodes, steps, f, cdf, stream.random())
                     ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
                 if weight <= 0:
                     break

@@ -96,9 +96,9 @@ def _interpolated(table, m, v, a):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def value(table, rho, z, x, y, along, a, b):
-    """The source at (rho, z) into the direction (x along rho, y across, along z).
+    """The source at (rho, z) into the direction (x along rho, y across, along z), mfp^-3 sr^-1; mfp; finite everywhere.
 
-    a, b : (K + 1,) float32, overwritten
+    table : `Ready`, of a point, or of a segment of its own length;  a, b : from `scratch`, overwritten
     """
     rho = max(rho, frame.CLOSEST)
     m, tangent, singular, sine, cosine = frame.place(table.kind, table.length, rho, z)
@@ -140,7 +140,7 @@ def piece(turn, t):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def any_length(points, segments, length, rho, z, x, y, along, a, b, c, d):
-    """`value` of a segment of any length: whole tiles of the tabulated one, and the rest as an integral over points.
+    """`value` of a segment of any length >= 0 (mfp): whole tiles of the tabulated one, and the rest as an integral over points.
 
     So are tiles on whose ends or axis the position nearly lies: there the table of segments is too coarse.
 
@@ -271,5 +271,6 @@ def _lobes(table, rho, z, polar, azimuth, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scratch(table):
+    """Memory of one thread for `value` and `any_length` of a table: two arrays (K + 1,) float32."""
     count = table.grid.shape[2]
     return np.empty(count, np.float32), np.empty(count, np.float32)

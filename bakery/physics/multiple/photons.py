@@ -16,6 +16,7 @@ from numba import njit
 
 from bakery import rng
 from bakery.physics.medium import phase as tables
+from bakery.physics.medium._kernels import evaluated, layout, sampled, turned
 
 BLOCKS = 32  # random streams, and samples of each mean
 _LOW, _KEPT = 0.2, 0.5  # weight below which a photon plays for its life, and the weight of those that win
@@ -77,7 +78,7 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     lobes = np.asarray(directions, float).reshape(-1, 2)
     sine = np.sin(lobes[:, 0])
     lobes = np.column_stack([sine * np.cos(lobes[:, 1]), sine * np.sin(lobes[:, 1]), np.cos(lobes[:, 0])])
-    table = (2 * np.sin(theta / 2) ** 2, tables.steps(theta), phase, tables.cumulative(theta, phase))
+    table = layout(theta, phase)
     each = -(-int(photons) // BLOCKS)
 
     def block(index):
@@ -112,32 +113,6 @@ def cell_averages(source: Callable, rho, z, directions, points=5):
     return np.einsum("rzabd,ra,b->rzd", values, weights, weight / 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def scattered(v_nodes, steps, f, cdf, xi):
-    """1 - cos of a scattering angle; the cumulative distribution is a quadratic in it between the nodes."""
-    i = min(max(np.searchsorted(cdf, xi, side="right") - 1, 0), len(steps) - 1)
-    slope = (f[i + 1] - f[i]) / steps[i]
-    c = (xi - cdf[i]) / (2 * math.pi)
-    root = f[i] + math.sqrt(max(f[i] ** 2 + 2 * slope * c, 0.0))
-    return v_nodes[i] + (min(max(2 * c / root, 0.0), steps[i]) if root > 0 else 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def turned(ux, uy, uz, v, turn):
-    """Direction u after a turn by an angle of 1 - cos = v, at azimuth `turn`."""
-    sine = math.sqrt(max(v * (2 - v), 0.0))
-    a, b = sine * math.cos(turn), sine * math.sin(turn)
-    # a frame about u without a special case (Duff et al. 2017)
-    sign = math.copysign(1.0, uz)
-    s = -1 / (sign + uz)
-    t = ux * uy * s
-    nx = a * (1 + sign * ux * ux * s) + b * t + (1 - v) * ux
-    ny = a * sign * t + b * (sign + uy * uy * s) + (1 - v) * uy
-    nz = -a * sign * ux - b * uy + (1 - v) * uz
-    norm = 1 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx * norm, ny * norm, nz * norm
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, rho, z, lobes, length, first, last, rim, sums):
     entering = 1.0 if length < 0 else -math.expm1(-length)
@@ -158,7 +133,7 @@ def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, rho, z, lobes, leng
                     break
                 weight = _KEPT * entering
             # new direction: 1 - cos and azimuth about the old one
-            v = scattered(v_nodes, steps, f, cdf, stream.random())
+            v = sampled(v_nodes, steps, f, cdf, stream.random())
             ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
             flight = -math.log1p(-stream.random())
             px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
@@ -177,7 +152,5 @@ def _add(px, py, pz, ux, uy, uz, weight, v_nodes, steps, f, rho, z, lobes, sums)
     x, y = (ux * px + uy * py) / r, (uy * px - ux * py) / r
     for d in range(len(lobes)):
         v = 1 - (x * lobes[d, 0] + y * lobes[d, 1] + uz * lobes[d, 2])
-        i = min(max(np.searchsorted(v_nodes, v, side="right") - 1, 0), len(steps) - 1)
-        share = min(max((v - v_nodes[i]) / steps[i], 0.0), 1.0)
-        cell[d] += weight * (f[i] + share * (f[i + 1] - f[i]))
+        cell[d] += weight * evaluated(v_nodes, steps, f, v)
     cell[-1] += weight
