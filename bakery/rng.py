@@ -21,7 +21,7 @@ class Stream(NamedTuple):
 STREAMS = {
     "shapes": Stream(0x67726169, ("part of the shape",)),
     "packing.centers": Stream(0x7061636B, ("tile", "attempt")),
-    "packing.chords": Stream(0x63686F72, ("tile", "block")),
+    "packing.chords": Stream(0x63686F72, ("block",)),
     "grains.entries": Stream(0x656E7472, ("walk", "replicate")),
     "grains.walk": Stream(0x77616C6B, ("walk",)),
     "granular.walk": Stream(0x6772616E, ()),

@@ -103,9 +103,9 @@ def test_spheres_of_a_repeated_tile():
     draw = np.random.default_rng(3)
     cell, radii = np.array([3.0, 2.5, 2.0]), np.array([0.4, 0.3, 0.5])
     centers = np.array([[0.5, 0.5, 0.5], [2.0, 1.5, 1.0], [2.9, 0.4, 1.4]])
-    o, d = np.tile([1.3, 2.2, 0.4], (40, 1)), draw.normal(size=(40, 3))
+    o, d = np.tile([1.3, 2.2, 0.4], (200, 1)), draw.normal(size=(200, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    distance, spheres = np.empty(40), np.empty((40, 4), np.int64)
+    distance, spheres = np.empty(200), np.empty((200, 4), np.int64)
     met(centers, radii, cell, np.array([3, 2, 2]), o, d, distance, spheres)
     copies = np.array(np.meshgrid(*[np.arange(-2, 3)] * 3)).reshape(3, -1).T
     to = (centers[:, None] + copies * cell).reshape(-1, 3) - o[:, None]

@@ -204,9 +204,9 @@ def _packed(number, k, fraction, radii, cell, seed, schedule):
     return pack(fraction, radii, cell, seed=seed, schedule=schedule, report=report)
 
 
-def _stream(seed: int, tile: int, block: int):
-    """The random stream of a task of chords."""
-    return rng.generator(seed, "packing.chords", tile, block)
+def _stream(seed: int, block: int):
+    """The random stream of a task of chords; the same for each tile of a dictionary, which does not depend on the others."""
+    return rng.generator(seed, "packing.chords", block)
 
 
 def compute(inputs: dict, context) -> Result:
@@ -223,7 +223,7 @@ def compute(inputs: dict, context) -> Result:
         if tile.status == "crystal":
             raise StageError(f"fraction {tile.wished:g}: {tile.reason}; nothing is stored. A larger packing.growth, more spheres "
                              "or several sizes would do")
-        members[name], error = _measured(tile, k, inputs["seed"], context)
+        members[name], error = _measured(tile, inputs["seed"], context)
         reached = max(reached, error)
         if not tile.reached:
             missed.append(f"fraction {tile.wished:g} was not reached: {tile.reason}; stored is the tile of fraction "
@@ -242,14 +242,14 @@ def compute(inputs: dict, context) -> Result:
     return Result(members, reached, tuple(notes), tuple(missed))
 
 
-def _measured(tile, number: int, seed: int, context) -> tuple[Group, float]:
+def _measured(tile, seed: int, context) -> tuple[Group, float]:
     """A tile's group, and the error in the stage's measure."""
     from bakery.physics.packing import structure
 
     form = (tile.centers, tile.radii, tile.cell)
     count = len(tile.radii)
     touching, order = structure.contacts(*form), structure.bond_order(*form)
-    chords = structure.chord_lengths(*form, context.tolerance, partial(_stream, seed, number), context.map)
+    chords = structure.chord_lengths(*form, context.tolerance, partial(_stream, seed), context.map)
     values = {
         "centers": tile.centers, "radii": tile.radii, "cell": tile.cell, "fraction": [structure.fraction(tile.radii, tile.cell)],
         "fraction_wished": [tile.wished], "smallest_gap": [structure.smallest_gap(*form)],
