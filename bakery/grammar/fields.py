@@ -21,6 +21,7 @@ from bakery.grammar.text import Mapping, Scalar, Sequence, show
 from bakery.grammar.units import FRACTION, LENGTH, NUMBER_ONLY, Quantity, Wrong
 
 FORMAT = 1
+SUM_OF_SHARES = 1e-6  # how far it may be from 1
 AUTO = {"auto": "auto"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}", re.ASCII)
 _RESERVED = re.compile(r"(?i)con|prn|aux|nul|com\d|lpt\d")
@@ -199,6 +200,11 @@ def word(*choices: str):
         return text
 
     return leaf(read, {"enum": list(choices)})
+
+
+def takes_auto(field) -> bool:
+    """Whether a field is a number that may be left to the stage (auto): a word among others stays a word."""
+    return any({"enum": ["auto"]} in getattr(part, "json", {}).get("anyOf", ()) for part in field.metadata)
 
 
 def one_of(choices) -> str:

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 from bakery.errors import Problem
 from bakery.grammar.fields import describe, nearest, one_of
-from bakery.grammar.section import likely, meant
+from bakery.grammar.section import Section, likely, meant
 from bakery.grammar.text import Mapping, Node, Scalar, Sequence, owner, show
-from bakery.recipe import grain_schema, schema
 
 
 def distinct(problems: list[Problem]) -> list[Problem]:
@@ -45,7 +44,7 @@ def translate(error: dict) -> Iterator[Problem]:
         )
     else:  # a mapping is expected
         name = error.get("ctx", {}).get("class_name", "")
-        fields = getattr(schema, name, None) or getattr(grain_schema, name, None)
+        fields = Section.named.get(name)
         keys = f" with {', '.join(fields.model_fields)}" if fields else ""
         yield owner(node).problem(f"found {describe(node)}", f"expected a mapping{keys}")
 

@@ -1,7 +1,7 @@
 """What the parts of the schema are made of: a mapping of known keys, the choice between several, and materials."""
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
@@ -14,6 +14,11 @@ class Section(BaseModel):
 
     # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    named: ClassVar[dict[str, type]] = {}  # every mapping of known keys: pydantic's errors tell names of classes
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        Section.named[cls.__name__] = cls
 
     @model_validator(mode="before")
     @classmethod

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from bakery.errors import Problem, RecipeError
@@ -359,3 +360,8 @@ def owner(node: Node) -> Place:
 def label_of(path) -> str:
     """A path as the user gave it, fit for messages."""
     return show(os.fspath(path), 400)[1:-1]
+
+
+def mappings(*nodes: Node | None) -> Iterator[Mapping]:
+    """Those of the nodes that are mappings."""
+    return (node for node in nodes if isinstance(node, Mapping))

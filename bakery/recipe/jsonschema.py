@@ -8,9 +8,11 @@ from bakery.recipe import schema
 
 def json_schema() -> dict:
     """The schema (draft 2020-12) as a dictionary; the same text in `assets/schemas/recipe-1.json`."""
-    made = schema.RecipeFile.model_json_schema()
+    made = schema.recipe_file().model_json_schema()
     made["title"] = "Bakery recipe, format 1"
-    made["anyOf"] = [{"oneOf": [{"required": [name]} for name in schema.SOURCES]}, {"required": ["packing"]}]
+    sections = schema.sections()
+    made["anyOf"] = [{"oneOf": [{"required": [section.name]} for section in sections if section.scatters]},
+                     *({"required": [section.name]} for section in sections if section.alone)]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(made)}
 
 

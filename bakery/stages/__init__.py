@@ -18,5 +18,5 @@ def all_stages() -> tuple[Stage, ...]:
     from bakery.stages.optics import stage as optics
     from bakery.stages.packing import stage as packing
 
-    return (packing.STAGE, grains.STAGE, optics.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS,
+    return (optics.STAGE, packing.STAGE, grains.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS,
             multiple.STAGE, beam.STAGE)

@@ -57,6 +57,34 @@ def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str =
 
 
 @dataclass(frozen=True)
+class RecipeSection:
+    """A section that a stage adds to recipes.
+
+    Attributes
+    ----------
+    name : its key at the top of a recipe
+    model : keys, defaults, descriptions (`bakery.grammar.section.Section`)
+    description : one line for editors
+    check : (checker, mapping): what has to hold between keys; see `bakery.recipe.checker`
+    completed : (parsed model, parsed recipe) -> model with the defaults that depend on the rest of the recipe
+    derived : the same -> further values that follow from keys and recipe; stages read them as if they were keys
+    scatters : whether it says what scatters; a recipe has exactly one such section
+    alone : whether a recipe may have this section and nothing that scatters
+    beside : a section beside which this one stands with its defaults where a recipe leaves it out
+    """
+
+    name: str
+    model: type
+    description: str
+    check: Callable[[Any, Any], None]
+    completed: Callable[[Any, Any], Any] = lambda model, recipe: model
+    derived: Callable[[Any, Any], Mapping[str, Any]] = lambda model, recipe: {}
+    scatters: bool = False
+    alone: bool = False
+    beside: str = ""
+
+
+@dataclass(frozen=True)
 class Knob:
     """A setting that trades time for accuracy.
 
@@ -167,6 +195,7 @@ class Stage:
         cannot be compared.  Errors are finite and in the unit of the tolerance
     reference : recipe key -> text: where the knobs stand for a converged group, besides the tolerance
     tolerance_key : recipe key of the error to be reached, where it is not the recipe's own
+    sections : what it adds to recipes
     """
 
     name: str
@@ -185,6 +214,7 @@ class Stage:
     measures: Callable[[Group, Group], Mapping[str, float]] | None = None
     reference: Mapping[str, str] = field(default_factory=dict, hash=False)
     tolerance_key: str = "tolerance"
+    sections: tuple[RecipeSection, ...] = ()
     sound: Callable[[Group], Iterable[str]] = lambda group: ()
 
     def tolerance(self, recipe) -> float:

@@ -13,7 +13,7 @@ from tests.conftest import ROOT
 # folder -> what it may import of bakery, besides itself and `errors`
 MAY = {
     "system": set(),
-    "grammar": {"recipe"},
+    "grammar": set(),
     "physics": {"rng", "system.llvm"},
     "store": set(),
     "draw": {"physics.medium", "store.tree"},

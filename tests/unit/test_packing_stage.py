@@ -58,7 +58,7 @@ def two(tmp_path_factory):
 def test_values_and_defaults(write):
     recipe = load(write("fraction: 0.6"))
     assert (recipe.packing.fraction, recipe.packing.count, recipe.packing.cell) == ((0.6,), 500, (1.0, 1.0, 1.0))
-    assert recipe.packing.radii.distribution == "equal" and recipe.packing.growth is recipe.packing.equilibration is None
+    assert recipe.packing.radii == "equal" and recipe.packing.growth is recipe.packing.equilibration is None
     assert recipe.packing.seed == recipe.leaves["packing.seed"] == 0
     # one fraction is one tile, however many wavelengths there are
     assert [key for key in recipe.leaves if key.startswith("packing.fraction")] == ["packing.fraction[0]"]
@@ -67,8 +67,8 @@ def test_values_and_defaults(write):
                         "1.3}, cell: [1, 2, 3], count: 50"))
     assert recipe.packing.fraction == (0.1, 0.2) and recipe.packing.seed == 3 and recipe.packing.growth == 0.05
     assert recipe.packing.equilibration == 20 and recipe.packing.radii.sigma == 1.3 and recipe.packing.cell == (1, 2, 3)
-    assert load(write("fraction: 0.1, radii: [{share: 40%, radius: 1}, {share: 0.6, radius: 2}]")).packing.radii.of == (
-        (0.4, 1.0), (0.6, 2.0))
+    assert load(write("fraction: 0.1, radii: [{share: 40%, radius: 1}, {share: 0.6, radius: 2}]")).packing.radii == (
+        {"share": 0.4, "radius": 1.0}, {"share": 0.6, "radius": 2.0})
 
 
 @pytest.mark.parametrize("inside, place, words", [

@@ -14,6 +14,8 @@ import ruamel.yaml
 
 from bakery.errors import RecipeError
 from bakery.recipe import json_schema, load
+from bakery.stages.medium.section import coefficients as coefficients_of
+from bakery.stages.medium.section import phase_keys
 from tests.conftest import ROOT
 
 SHIPPED = sorted((ROOT / "recipes").glob("*.yaml"))
@@ -83,13 +85,13 @@ def test_every_kind_of_particle(everything, tmp_path):
     a, b, c, d = p.components
     assert [part.name for part in p.components] == ["a", "b", "c", "d"] and [part.fraction for part in p.components] == [0.25] * 4
     assert a.material.n.tolist() == [1.5] * 3 and a.material.k.tolist() == [0.1, 0.2, 0.3]
-    assert (a.size.distribution, a.size.radius, a.size.min, a.size.max) == ("single", 0.06, None, None)
+    assert (a.size.distribution, a.size.radius) == ("single", 0.06)
     assert b.material.n == pytest.approx([1.45, 1.5, 1.55], rel=1e-15) and not b.material.k.any()
     assert (b.size.radius, b.size.variance, b.size.min, b.size.max) == (5.0, 0.1, None, 20.0)
-    radius, density = c.size.table
+    radius, density = c.size.file
     assert radius.tolist() == [1, 2, 4] and density.tolist() == [0, 3, 0] and c.size.min == 2.0
-    assert [share for share, _ in d.size.of] == [0.995, 0.005]
-    assert [part.distribution for _, part in d.size.of] == ["lognormal", "single"] and d.size.of[0][1].sigma == 1.2
+    assert [part.share for part in d.size.of] == [0.995, 0.005]
+    assert [part.distribution for part in d.size.of] == ["lognormal", "single"] and d.size.of[0].sigma == 1.2
     assert (d.size.min, d.size.max) == (1.0, 30.0)
     assert (recipe.phase.method, recipe.phase.orders, recipe.phase.polarized) == ("mie", 3, True)
 
@@ -195,7 +197,8 @@ def test_medium(write, coefficients, sigma_t, albedo):
     inner = coefficients[1:-1]
     parts = re.split(r", (?=mean_free_path|sigma_a)", inner)
     medium = load(write(MEDIUM.format("\n  ".join(parts), "{type: isotropic}"))).medium
-    assert medium.sigma_t == pytest.approx(sigma_t, rel=1e-15) and medium.albedo == pytest.approx(albedo, rel=1e-15)
+    assert coefficients_of(medium)[0] == pytest.approx(sigma_t, rel=1e-15)
+    assert coefficients_of(medium)[1] == pytest.approx(albedo, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -209,7 +212,7 @@ def test_medium(write, coefficients, sigma_t, albedo):
     ],
 )
 def test_phase_functions(write, phase, attribute, value):
-    found = getattr(load(write(MEDIUM.format("albedo: 1\n  mean_free_path: 1 m", phase))).medium.phase, attribute)
+    found = phase_keys(load(write(MEDIUM.format("albedo: 1\n  mean_free_path: 1 m", phase))).medium.phase)[attribute]
     assert found is None if value is None else found == pytest.approx(value)
 
 
@@ -220,7 +223,7 @@ def test_phase_table(write, table):
     write(table, "lobe.csv")
     theta, value = load(
         write(MEDIUM.format("albedo: 1\n  mean_free_path: 1 m", "{type: table, file: lobe.csv}"))
-    ).medium.phase.table
+    ).medium.phase.file
     assert theta.tolist() == [0.0, math.pi / 2, math.pi] and value.tolist() == [4, 1, 2]
 
 
@@ -238,7 +241,7 @@ def test_a_list_with_a_unit_keeps_the_lines_and_columns(write):
     assert [(p.line, p.column) for p in error.value.problems] == [(5, 26), (6, 24)]
     fixed = text.replace("x", "0.75").replace("1.5", "0.7")
     recipe = load(write(fixed))
-    assert recipe.medium.sigma_t == pytest.approx([1e6 / 840, 1e6 / 750, 1e6 / 680])
+    assert coefficients_of(recipe.medium)[0] == pytest.approx([1e6 / 840, 1e6 / 750, 1e6 / 680])
     assert recipe.description == "about [1, 2] mm: thick"
 
 
@@ -254,7 +257,7 @@ def test_a_quoted_list_counts_its_quote(write):
 
 def test_inside_braces(write):
     text = "bakery: 1\nname: m\nmedium: {albedo: 1, mean_free_path: [1, 2, 3] mm, phase: {type: isotropic}}\n"
-    assert load(write(text)).medium.sigma_t.tolist() == [1000, 500, 1e6 / 3000]
+    assert coefficients_of(load(write(text)).medium)[0].tolist() == [1000, 500, 1e6 / 3000]
 
 
 # ---- overrides

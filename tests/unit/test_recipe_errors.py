@@ -23,8 +23,8 @@ particles:
 """
 MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
 TOP = (
-    "bakery, name, description, wavelengths, seed, tolerance, measure, particles, grains, packing, medium, phase, discrete, "
-    "scatterometer, effective_medium, multiple_scattering or beam"
+    "bakery, name, description, wavelengths, seed, tolerance, measure, particles, grains, medium, phase, packing, scatterometer, "
+    "effective_medium, multiple_scattering, beam or discrete"
 )
 
 
@@ -372,7 +372,7 @@ def test_shares_of_grains_have_another_name_than_those_of_particles(refuse):
 def test_lists_with_units_of_one_over_a_length(tmp_path, listed):
     path = tmp_path / "milk.yaml"
     path.write_text(MILK.replace("albedo: 0.9\n  mean_free_path: 1 mm", f"sigma_s: 0 /m\n  sigma_a: {listed}"))
-    assert load(path).medium.sigma_t.tolist() == [1000, 2000, 3000]
+    assert load(path).medium.sigma_a.tolist() == [1000, 2000, 3000]
 
 
 @pytest.mark.parametrize("listed", ["[1, 2, 3] per mm", "[1, 2, 3] 4", '["1", 2, 3] /mm'])

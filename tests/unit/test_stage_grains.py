@@ -196,16 +196,16 @@ def test_sigma_t_of_the_random_walk(bake):
 
 def test_classes_of_a_law():
     from bakery.physics.packing import radii
-    from bakery.recipe.model import Radii
+    from bakery.physics.packing.law import Law
 
-    radius, share = exemplars.size_classes(Radii("lognormal", sigma=1.5))
+    radius, share = exemplars.size_classes(Law("lognormal", sigma=1.5))
     r = radii.lognormal(1.5, 4096)
     assert share.sum() == pytest.approx(1, abs=1e-12) and (np.diff(radius) > 0).all()
     assert share @ radius**3 / (share @ radius**2) == pytest.approx((r**3).sum() / (r**2).sum(), rel=1e-12)
     # light that meets a grain and is absorbed a little: <1 - exp(-R)> by cross section, to second order of the classes' widths
     by_class, exact = (np.sum(w * x**2 * np.exp(-x)) / np.sum(w * x**2) for w, x in ((share, radius), (np.ones_like(r), r)))
     assert by_class == pytest.approx(exact, rel=0.01)
-    assert exemplars.size_classes(Radii("list", of=((0.25, 2.0), (0.75, 4.0))))[0] == pytest.approx([4 / 7, 8 / 7])
+    assert exemplars.size_classes(Law("list", of=((0.25, 2.0), (0.75, 4.0))))[0] == pytest.approx([4 / 7, 8 / 7])
 
 
 def test_rules_find_what_is_wrong(tmp_path):

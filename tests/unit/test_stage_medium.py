@@ -26,8 +26,8 @@ def of_particles(upstream, **given):
 
 
 def of_coefficients(tolerance=0.01, albedo=(0.9, 1.0), **kind):
-    phase = dict(type="hg", g=np.array([0.7, -0.2]), spread=None, table=None) | kind
-    medium = SimpleNamespace(sigma_t=np.array([2.0, 5.0]), albedo=np.array(albedo), phase=SimpleNamespace(**phase))
+    phase = dict(type="hg", g=np.array([0.7, -0.2])) | kind
+    medium = SimpleNamespace(mean_free_path=1e6 / np.array([2.0, 5.0]), albedo=np.array(albedo), phase=SimpleNamespace(**phase))
     made = SimpleNamespace(wavelength=(0.6, 0.5), medium=medium, particles=None, tolerance=tolerance)
     return OF_COEFFICIENTS.compute(OF_COEFFICIENTS.inputs(made, {}), Here(tolerance)), made
 
@@ -117,7 +117,7 @@ def test_given_coefficients_are_kept():
                           dict(type="gaussian", g=None, spread=0.5),
                           dict(g=np.array([0.9999, -0.9999])),
                           dict(g=np.array([0.0, 0.0])),
-                          dict(type="table", g=None, table=(np.array([0.0, 1.0, math.pi]),
+                          dict(type="table", g=None, file=(np.array([0.0, 1.0, math.pi]),
                                                             np.array([3.0, 1.0, 0.0])))])
 def test_every_kind_of_phase_function_passes_its_rules(kind):
     result, made = of_coefficients(**kind)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bakery.errors import StageError
-from bakery.recipe.model import SingleScattering
 from bakery.run.cache import Cache
 from bakery.stages.declaration import remembering
 from bakery.stages.optics.stage import STAGE
@@ -17,7 +16,7 @@ from bakery.store.tree import Dataset, Group
 
 
 def size(distribution="lognormal", **given):
-    values = dict(radius=0.5, sigma=1.5, variance=None, min=None, max=None, table=None, of=())
+    values = dict(radius=0.5, sigma=1.5, variance=None, min=None, max=None, of=())
     return SimpleNamespace(distribution=distribution, **(values | given))
 
 
@@ -28,7 +27,8 @@ def index(n, k=0.0):
 def recipe(polarized=False, tolerance=0.03, number=1e8, filled=None, host=1.0, host_k=0.0, **of_size):
     components = (SimpleNamespace(name="drops", material=index(1.33, 1e-3), fraction=0.8, size=size(**of_size)),
                   SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2)))
-    options = SingleScattering("auto", 3, polarized, None, "narrow", True, True, None, None)
+    options = SimpleNamespace(method="auto", orders=3, polarized=polarized, switch=None, edge="narrow", rainbow=True, axis=True,
+                              radii=None, angles=None)
     particles = SimpleNamespace(host=index(host, host_k), number_density=number, volume_fraction=filled, components=components)
     return SimpleNamespace(wavelength=(0.6, 0.45), tolerance=tolerance, measure="pointwise", medium=None, phase=options,
                            particles=particles)

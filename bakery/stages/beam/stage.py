@@ -8,6 +8,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
+from bakery.stages.beam.section import BEAM
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Group
 
@@ -202,6 +203,7 @@ STAGE = Stage(
     reads=("wavelengths", "seed", "beam"),
     needs=("medium",),
     applies=lambda recipe: recipe.beam is not None,
+    sections=(BEAM,),
     outputs=OUTPUTS,
     error_measure="relative root mean square difference of the fluence from counted photons, over planes and rings up to 5 mean "
                   "free paths, less the photons' noise, plus that noise",

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.effective.section import EFFECTIVE
 from bakery.stages.grains import stage as grain_stage
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
@@ -89,7 +90,8 @@ def inputs(recipe, upstream) -> dict:
         "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": given["radius"],
         "tile": _tile(packing, fraction), "components": given["components"], "depth": given["depth"],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
-        "wavelength": np.asarray(recipe.wavelength, float), "choice": recipe.effective_medium.sigma_t,
+        "wavelength": np.asarray(recipe.wavelength, float),
+        "choice": None if recipe.effective_medium.sigma_t == "auto" else recipe.effective_medium.sigma_t,
         "walks": recipe.effective_medium.walks}
 
 
@@ -287,6 +289,7 @@ OF_GRAINS = Stage(
            "effective_medium"),
     needs=("packing", "grains"),
     applies=lambda recipe: recipe.grains is not None,
+    sections=(EFFECTIVE,),
     outputs=OUTPUTS,
     error_measure="how far light spreads with sigma_t against a random walk through the explicit grains of the tile (relative "
                   "difference of the square roots of the mean square ways, nothing absorbed); or the standard error of that, or "

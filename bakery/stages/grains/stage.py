@@ -11,7 +11,9 @@ import numpy as np
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.grains import exemplars
+from bakery.stages.grains.section import GRAINS, SCATTEROMETER, absorption, shape_keys
 from bakery.stages.measures import integrated_difference
+from bakery.stages.packing.section import radii_law
 from bakery.store.tree import Dataset, Group, read_text, text
 
 PEAK = 1e-3  # rad, second angle of the table: room for light that leaves unchanged, in tables of media
@@ -86,18 +88,19 @@ _REQUIRED = ("vertices", "faces", "weight", "interior", *SCALARS, *FIGURES, "pha
 
 def inputs(recipe, upstream) -> dict:
     grains, host = recipe.grains, np.asarray(recipe.grains.host.n, float)
-    classes, shares = exemplars.size_classes(recipe.packing.radii)
+    classes, shares = exemplars.size_classes(radii_law(recipe.packing.radii))
     components = []
     for i, grain in enumerate(grains.components):
-        surface = grain.surface
-        index = None
-        if surface.index is not None:
-            index = (np.asarray(surface.index.n, float) + 1j * np.asarray(surface.index.k, float)) / host
+        surface = vars(grain.surface)
+        material, reflectance = surface.get("material"), surface.get("reflectance")
+        index = None if material is None else (material.n + 1j * material.k) / host
         components.append({
-            "name": grain.name, "weight": float(grain.weight), "shape": dict(grain.shape), "type": surface.type, "index": index,
+            "name": grain.name, "weight": float(grain.weight), "shape": shape_keys(grain.shape), "type": surface["type"],
+            "index": index,
             "file": recipe.leaves.get(f"grains.components[{i}].shape.file", ""),
-            "roughness": float(surface.roughness), "absorption": np.asarray(grain.absorption, float),
-            "reflectance": None if surface.reflectance is None else np.asarray(surface.reflectance, float)})
+            "roughness": float(surface.get("roughness", 0.0)),
+            "absorption": absorption(grain.interior, recipe.wavelength),
+            "reflectance": reflectance})
     options = recipe.scatterometer
     return {"components": components, "radius": 1e-6 * grains.radius, "classes": classes, "shares": shares,
             "wavelengths": len(recipe.wavelength), "triangles": options.triangles, "paths": options.paths,
@@ -424,6 +427,7 @@ STAGE = Stage(
     reads=("wavelengths", "seed", "grains", "packing.radii", "scatterometer"),
     needs=(),
     applies=lambda recipe: recipe.grains is not None,
+    sections=(GRAINS, SCATTEROMETER),
     outputs=OUTPUTS,
     error_measure="largest standard error of the hit probability and the albedo (relative, of an albedo of at least 0.01), of "
                   "lambda_delta, lambda_s, mean_square (in radii of the bounding sphere) and g, and half the integral of the "

@@ -10,6 +10,7 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets
+from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
 from bakery.store.tree import Dataset, Group
 
@@ -110,10 +111,8 @@ def _compute_of_particles(inputs: dict, context) -> Result:
 
 
 def _inputs_of_coefficients(recipe, upstream) -> dict:
-    medium = recipe.medium
-    return {"sigma_t": np.asarray(medium.sigma_t, float), "albedo": np.asarray(medium.albedo, float), "type": medium.phase.type,
-            "g": None if medium.phase.g is None else np.asarray(medium.phase.g, float), "spread": medium.phase.spread,
-            "table": medium.phase.table, "wavelengths": len(recipe.wavelength)}
+    sigma_t, albedo = coefficients(recipe.medium)
+    return {"sigma_t": sigma_t, "albedo": albedo, "wavelengths": len(recipe.wavelength)} | phase_keys(recipe.medium.phase)
 
 
 def _compute_of_coefficients(inputs: dict, context) -> Result:
@@ -138,9 +137,10 @@ def _cost_of_particles(recipe) -> Cost:
 def _cost_of_coefficients(recipe) -> Cost:
     from bakery.physics.medium import analytic
 
-    phase = recipe.medium.phase
-    angles = analytic.predicted_angles(phase.type, _ANALYTIC * recipe.tolerance, phase.g, phase.spread, phase.table)
-    rows = 3 * (1 if phase.g is None else len(np.unique(phase.g)))  # equal rows pack to one
+    phase = phase_keys(recipe.medium.phase)
+    g = phase["g"]
+    angles = analytic.predicted_angles(phase["type"], _ANALYTIC * recipe.tolerance, g, phase["spread"], phase["table"])
+    rows = 3 * (1 if g is None else len(np.unique(g)))  # equal rows pack to one
     return Cost(0.001 + 1e-5 * angles, 8 * 6 * angles * rows + 2**20, 8 * angles * (1 + rows) + 7000,
                 f"about {angles} angles", kind="of coefficients")
 
@@ -221,5 +221,6 @@ OF_COEFFICIENTS = Stage(
     inputs=_inputs_of_coefficients,
     compute=_compute_of_coefficients,
     check=check,
+    sections=(MEDIUM,),
     sound=sound,
 )

@@ -12,6 +12,7 @@ from bakery import rng
 from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.multiple.section import MULTIPLE
 from bakery.store.tree import Dataset, Group, text
 
 KINDS = ("point", "segment")
@@ -321,7 +322,7 @@ def cost(recipe) -> Cost:
 
 def _width(recipe) -> float:
     """About how forward the phase function is, from the recipe alone."""
-    if recipe.medium is not None and recipe.medium.phase.g is not None:
+    if recipe.medium is not None and recipe.medium.phase.type == "hg":
         return float(np.abs(recipe.medium.phase.g).max())
     if recipe.medium is not None and recipe.medium.phase.type in ("isotropic", "rayleigh"):
         return 0.0
@@ -374,6 +375,7 @@ STAGE = Stage(
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),
     applies=lambda recipe: recipe.multiple_scattering is not None,
+    sections=(MULTIPLE,),
     outputs=OUTPUTS,
     error_measure="relative error of a lobe over directions, root mean square over positions between the corners of the tables, "
                   "with two of its standard errors and what the solver contributes; the largest of all tables",

@@ -11,6 +11,7 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.stages import declaration, measures, rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.optics.section import PARTICLES, PHASE, sizes
 from bakery.store.tree import Dataset, Group, read_text, text
 
 _KERNELS = ("mie._kernels",)
@@ -52,7 +53,7 @@ def _population(component):
     from bakery.physics.sizes import population
 
     try:
-        return population(component.size)
+        return population(sizes(component.size))
     except ValueError as error:
         raise StageError(f"{component.name}: {error}") from None
 
@@ -75,7 +76,8 @@ def _settings(recipe) -> dict:
     from bakery.physics.averages import Rays
 
     phase = recipe.phase
-    return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, phase.edge, phase.switch),
+    return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, None if phase.edge == "none" else phase.edge,
+                         phase.switch),
             "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
 
 
@@ -327,6 +329,7 @@ STAGE = Stage(
         Knob("angles", "phase.angles", "auto", "number of angles", ("91", "181", "361", "721", "1801")),
     ),
     measures=measures.optics,
+    sections=(PARTICLES, PHASE),
     reference={"measure": "pointwise", "phase.method": "mie", "phase.radii": "auto", "phase.angles": "auto",
                "phase.switch": "auto"},
 )

@@ -15,6 +15,7 @@ from bakery import rng
 from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.packing.section import PACKING, radii_law
 from bakery.store.tree import Dataset, Group
 
 LEAST_GAP = -1e-9  # of the mean diameter: less is rounding, more an overlap
@@ -104,7 +105,7 @@ def nearest_denser(group: Group, fraction: float) -> tuple[np.ndarray, np.ndarra
 def _radii(packing) -> np.ndarray:
     from bakery.physics.packing import radii
 
-    law = packing.radii
+    law = radii_law(packing.radii)
     if law.distribution == "lognormal":
         return radii.lognormal(law.sigma, packing.count)
     if law.distribution == "list":
@@ -443,6 +444,7 @@ STAGE = Stage(
     reads=("tolerance", "packing"),
     needs=(),
     applies=lambda recipe: recipe.packing is not None,
+    sections=(PACKING,),
     outputs=OUTPUTS,
     error_measure="largest of |fraction reached - wished| / wished and, of the chords between spheres, the relative standard "
                   "errors of the mean and of every bin with at least 1/64 of them; what other tiles of the kind would differ by "

@@ -1,16 +1,12 @@
-"""Packed grains: what a recipe may say of them.
-
-The keys of a shape are the keywords of the function of `bakery.physics.shapes.build` that makes it, with its ranges and defaults.
-"""
+"""The keys of a grain's shape: the keywords of the function of `bakery.physics.shapes.build` that makes it, with its ranges."""
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, Tag
 
-from bakery.grammar.fields import AUTO, GrainName, Length, Path, Share, number, numbers, whole, word
-from bakery.grammar.section import HostOf, MaterialOf, Section, pick
-from bakery.grammar.units import COEFFICIENT, FRACTION
+from bakery.grammar.fields import Path, number, numbers, whole, word
+from bakery.grammar.section import Section, pick
 from bakery.physics.shapes import limits
 
 
@@ -100,80 +96,3 @@ Shape = Annotated[
     | Annotated[MeshShape, Tag("mesh")],
     pick("type", ("sphere", "box", "ellipsoid", "superellipsoid", "rock", "crystal", "aggregate", "mesh")),
 ]
-Roughness = number(FRACTION, least=0, most=1)
-
-
-class Dielectric(Section):
-    type: word("dielectric") = Field(description="Lets light in: ice, glass, salt.")
-    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}; only n counts here.")
-    roughness: Roughness = Field(0.0, description="GGX alpha, 0.0001 to 1; 0 is smooth.")
-
-
-class Diffuse(Section):
-    type: word("diffuse") = Field(description="Opaque and matt (Lambertian).")
-    reflectance: numbers(FRACTION, least=0, most=1) = Field(
-        description="Share of the light that is reflected; one value, or one a wavelength."
-    )
-
-
-class Conductor(Section):
-    type: word("conductor") = Field(description="Opaque and shiny: metals.")
-    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}.")
-    roughness: Roughness = Field(0.0, description="GGX alpha, 0.0001 to 1; 0 is smooth.")
-
-
-Surface = Annotated[
-    Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse, Tag("diffuse")] | Annotated[Conductor, Tag("conductor")],
-    pick("type", ("dielectric", "diffuse", "conductor")),
-]
-
-
-class Interior(Section):
-    """What absorbs inside a dielectric: absorption or material."""
-
-    absorption: numbers(COEFFICIENT, least=0, most=1e12) | None = Field(
-        None, description="Absorption coefficient, such as [0.1, 0.2, 0.4] /mm; one value, or one a wavelength."
-    )
-    material: MaterialOf | None = Field(None, description="Material whose k absorbs (4 pi k / wavelength).")
-
-
-class Grain(Section):
-    name: GrainName = Field(description="Name of the group in the asset.")
-    weight: Share = Field(1.0, description="Share of the grains by number; the weights of all components add up to 1.")
-    shape: Shape = Field(description="Shape of the grain, scaled to the bounding sphere.")
-    surface: Surface = Field(description="Its surface.")
-    interior: Interior | None = Field(None, description="What absorbs inside a dielectric; clear if absent.")
-
-
-class Grains(Section):
-    """Packed grains."""
-
-    radius: Length = Field(description="Radius of the bounding sphere, such as 0.5 mm; the mean if packing.radii gives several.")
-    host: HostOf = Field("vacuum", description="What the grains lie in: a material, {n}, or {file}.")
-    components: list[Grain] = Field(min_length=1, max_length=256, description="The kinds of grains.")
-
-
-class Scatterometer(Section):
-    """Options of the grain stage."""
-
-    tolerance: number(FRACTION, least=1e-6, most=0.5) | None = Field(
-        None, description="Error that each figure of a grain should reach; half of the recipe's tolerance if absent."
-    )
-    triangles: whole(*limits.TRIANGLES, words=limits.LEVELS) = Field(
-        limits.LEVELS["middle"], description="Triangles of a grain: coarse (1,300), middle (20,000), fine (200,000) or a number."
-    )
-    paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever error they leave.")
-    depth: whole(1, 10**9) = Field(100_000, description="Meetings with the surface after which a path is cut.")
-    engine: word("numba", "mitsuba") = Field("numba", description="What traces the paths.")
-
-
-class EffectiveMedium(Section):
-    """Options of the medium that stands for packed grains."""
-
-    sigma_t: word("auto", "mean_flight", "second_moment", "random_walk") = Field(
-        "auto", description="Length scale: from the mean flight, from its second moment, or matched to a random walk through "
-        "explicit grains; auto: random_walk where that comes to an end, else mean_flight."
-    )
-    walks: whole(1_000, 10**12, words=AUTO) = Field(
-        "auto", description="Hits of the random walk through explicit grains that measures the error of sigma_t."
-    )

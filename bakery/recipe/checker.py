@@ -1,0 +1,256 @@
+"""Runs the checks of a recipe's sections, and gives them their tools.
+
+The checks see the tree and the values that were well formed (dotted key -> value), so they say what they can even where other
+keys are wrong.  A key that is missing or malformed is passed over here: the schema has reported it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bakery.errors import Problem
+from bakery.grammar import tables
+from bakery.grammar.fields import SUM_OF_SHARES, nearest
+from bakery.grammar.files import DataFile, Folder, materials
+from bakery.grammar.section import SMALLEST_N, meant
+from bakery.grammar.text import Mapping, Node, Sequence, mappings, owner, show
+from bakery.grammar.units import Wrong
+from bakery.grammar.values import Index, frozen
+from bakery.physics.materials import Table
+from bakery.physics.materials import index as constants
+from bakery.recipe import wavelengths
+from bakery.recipe.schema import NAMED_WAVELENGTHS
+from bakery.stages.declaration import RecipeSection
+
+CLEAR = 1e-3  # largest k of a host: above it, cross sections of a sphere in it are not defined by Lorenz-Mie theory
+
+
+@dataclass
+class Checker:
+    """Runs the checks; then `problems`, `warnings`, `files` and `found` (what stands behind a key: optical constants, columns,
+    meshes) hold what was found."""
+
+    tree: Mapping
+    values: dict
+    folder: Folder
+    sections: tuple[RecipeSection, ...]
+    problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+    files: list[DataFile] = field(default_factory=list)
+    found: dict = field(default_factory=dict)
+    meshes: dict[str, tuple[bytes, str]] = field(default_factory=dict)
+    wavelength: tuple[float, ...] | None = None
+
+    def run(self) -> None:
+        self._wavelengths()
+        self._scattering()
+        for section in self.sections:
+            for mapping in mappings(self.tree.get(section.name)):
+                section.check(self, mapping)
+        self._unusual_wavelengths()
+
+    @property
+    def scattering(self) -> list[str]:
+        """Names of the sections that say what scatters."""
+        return [section.name for section in self.sections if section.scatters]
+
+    def _scattering(self) -> None:
+        names = self.scattering
+        present = [name for name in names if name in self.tree]
+        expected = f"expected exactly one of {', '.join(names)}"
+        if not present and not any(section.alone and section.name in self.tree for section in self.sections):
+            self.problems.append(self.tree.place.problem("found nothing that scatters", expected, key=""))
+        for name in present[1:]:
+            self.report_section(self.tree[name], f"found {name} beside {present[0]}", expected)
+
+    # ---- tools
+
+    def report(self, node: Node, found: str, expected: str, offset: int = 0) -> None:
+        self.problems.append(node.place.problem(found, expected, offset))
+
+    def report_section(self, node: Node, found: str, expected: str) -> None:
+        self.problems.append(owner(node).problem(found, expected))
+
+    def value(self, section: Mapping, name: str):
+        node = section.get(name)
+        return None if node is None else self.values.get(node.place.key)
+
+    def several(self, node: Node | None) -> tuple | None:
+        """The values of a key that takes one value or several; None unless all are well formed."""
+        if isinstance(node, Sequence):
+            found = tuple(self.values.get(item.place.key) for item in node)
+            return found if found and None not in found else None
+        return None if node is None else self.values.get(node.place.key)
+
+    def one_each(self, section: Mapping, name: str) -> np.ndarray | None:
+        """A key with one value for all wavelengths or one for each, (L,)."""
+        values = self.several(section.get(name))
+        if values is None or self.wavelength is None:
+            return None
+        count = len(self.wavelength)
+        if len(values) not in (1, count):
+            self.report(
+                section[name],
+                f"found {len(values)} values for {count} wavelength{'s' * (count != 1)}",
+                "expected one value, or one a wavelength",
+            )
+            return None
+        found = np.array(values * count if len(values) == 1 else values, dtype=float)
+        self.found[section[name].place.key] = found
+        return found
+
+    def only_with(self, section: Mapping, other: str) -> None:
+        """A section that has no effect without another one."""
+        if other not in self.tree:
+            self.report_section(section, f"found {section.place.key} without {other}", f"expected it with {other} only")
+
+    def needs_scattering(self, section: Mapping) -> None:
+        """A section that needs something that scatters beside it."""
+        names = self.scattering
+        if not any(name in self.tree for name in names):
+            self.report_section(section, f"found {section.place.key} without anything that scatters",
+                                f"expected {', '.join(names[:-1])} or {names[-1]} beside it")
+
+    def _wavelengths(self) -> None:
+        node = self.tree.get("wavelengths")
+        self.wavelength = NAMED_WAVELENGTHS["rgb"] if node is None else self.several(node)
+        if self.wavelength is None:
+            return
+        if len(self.wavelength) > 4096:
+            self.report(node, f"found {len(self.wavelength):,} wavelengths", "expected at most 4,096")
+            self.wavelength = None
+        elif len(set(self.wavelength)) < len(self.wavelength):
+            double = next(w for i, w in enumerate(self.wavelength) if w in self.wavelength[:i])
+            self.report(node, f"found {double:g} um more than once", "expected distinct wavelengths")
+
+    def _unusual_wavelengths(self) -> None:
+        """A warning for wavelengths far from what is seen; a table of the user's own that has them says that they are meant."""
+        far = wavelengths.far(self.wavelength or ())
+        if not far or any(file.key.endswith(("material.file", "host.file")) for file in self.files):
+            return
+        near = wavelengths.likely(far)
+        low, high = wavelengths.TABLES
+        self.warnings.append(self.tree["wavelengths"].place.problem(
+            f"found {wavelengths.listed(far)} um, far from what is seen (0.4 to 0.8 um) and from the tables of materials "
+            f"({low:g} to {high:g} um)", f"give the unit that is meant ({near}?)" if near else "is the unit right?"))
+
+    def host(self, section: Mapping, default: str) -> Index | None:
+        """Optical constants of what particles or grains lie in."""
+        host = self.index(section, "host", default)
+        if host is not None and host.k.max() > CLEAR:
+            self.report(
+                section.get("host", section),
+                f"found a host that absorbs (k = {host.k.max():.3g})",
+                f"expected a clear host, k at most {CLEAR:g}",
+            )
+        return host
+
+    def components(self, section: Mapping, share: str) -> list[Mapping]:
+        """The mappings in a list of components, whose names and shares are checked."""
+        node = section.get("components")
+        parts = list(mappings(*node)) if isinstance(node, Sequence) else []
+        seen: dict[str, str] = {}
+        for part in parts:
+            name = self.value(part, "name")
+            # two names that differ in case alone are one file on some systems
+            if name is not None and name.lower() in seen:
+                self.report(
+                    part["name"], f"found {show(name)} a second time (first in {seen[name.lower()]})", "expected distinct names"
+                )
+            elif name is not None:
+                seen[name.lower()] = str(part["name"].place)
+        if parts and len(parts) == len(node):
+            self.shares(node, share, parts, 1.0)
+        return parts
+
+    def shares(self, node: Sequence, name: str, parts: list[Mapping], default: float | None) -> None:
+        """Shares of a list of parts that have to add up to 1."""
+        if any(name in meant(part) for part in parts):
+            return
+        shares = [self.value(part, name) if name in part else default for part in parts]
+        if None not in shares and abs(math.fsum(shares) - 1) > SUM_OF_SHARES:
+            self.report_section(node, f"found {name}s that add up to {math.fsum(shares):.7g}", "expected 1")
+
+    # ---- files
+
+    def index(self, section: Mapping, name: str, default: str | None = None) -> Index | None:
+        """Optical constants at the recipe's wavelengths, from a name, {n, k} or a file."""
+        node, key = section.get(name), f"{section.place.key}.{name}"
+        if isinstance(node, Mapping) and "file" in node:
+            table = self.table(node["file"], tables.INDEX)
+            found = self._interpolate(node["file"], self.value(node, "file"), table)
+        elif isinstance(node, Mapping):
+            n, k = self.one_each(node, "n"), self.one_each(node, "k")
+            k = np.zeros(len(self.wavelength)) if "k" not in node and self.wavelength else k
+            found = None if n is None or k is None else Index("n, k", frozen(n), frozen(k))
+        else:
+            word = default if node is None else self.values.get(key)
+            found = None if word is None else self._named(node, section, key, word)
+        if found is not None:
+            self.found[key] = found
+        return found
+
+    def _named(self, node: Node | None, section: Mapping, key: str, word: str) -> Index | None:
+        known = materials()
+        if word not in known:
+            self.report(
+                node or section,
+                f"found {show(word)}, an unknown material",
+                f"expected {', '.join(known)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, known),
+            )
+            return None
+        anchor = node or section
+        try:
+            data, file = self.folder.material(key, word)
+            table = tables.read(data, f"assets/materials/{word}.csv", key, tables.INDEX)
+        except Wrong as wrong:
+            self.report(anchor, wrong.found, wrong.expected)
+            return None
+        except tables.BadTable as bad:
+            self.problems += bad.problems
+            return None
+        self.files.append(file)
+        return self._interpolate(anchor, word, table)
+
+    def _interpolate(self, node: Node, word: str, table: np.ndarray | None) -> Index | None:
+        if table is None or self.wavelength is None:
+            return None
+        wavelength, n = table[:2]
+        k = table[2] if len(table) == 3 else np.zeros_like(n)
+        if n.max() > 1000 or k.max() > 1000:
+            self.report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", "expected at most 1000")
+            return None
+        if n.min() < SMALLEST_N:
+            self.report(node, f"found n down to {n.min():g} in the table", f"expected at least {SMALLEST_N:g}")
+            return None
+        outside = [w for w in self.wavelength if not wavelength[0] <= w <= wavelength[-1]]
+        if outside:
+            near, shown = wavelengths.likely(outside), wavelengths.listed(outside)
+            self.report(
+                node,
+                f"found the wavelength{'s' * (len(outside) > 1)} {shown} um, for which {show(word)} has no data",
+                f"expected {wavelength[0]:g} to {wavelength[-1]:g} um" + (f" ({near}?)" if near else ""),
+            )
+            return None
+        return Index(word, *map(frozen, constants(Table(wavelength, n, k), self.wavelength)))
+
+    def table(self, node: Node | None, columns: tuple[tables.Column, ...]) -> np.ndarray | None:
+        """The columns of the CSV file that a key names."""
+        name = None if node is None else self.values.get(node.place.key)
+        if name is None:
+            return None
+        key = node.place.key
+        try:
+            data, file = self.folder.read(key, name)
+            self.found[key] = tables.read(data, show(name, 300)[1:-1], key, columns)
+        except Wrong as wrong:
+            self.report(node, wrong.found, wrong.expected)
+            return None
+        except tables.BadTable as bad:
+            self.problems += bad.problems
+            return None
+        self.files.append(file)
+        return self.found[key]

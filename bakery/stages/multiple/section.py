@@ -1,0 +1,62 @@
+"""Recipe section `multiple_scattering`: tables of the light that is scattered three times and more."""
+
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from bakery.grammar.fields import AUTO, number, whole, word
+from bakery.grammar.section import Section
+from bakery.grammar.text import Mapping
+from bakery.grammar.units import FRACTION
+from bakery.stages.declaration import RecipeSection
+
+if TYPE_CHECKING:
+    from bakery.recipe.checker import Checker
+
+# what the solver reaches for forward lobes that it just resolves (g = 0.9: 0.5 %): a default below that would miss itself
+REACHED = 0.01
+
+
+class MultipleScattering(Section):
+    """Precomputed multiple scattering."""
+
+    sources: Annotated[list[word("point", "segment")], Field(min_length=1, max_length=2)] = Field(
+        ("point", "segment"), description="Kinds of sources."
+    )
+    extent: number(least=0.5, most=200, words=AUTO) = Field(
+        "auto", description="Distance that the tables cover, in mean free paths; auto: all but 1e-4 of the light."
+    )
+    length: number(least=0.1, most=10) = Field(2.0, description="Length of the tabulated segment, in mean free paths.")
+    tolerance: number(FRACTION, least=1e-4, most=0.5) | None = Field(
+        None, description="Relative error of a lobe; the recipe's tolerance, but at least 1 %, if absent."
+    )
+    orders: whole(2, 128, words=AUTO) = Field("auto", description="Legendre orders that are solved; narrower peaks are left out.")
+    method: word("auto", "solver", "photons") = Field(
+        "auto", description="How tables are made; auto: photons where the solver refuses or its error is above 20 %."
+    )
+    photons: whole(1000, 10**10, words=AUTO) = Field(
+        "auto", description="Photons that are followed for a wavelength, at most; auto: as many as fly 4e7 times."
+    )
+
+
+def check(checker: "Checker", section: Mapping) -> None:
+    """Something scatters, each source stands once, and photons are followed where their number is given."""
+    checker.needs_scattering(section)
+    sources = checker.several(section.get("sources"))
+    if sources and len(set(sources)) < len(sources):
+        checker.report(section["sources"], "found a source twice", "expected point and segment once each")
+    if checker.value(section, "method") == "solver" and checker.value(section, "photons") not in ("auto", None):
+        checker.report(section["photons"], "found a number of photons beside method: solver", "expected method: photons or auto")
+
+
+def _completed(multiple: MultipleScattering, recipe) -> MultipleScattering:
+    return multiple.model_copy(update={"tolerance": multiple.tolerance or max(recipe.tolerance, REACHED)})
+
+
+def _derived(multiple: MultipleScattering, recipe) -> dict:
+    return {"aim": multiple.tolerance or max(0.3 * recipe.tolerance, 1e-4)}  # less than has to be met, as it costs little
+
+
+MULTIPLE = RecipeSection("multiple_scattering", MultipleScattering, "Tables of the light that is scattered three times and more.",
+                         check, completed=_completed, derived=_derived)

@@ -1,0 +1,260 @@
+"""Recipe sections `particles` and `phase`: suspended spheres, and options of their single scattering."""
+
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+import math
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field, Tag
+
+from bakery.grammar import tables
+from bakery.grammar.fields import AUTO, ComponentName, Flag, GeometricDeviation, Length, Path, Share, number, whole, word
+from bakery.grammar.section import HostOf, MaterialOf, Section, given, pick
+from bakery.grammar.text import Mapping, Node, Sequence, mappings
+from bakery.grammar.units import DENSITY, FRACTION
+from bakery.grammar.values import Index, Values
+from bakery.stages.declaration import RecipeSection
+
+if TYPE_CHECKING:
+    from bakery.recipe.checker import Checker
+
+SMALLEST, LARGEST = 1e-8, 1e6  # size parameters that Lorenz-Mie sums cover
+
+
+class _Cut(Section):
+    min: Length | None = Field(None, description="Smallest radius: the density is cut there and renormalised.")
+    max: Length | None = Field(None, description="Largest radius: the density is cut there and renormalised.")
+
+
+class SingleSize(Section):
+    distribution: word("single") = Field(description="All particles have one radius.")
+    radius: Length = Field(description="Radius, such as 5 um.")
+
+
+class LognormalSize(_Cut):
+    distribution: word("lognormal") = Field(description="ln r is normally distributed.")
+    radius: Length = Field(description="Geometric mean (= median) radius by number.")
+    sigma: GeometricDeviation = Field(description="Geometric standard deviation, above 1.")
+
+
+class GammaSize(_Cut):
+    distribution: word("gamma") = Field(description="Gamma distribution of Hansen and Travis.")
+    radius: Length = Field(description="Effective radius <r^3>/<r^2>.")
+    variance: number(FRACTION, least=1e-6, below=1 / 3) = Field(description="Effective variance, below 1/3.")
+
+
+class TableSize(_Cut):
+    distribution: word("table") = Field(description="Number density from a CSV file.")
+    file: Path = Field(description="CSV file with the columns radius_um and dn/dr (any scale).")
+
+
+class _Part(Section):
+    share: Share = Field(description="Share of the particle number; shares add up to 1.")
+
+
+class SinglePart(_Part, SingleSize):
+    pass
+
+
+class LognormalPart(_Part, LognormalSize):
+    pass
+
+
+class GammaPart(_Part, GammaSize):
+    pass
+
+
+class TablePart(_Part, TableSize):
+    pass
+
+
+Part = Annotated[
+    Annotated[SinglePart, Tag("single")]
+    | Annotated[LognormalPart, Tag("lognormal")]
+    | Annotated[GammaPart, Tag("gamma")]
+    | Annotated[TablePart, Tag("table")],
+    pick("distribution", ("single", "lognormal", "gamma", "table")),
+]
+
+
+class MixtureSize(_Cut):
+    distribution: word("mixture") = Field(description="Sum of several distributions.")
+    of: list[Part] = Field(min_length=1, max_length=256, description="The distributions, each with its share.")
+
+
+Size = Annotated[
+    Annotated[SingleSize, Tag("single")]
+    | Annotated[LognormalSize, Tag("lognormal")]
+    | Annotated[GammaSize, Tag("gamma")]
+    | Annotated[TableSize, Tag("table")]
+    | Annotated[MixtureSize, Tag("mixture")],
+    pick("distribution", ("single", "lognormal", "gamma", "table", "mixture")),
+]
+
+
+class Component(Section):
+    name: ComponentName = Field(description="Name of the group in the asset.")
+    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}.")
+    fraction: Share = Field(1.0, description="Share of the particle number; the shares of all components add up to 1.")
+    size: Size = Field(description="Distribution of the radii.")
+
+
+class Particles(Section):
+    """Suspended spheres."""
+
+    host: HostOf = Field("air", description="What the spheres float in: a material, {n}, or {file}.")
+    number_density: number(DENSITY, above=0, most=1e30) | None = Field(None, description="Spheres per volume, such as 1e8 /m^3.")
+    volume_fraction: number(FRACTION, above=0, below=1) | None = Field(None, description="Volume of the spheres per volume.")
+    components: list[Component] = Field(min_length=1, max_length=256, description="The kinds of particles.")
+
+
+class SingleScattering(Section):
+    """Options of the single-scattering stage."""
+
+    method: word("auto", "mie", "goa") = Field(
+        "auto", description="How spheres are computed: series (mie), rays for the large ones (goa), or rays where they are "
+        "measured to be good enough and save time (auto)."
+    )
+    orders: whole(0, 50) = Field(3, description="Rays: highest number of chords.")
+    polarized: Flag = Field(False, description="Also bake the Mueller elements s11, s12, s33, s34.")
+    switch: number(least=30, most=1e8, words=AUTO) = Field("auto", description="Size parameter from which method goa takes rays.")
+    edge: word("narrow", "wide", "none") = Field("narrow", description="Rays: window of exact waves at the edge of a sphere.")
+    rainbow: Flag = Field(True, description="Rays: the uniform formula at rainbows.")
+    axis: Flag = Field(True, description="Rays: the uniform formula at 0 and 180 degrees.")
+    radii: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of sizes, whatever error they leave.")
+    angles: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of angles, whatever error they leave.")
+
+
+# ---- what holds between the keys
+
+
+def check_particles(checker: "Checker", section: Mapping) -> None:
+    """Amounts, shares, optical constants and sizes of suspended spheres."""
+    amounts = given(section, "number_density", "volume_fraction")
+    if not amounts:
+        checker.report_section(section, "found neither number_density nor volume_fraction", "expected one of them")
+    elif len(amounts) == 2:
+        second = section.get(amounts[1], section)
+        checker.report_section(second, f"found {amounts[1]} beside {amounts[0]}", "expected only one of them")
+    host = checker.host(section, "air")
+    for part in checker.components(section, "fraction"):
+        checker.index(part, "material")
+        for size in mappings(part.get("size")):
+            _size(checker, size, host)
+
+
+def _size(checker: "Checker", size: Mapping, host: Index | None, low: float | None = None, high: float | None = None) -> None:
+    """One distribution; `low` and `high` are the cuts of the mixture that it is part of."""
+    smallest, largest, radius = (checker.value(size, name) for name in ("min", "max", "radius"))
+    if smallest is not None and largest is not None and smallest >= largest:
+        checker.report(size["max"], f"found max {largest:g} um, not above min {smallest:g} um", "expected min below max")
+        return
+    for name in ("radius", "min", "max"):
+        if checker.value(size, name) is not None:
+            _size_parameter(checker, size[name], f"{name} of {checker.value(size, name):g} um", checker.value(size, name), host)
+    distribution = checker.value(size, "distribution")
+    inner_low = max((v for v in (low, smallest) if v is not None), default=None)
+    inner_high = min((v for v in (high, largest) if v is not None), default=None)
+    if distribution == "mixture":
+        of = size.get("of")
+        parts = list(mappings(*of)) if isinstance(of, Sequence) else []
+        for part in parts:
+            _size(checker, part, host, inner_low, inner_high)
+        if parts and len(parts) == len(of):
+            checker.shares(of, "share", parts, None)
+        return
+    if distribution == "table":
+        _size_table(checker, size, host, inner_low, inner_high)
+    elif radius is not None and (
+        inner_low is not None and radius < inner_low or inner_high is not None and radius > inner_high
+    ):
+        bounds = " to ".join("…" if v is None else f"{v:g}" for v in (inner_low, inner_high))
+        checker.report(
+            size["radius"],
+            f"found a radius of {radius:g} um outside of min and max ({bounds} um)",
+            "expected it between them",
+        )
+    elif inner_high is None:
+        _tail(checker, size, distribution, radius, host)
+
+
+def _tail(checker: "Checker", size: Mapping, distribution: str | None, radius: float | None, host: Index | None) -> None:
+    """The largest spheres of a distribution without `max` that count at the recipe's tolerance."""
+    width, tolerance = {"lognormal": "sigma", "gamma": "variance"}.get(distribution, ""), checker.values.get("tolerance", 0.01)
+    value = checker.value(size, width)
+    if value is None or radius is None or tolerance is None or host is None or checker.wavelength is None:
+        return
+    from bakery.physics.sizes import Gamma, Lognormal, tails
+    from bakery.physics.sizes.distributions import Part
+
+    k = 2 * math.pi * host.n / np.array(checker.wavelength)
+    if radius * k.max() > LARGEST:
+        return  # said of the radius
+    law = (Lognormal if distribution == "lognormal" else Gamma)(radius, value)
+    largest = tails(Part(law, 1.0), k, tolerance)[1]
+    if largest * k.max() > LARGEST:
+        cut = math.floor(LARGEST / k.max())
+        checker.report(
+            size[width],
+            f"found a tail in which radii up to {largest:.3g} um (size parameter {largest * k.max():.3g}) count at a "
+            f"tolerance of {tolerance:g}",
+            f"expected size parameters up to {LARGEST:g}; a cut (max: {cut} um) or a smaller {width} would do",
+        )
+
+
+def _size_table(checker: "Checker", size: Mapping, host: Index | None, low: float | None, high: float | None) -> None:
+    columns = checker.table(size.get("file"), tables.SIZES)
+    if columns is None:
+        return
+    radius, density = columns
+    if not density.max() > 0:
+        checker.report(size["file"], "found a density that is zero everywhere", "expected a positive density")
+        return
+    used = np.flatnonzero(density > 0)
+    first, last = radius[max(used[0] - 1, 0)], radius[min(used[-1] + 1, len(radius) - 1)]
+    if low is not None and last <= low or high is not None and first >= high:
+        checker.report(
+            size["file"], f"found densities from {first:g} to {last:g} um, all outside of min and max", "expected an overlap"
+        )
+    for value in (radius[radius > 0][0], last if high is None else min(last, high)):
+        _size_parameter(checker, size["file"], f"radius of {value:g} um in the table", float(value), host)
+
+
+def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, host: Index | None) -> None:
+    if host is None or checker.wavelength is None:
+        return
+    scale = 2 * math.pi * host.n / np.array(checker.wavelength)
+    low, high = radius * float(scale.min()), radius * float(scale.max())  # Python's floats overflow in silence
+    if low < SMALLEST or high > LARGEST:
+        x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
+        checker.report(
+            node,
+            f"found a {what}, size parameter {x:.3g}",
+            f"expected size parameters {SMALLEST:g} to {LARGEST:g}, here {least:.3g} to {most:.3g} um",
+        )
+
+
+def check_phase(checker: "Checker", section: Mapping) -> None:
+    """Options of single scattering stand beside particles, and a switch to rays beside rays."""
+    beside = [name for name in checker.scattering if name in checker.tree]
+    if beside and "particles" not in beside:
+        checker.report_section(section, f"found options of single scattering beside {beside[0]}",
+                               "expected them with particles only" + (" (medium.phase?)" if "medium" in beside else ""))
+    if checker.value(section, "switch") not in ("auto", None) and checker.value(section, "method") != "goa":
+        checker.report(section["switch"], "found a size parameter for the switch to rays with another method than goa",
+                       "expected method: goa beside it, or switch: auto")
+
+
+# ---- values
+
+
+def sizes(size: Values) -> SimpleNamespace:
+    """A size as `bakery.physics.sizes.population` takes it: lengths in um; what its distribution does not have is None."""
+    known = vars(size)
+    values = {name: known.get(name) for name in ("distribution", "radius", "sigma", "variance", "min", "max")}
+    return SimpleNamespace(**values, table=known.get("file"), of=tuple((part.share, sizes(part)) for part in known.get("of", ())))
+
+
+PARTICLES = RecipeSection("particles", Particles, "Suspended spheres: fog, dust, bubbles.", check_particles, scatters=True)
+PHASE = RecipeSection("phase", SingleScattering, "Options of the single-scattering stage.", check_phase, beside="particles")
