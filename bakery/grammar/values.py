@@ -52,7 +52,8 @@ class Values(Mapping):
 
 def _short(value) -> str:
     """A value in words; a table or a mesh as its kind only."""
-    large = isinstance(value, np.ndarray) and value.size > 16 or isinstance(value, tuple) and any(isinstance(v, bytes) for v in value)
+    large = isinstance(value, np.ndarray) and value.size > 16
+    large = large or isinstance(value, tuple) and any(isinstance(part, bytes) for part in value)
     return f"<{type(value).__name__}>" if large else repr(value)
 
 
