@@ -29,8 +29,9 @@ MAY = {
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
            "array", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading",
            "operator", "heapq", "time"}
-# the second engine: what it imports it imports when it is asked for, and no other physics does
-ENGINE = {"bakery/physics/grains/mitsuba_walk.py": {"mitsuba", "drjit"}}
+# what these import they import when they are asked for, and no other physics does
+ENGINE = {"bakery/physics/grains/mitsuba_walk.py": {"mitsuba", "drjit"}, "bakery/physics/shapes/mending.py": {"trimesh"},
+          "bakery/physics/shapes/repair.py": {"pymeshlab"}}
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
 SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs", "bakery.system")
 
@@ -101,6 +102,6 @@ def test_import_and_help_load_nothing_heavy():
     code = ("import sys, bakery, bakery.cli\n"
             "from bakery.cli import status_of\n"
             "status_of(['--help'])\n"
-            "heavy = {'numpy', 'numba', 'scipy', 'h5py', 'matplotlib', 'pydantic', 'rich', 'mitsuba'} & set(sys.modules)\n"
+            "heavy = {'numpy', 'numba', 'scipy', 'h5py', 'matplotlib', 'pydantic', 'rich', 'mitsuba', 'trimesh'} & set(sys.modules)\n"
             "assert not heavy, heavy\n")
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)

@@ -130,7 +130,7 @@ def test_keys_and_defaults_are_those_of_the_functions(name, write, shape):
     if name == "mesh":
         write(CUBE, "x.off")
         assert shape("{type: mesh, file: x.off}") == {"type": "mesh", "data": CUBE, "kind": "off"}
-        assert set(found) == {"data", "kind"}
+        assert set(found) == {"data", "kind", "repair"} and found["repair"] is None
     else:
         assert shape(f"{{type: {name}}}") == {"type": name, **found}
 
@@ -324,7 +324,18 @@ def test_editors_accept_every_kind(write):
         assert not fits({**value, section: {**value[section], key: wrong}}, schema, schema), key
 
 
+def test_the_repair_of_a_mesh_counts_only_where_it_is_asked_for(write, shape):
+    write(CUBE, "x.off")
+    plain = load(write(ONE.replace("SHAPE", "{type: mesh, file: x.off}")))
+    asked = load(write(ONE.replace("SHAPE", "{type: mesh, file: x.off, repair: pymeshlab}")))
+    assert dict(asked.leaves) == {**plain.leaves, "grains.components[0].shape.repair": "pymeshlab"}  # so old input hashes stay
+    assert shape("{type: mesh, file: x.off, repair: pymeshlab}")["repair"] == "pymeshlab"
+    with pytest.raises(RecipeError, match='found "pymeshlap"; expected pymeshlab'):
+        load(write(ONE.replace("SHAPE", "{type: mesh, file: x.off, repair: pymeshlap}")))
+
+
 def test_reading_grains_loads_nothing_heavy():
     code = ("import sys\nfrom bakery.recipe import load\nload('recipes/sand.yaml')\n"
-            "heavy = {'numba', 'scipy', 'h5py', 'matplotlib', 'mitsuba'} & set(sys.modules)\nassert not heavy, heavy\n")
+            "heavy = {'numba', 'scipy', 'h5py', 'matplotlib', 'mitsuba', 'trimesh'} & set(sys.modules)\n"
+            "assert not heavy, heavy\n")
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

@@ -1,4 +1,4 @@
-"""Loops over triangles: a tree of boxes, crossings of lines, crossings of triangles with each other, winding."""
+"""Loops over triangles: a tree of boxes, crossings of lines, crossings of triangles with each other."""
 
 from __future__ import annotations
 
@@ -228,41 +228,3 @@ def self_crossings(vertices, faces, order, box, limit):
                     if number == limit:
                         return found
     return found[:number]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def oriented(neighbour, against):
-    """Bodies and winding: for each face its body (F,), whether it must be turned (F,), and a face where that is impossible or -1.
-
-    Parameters
-    ----------
-    neighbour : (F, 3) face across each edge or -1
-    against : (F, 3) whether both run along that edge in the same direction, so that one of them is wrong
-    """
-    body = np.full(len(neighbour), -1, np.int32)
-    turned = np.zeros(len(neighbour), np.bool_)
-    queue = np.empty(len(neighbour), np.int64)
-    bodies, bad = 0, -1
-    for start in range(len(neighbour)):
-        if body[start] >= 0:
-            continue
-        body[start] = bodies
-        queue[0] = start
-        head, tail = 0, 1
-        while head < tail:
-            f = queue[head]
-            head += 1
-            for k in range(3):
-                g = neighbour[f, k]
-                if g < 0:
-                    continue
-                wish = turned[f] ^ against[f, k]
-                if body[g] < 0:
-                    body[g] = bodies
-                    turned[g] = wish
-                    queue[tail] = g
-                    tail += 1
-                elif turned[g] != wish and bad < 0:
-                    bad = f
-        bodies += 1
-    return body, turned, bad

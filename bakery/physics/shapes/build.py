@@ -213,23 +213,32 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
     return level(_scaled(vertices, faces), triangles)
 
 
-def mesh(data: bytes, kind: str, triangles=LEVELS["middle"]) -> Mesh:
-    """A grain from a file, mended and checked, with at most `triangles` triangles.
+def mesh(data: bytes, kind: str, triangles=LEVELS["middle"], repair=None) -> Mesh:
+    """A grain from a file, checked, with at most `triangles` triangles.
 
     Parameters
     ----------
     data : content of the file;  kind : "ply", "obj", "stl" or "off"
+    repair : "pymeshlab" closes holes and the like before the check
 
     Raises
     ------
     ValueError : what is wrong, and where
     """
     from bakery.physics.shapes.files import triangles as read
-    from bakery.physics.shapes.mending import mended
+    from bakery.physics.shapes.mending import Unsound, mended
+    from bakery.physics.shapes.repair import repaired
 
-    vertices, faces, notes = mended(*read(data, kind))
-    full = replace(_scaled(vertices, faces), notes=notes)
-    return level(full, triangles)
+    if repair not in (None, *limits.REPAIRS):
+        raise ValueError(f"repair is {' or '.join(limits.REPAIRS)}; found {repair!r}")
+    triangulated, told = read(data, kind), ()
+    if repair:
+        *triangulated, told = repaired(*triangulated)
+    try:
+        vertices, faces, notes = mended(*triangulated)
+    except Unsound as fault:
+        raise ValueError(f"{fault}; " + ("pymeshlab did not mend it" if repair else "`repair: pymeshlab` may mend it")) from None
+    return level(replace(_scaled(vertices, faces), notes=told + notes), triangles)
 
 
 def level(grain: Mesh, triangles) -> Mesh:

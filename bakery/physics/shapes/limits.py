@@ -27,6 +27,7 @@ LEVELS = {"coarse": 1_300, "middle": 20_000, "fine": 200_000}  # triangles
 TRIANGLES = 20, 2_000_000  # that may be asked for
 KINDS = "ply", "obj", "stl", "off"  # of files
 BYTES = 256 << 20  # of a file
+REPAIRS = ("pymeshlab",)  # programs that may repair one
 
 # ---- surfaces
 INDEX = 0.2, 5.0  # of a dielectric, relative to the host

@@ -226,7 +226,7 @@ def shape_keys(shape: Values) -> dict:
     keys = dict(vars(shape))
     if shape.type == "mesh":
         data, kind = keys["file"]
-        return {"type": "mesh", "data": data, "kind": kind}
+        return {"type": "mesh", "data": data, "kind": kind} | ({"repair": shape.repair} if shape.repair else {})
     return {name: math.inf if isinstance(value, str) and value == "inf" else value for name, value in keys.items()}
 
 

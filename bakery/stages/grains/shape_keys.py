@@ -83,6 +83,9 @@ class AggregateShape(Section):
 class MeshShape(Section):
     type: word("mesh") = Field(description="A closed mesh of one's own.")
     file: Path = Field(description="ply, obj, stl or off file.")
+    repair: word(*limits.REPAIRS) | None = Field(
+        None, description="Program that closes holes and the like before the mesh is checked (extra `repair`)."
+    )
 
 
 Shape = Annotated[

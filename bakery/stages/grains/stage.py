@@ -120,6 +120,10 @@ def compute(inputs: dict, context) -> Result:
         from bakery.physics.grains.mitsuba_walk import require
 
         require()
+    if any("repair" in component["shape"] for component in inputs["components"]):
+        from bakery.physics.shapes.repair import require
+
+        require()
     members: dict = dict(datasets(OUTPUTS, {"theta": table, "radius": classes[at], "radius_share": inputs["shares"]}))
     notes, missed, reached = [], [], 0.0
     whole = [exemplars.traces(component, classes, inputs["wavelengths"], _APART * context.tolerance)
