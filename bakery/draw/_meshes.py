@@ -1,4 +1,8 @@
-"""Draws a mesh of triangles, or a ball, in the light of sun and sky: a depth buffer for each direction.  For pictures only."""
+"""Draws a mesh of triangles, or a ball, in the light of sun and sky: a depth buffer for each direction.  For pictures only.
+
+Why not matplotlib's polygons: quicker, but with seams and facets, and without the shadows that show the form
+(`python benchmarks/meshes.py picture`, docs/grain-shapes.md).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Draws spheres: depth buffer, light with shadows, and the light of the sky that neighbours take away.  For pictures only."""
+"""Draws spheres: depth buffer, light with shadows, and the light of the sky that neighbours take away.  For pictures only.
+
+Why not matplotlib's: it knows no spheres that hide and shade each other.
+"""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ MAY = {
 }
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
            "array", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading",
-           "operator", "heapq", "time"}
+           "operator", "heapq", "re", "time"}
 # what these import they import when they are asked for, and no other physics does
 ENGINE = {"bakery/physics/grains/mitsuba_walk.py": {"mitsuba", "drjit"}, "bakery/physics/shapes/mending.py": {"trimesh"},
           "bakery/physics/shapes/repair.py": {"pymeshlab"}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from contextlib import suppress
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 import bakery
 from bakery.asset.verify import verify
-from bakery.errors import StageError
+from bakery.errors import StageError, UsageError
 from bakery.recipe import load
 from bakery.run.executors import Context, threads
 from bakery.stages.effective import stage as effective
@@ -164,6 +165,21 @@ def test_from_clear_to_opaque(bake, absorption):
     assert 0 < cube.albedo <= 1 and np.isfinite(cube.lambda_s).all() and (cube.albedo == 1) == (absorption == "0 /mm")
     if absorption == "1e9 /mm":  # only what is reflected at the first meeting
         assert float(cube.forward_delta) == 0 and float(cube.inner_path) == pytest.approx(0, abs=1e-9)
+
+
+def test_a_torn_mesh_is_repaired_where_the_recipe_says_so(tmp_path, monkeypatch):
+    """A tetrahedron without one of its sides."""
+    (tmp_path / "torn.off").write_text("OFF 4 3 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n")
+    kind = CUBE.replace("type: box", "type: mesh, file: torn.off")
+    with pytest.raises(StageError, match="grain glass: torn.off: not closed: face 0 .*; `repair: pymeshlab` may mend it"):
+        grains_of(recipe(tmp_path, component(kind)))
+    path = recipe(tmp_path, component(kind.replace("torn.off", "torn.off, repair: pymeshlab")))
+    with pytest.raises(StageError, match="its holes take more than 10% of the surface"):  # it was asked, and obeys our limits
+        grains_of(path)
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    monkeypatch.setattr(exemplars, "traces", None)  # told before anything is made or traced
+    with pytest.raises(UsageError, match="pip install 'bakery"):
+        grains_of(path)
 
 
 def test_matched_index(bake, tmp_path):

@@ -1,8 +1,8 @@
 """Triangles of files made a solid, or refused with what is wrong and where.
 
 A usable mesh is closed (each edge has two triangles), wound outward, crosses itself nowhere and encloses a volume.  Shells inside
-others are cavities and wound inward.  What needs no judgement is done here, with trimesh's groups and graphs: equal vertices become
-one, triangles that stand there twice go, bodies are wound alike and outward.  Holes and the like are the work of `repair`.
+others are cavities and wound inward.  What needs no judgement is done here, with trimesh's groups and graphs: equal vertices
+become one, triangles that stand there twice go, bodies are wound alike and outward.  Holes and the like are the work of `repair`.
 
 Winding is one call of trimesh's connected components; `trimesh.repair.fix_winding` walks its graph in Python and needs networkx.
 """

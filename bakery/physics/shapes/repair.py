@@ -14,13 +14,13 @@ from bakery.physics.shapes.quality import area
 
 HOLE_EDGES, HOLE_AREA = 64, 0.1  # largest hole that is closed: edges of its rim; what all closed holes may add to the surface
 _WELD = 1e-6  # of the size: vertices that are one
-# in this order: each needs what goes before, closing holes most of all
+# in this order: turning corners away and closing holes need a surface with two triangles at an edge, one fan at a vertex
 _STEPS = (
     ("meshing_remove_duplicate_faces", {}),
     ("meshing_repair_non_manifold_edges", {"method": "Remove Faces"}),
+    ("meshing_repair_non_manifold_vertices", {}),
     ("meshing_remove_t_vertices", {"method": "Edge Flip", "threshold": 1e6}),  # longest side over height: only what is flat
     ("meshing_remove_null_faces", {}),
-    ("meshing_repair_non_manifold_vertices", {}),
 )
 
 
