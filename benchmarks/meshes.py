@@ -136,8 +136,7 @@ def child(name, program):
 
 def fewer():
     """an aggregate and a rock of 200,000 triangles: seconds, loss of volume, pairs of triangles that cross"""
-    from bakery.physics.shapes.lines import tree
-    from bakery.physics.shapes.quality import self_crossings
+    from bakery.physics.shapes.quality import self_crossings, tree
     from bakery.physics.shapes.simplify import simplified
 
     pymeshlab = optional("pymeshlab")

@@ -1,4 +1,4 @@
-"""Loops over triangles: a tree of boxes, crossings of lines, crossings of triangles with each other."""
+"""Loops over triangles: a tree of boxes, and crossings of triangles with each other."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from numba import njit
 
 LEAF = 4  # triangles
 _STACK = 128
-_SLACK = 1e-14
 _BOUND = 7.8e-16  # rounding of the determinant below, relative to the sum of its terms' magnitudes (Shewchuk 1997)
 
 
@@ -32,78 +31,6 @@ def boxes(vertices, faces, order):
             box[node, k] = min(box[2 * node, k], box[2 * node + 1, k])
             box[node, 3 + k] = max(box[2 * node, 3 + k], box[2 * node + 1, 3 + k])
     return box
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def crossings(vertices, faces, order, box, body, origin, direction, skip):
-    """What half-lines meet: (N,) crossings, crossings outward less inward, and length inside (right for closed meshes).
-
-    Triangles of body `skip[i]` are left out for half-line i.
-    """
-    leaves = len(box) // 2
-    count, balance, length = np.zeros(len(origin), np.int32), np.zeros(len(origin), np.int32), np.zeros(len(origin))
-    stack = np.empty(_STACK, np.int64)
-    for i in range(len(origin)):
-        ox, oy, oz = origin[i, 0], origin[i, 1], origin[i, 2]
-        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
-        ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
-        stack[0] = 1
-        top = 1
-        while top:
-            top -= 1
-            node = stack[top]
-            a, b = (box[node, 0] - ox) * ix, (box[node, 3] - ox) * ix
-            near, far = (a, b) if a < b else (b, a)
-            a, b = (box[node, 1] - oy) * iy, (box[node, 4] - oy) * iy
-            if a > b:
-                a, b = b, a
-            near, far = a if a > near else near, b if b < far else far
-            a, b = (box[node, 2] - oz) * iz, (box[node, 5] - oz) * iz
-            if a > b:
-                a, b = b, a
-            near, far = a if a > near else near, b if b < far else far
-            # slack for rounding; comparisons are such that 0 * inf, a line in a face of the box, goes on
-            if near > far + _SLACK * (abs(near) + abs(far)) or far < 0 or box[node, 0] > box[node, 3]:  # the last: no triangles
-                continue
-            if node < leaves:
-                stack[top] = 2 * node
-                stack[top + 1] = 2 * node + 1
-                top += 2
-                continue
-            for j in range((node - leaves) * LEAF, min((node - leaves + 1) * LEAF, len(order))):
-                f = order[j]
-                if body[f] == skip[i]:
-                    continue
-                a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                ax, ay, az = vertices[a, 0] - ox, vertices[a, 1] - oy, vertices[a, 2] - oz
-                bx, by, bz = vertices[b, 0] - ox, vertices[b, 1] - oy, vertices[b, 2] - oz
-                cx, cy, cz = vertices[c, 0] - ox, vertices[c, 1] - oy, vertices[c, 2] - oz
-                # signed volumes with the corners in the order of their numbers, so that both sides of an edge round alike
-                u = _volume(dx, dy, dz, bx, by, bz, cx, cy, cz, b > c)
-                v = _volume(dx, dy, dz, cx, cy, cz, ax, ay, az, c > a)
-                w = _volume(dx, dy, dz, ax, ay, az, bx, by, bz, a > b)
-                if not ((u >= 0 and v >= 0 and w >= 0) or (u <= 0 and v <= 0 and w <= 0)) or u + v + w == 0:
-                    continue
-                # a line that meets an edge exactly passes through two triangles, of which one has the edge's ends in this order
-                if (u == 0 and b > c) or (v == 0 and c > a) or (w == 0 and a > b):
-                    continue
-                t = (u * (ax * dx + ay * dy + az * dz) + v * (bx * dx + by * dy + bz * dz) + w * (cx * dx + cy * dy + cz * dz)) \
-                    / ((u + v + w) * (dx * dx + dy * dy + dz * dz))
-                if t <= 0:
-                    continue
-                sign = 1 if u + v + w > 0 else -1
-                count[i] += 1
-                balance[i] += sign
-                length[i] += sign * t
-    return count, balance, length
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _volume(dx, dy, dz, ax, ay, az, bx, by, bz, swap):
-    """d . (a x b), positive where the line leaves through a triangle that is ordered outward; antisymmetric to the last bit."""
-    if swap:
-        return -(dx * (by * az - bz * ay) + dy * (bz * ax - bx * az) + dz * (bx * ay - by * ax))
-    return dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

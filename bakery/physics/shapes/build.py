@@ -243,8 +243,7 @@ def mesh(data: bytes, kind: str, triangles=LEVELS["middle"], repair=None) -> Mes
 
 def level(grain: Mesh, triangles) -> Mesh:
     """The same grain with at most about this many triangles; more where fewer would cross each other, and a note then."""
-    from bakery.physics.shapes.lines import tree
-    from bakery.physics.shapes.quality import self_crossings
+    from bakery.physics.shapes.quality import self_crossings, tree
     from bakery.physics.shapes.simplify import simplified
 
     wanted = triangles

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.physics.shapes.lines import inside, tree
-from bakery.physics.shapes.quality import FACES, area, body_volumes, double_normals, self_crossings, volume
+from bakery.physics.shapes.quality import FACES, area, around, body_volumes, double_normals, self_crossings, tree, volume
 
 BODIES = 256
 _FLAT = 1e-12  # height over longest side below which a triangle has no normal
@@ -143,18 +142,14 @@ class _Mesh:
         number = len(own)
         if number > BODIES:
             raise ValueError(f"{number:,} separate bodies; at most {BODIES} (remove the specks)")
-        mesh = tree(self.v, self.f)
-        pairs = self_crossings(mesh, 100)
+        pairs = self_crossings(tree(self.v, self.f), 100)
         if len(pairs):
             i, j = pairs[0]
             more = f" (and {'at least ' if len(pairs) == 100 else ''}{len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
             raise ValueError(f"crosses itself: face {self.face[i]} and face {self.face[j]} near {self._middle(i)}{more}")
-        cavity = np.zeros(number, bool)
-        if number > 1:
-            first = np.unique(body, return_index=True)[1]
-            cavity = inside(mesh, self.v[self.f[first, 0]], body.astype(np.int32), np.arange(number, dtype=np.int32))
-            if cavity.any():
-                self.notes.append(f"{int(cavity.sum())} of {number} bodies lie inside another: taken as cavities")
+        cavity = around(self.v, self.f, body) % 2 == 1
+        if cavity.any():
+            self.notes.append(f"{int(cavity.sum())} of {number} bodies lie inside another: taken as cavities")
         wrong = (own < 0) != cavity
         if wrong.any():
             self.f[wrong[body]] = self.f[wrong[body]][:, ::-1]

@@ -1,4 +1,4 @@
-"""What a closed mesh measures: volume, area, bodies, and where it crosses itself.
+"""What a closed mesh measures: volume, area, bodies, which of them lie in others, and where it crosses itself.
 
 Topology is trimesh's to tell (`mending` asks it); here stands what generated shapes need as well, which load no trimesh.
 Crossings are our own: trimesh and manifold3d do not find them, and pymeshlab, which does, is an extra because of its licence.
@@ -6,11 +6,21 @@ Crossings are our own: trimesh and manifold3d do not find them, and pymeshlab, w
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bakery.physics.shapes.lines import Tree
-
 FACES = 4, 2_000_000  # triangles of a usable mesh, fewest and most
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A mesh with a tree of boxes over its triangles, in the order of a space-filling curve."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    order: np.ndarray
+    box: np.ndarray
 
 
 def volume(vertices, faces) -> float:
@@ -44,6 +54,51 @@ def body_volumes(vertices, faces, body):
     return np.bincount(body, (np.cross(corner[:, 0], corner[:, 1]) * corner[:, 2]).sum(axis=1)) / 6
 
 
+def around(vertices, faces, body):
+    """How many other bodies each body (B,) lies in, if none crosses another.
+
+    Notes
+    -----
+    Solid angles of a body's triangles, seen from a corner of another, add up to 4 pi inside and 0 outside, whatever the winding.
+    Source: Van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30, 125 (1983).
+    """
+    corner = np.asarray(vertices, float)[faces]
+    number = int(body.max()) + 1
+    low, high = np.full((number, 3), np.inf), np.full((number, 3), -np.inf)
+    np.minimum.at(low, body, corner.min(axis=1))
+    np.maximum.at(high, body, corner.max(axis=1))
+    first = np.unique(body, return_index=True)[1]
+    count = np.zeros(number, int)
+    for k, point in enumerate(corner[first, 0]):
+        near = ((low <= point) & (point <= high)).all(axis=1)
+        near[k] = False
+        if near.any():
+            seen = near[body]
+            angle = np.bincount(body[seen], _solid_angles(corner[seen] - point), number)
+            count[k] = (np.abs(angle) > 2 * np.pi).sum()
+    return count
+
+
+def _solid_angles(corner):
+    """Signed solid angles (F,) of triangles (F, 3, 3) seen from the origin."""
+    a, b, c = corner.transpose(1, 0, 2)
+    la, lb, lc = (np.sqrt((x * x).sum(axis=1)) for x in (a, b, c))
+    across = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return 2 * np.arctan2((a * np.cross(b, c)).sum(axis=1), across)
+
+
+def tree(vertices, faces) -> Tree:
+    """A tree of boxes over triangles (F, 3) of vertices (V, 3)."""
+    from bakery.physics.shapes._triangles import boxes
+
+    vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.int32)
+    centre = vertices[faces].mean(axis=1)
+    low = centre.min(axis=0)
+    cell = (1023 * ((centre - low) / max(float(np.ptp(centre, axis=0).max()), 1e-300))).astype(np.int64)
+    order = np.argsort(_spread(cell[:, 0]) | _spread(cell[:, 1]) << 1 | _spread(cell[:, 2]) << 2, kind="stable")
+    return Tree(vertices, faces, order, boxes(vertices, faces, order))
+
+
 def self_crossings(mesh: Tree, limit=1000):
     """Pairs of triangles (K, 2) that share more than their common corners, at most `limit`; 0.5 s for 200,000 triangles.
 
@@ -58,3 +113,11 @@ def double_normals(vertices, faces):
     """Normals (F, 3) as long as twice the area."""
     corner = np.asarray(vertices, float)[faces]
     return np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+
+
+def _spread(x):
+    """Bits of ten-bit numbers with two zeros between each and the next."""
+    x = (x | x << 16) & 0x030000FF
+    x = (x | x << 8) & 0x0300F00F
+    x = (x | x << 4) & 0x030C30C3
+    return (x | x << 2) & 0x09249249
