@@ -43,7 +43,7 @@ def figures_of(vertices, faces):
 
 
 def measure(vertices, faces):
-    """Straight lines through a mesh, as light goes where the index is 1; `unbalanced`: share that leaves what it has not entered."""
+    """Straight lines through a mesh, as light goes where the index is 1; `unbalanced`: share that leaves without entering."""
     light = scatterometer.measure(bvh.Mesh(vertices, faces), dielectric(1.0), seed=1, tolerance=0.5, paths_max=1 << 18)
     beta, inner = light.hit_probability, light.inner_path[0]
     return SimpleNamespace(
