@@ -102,6 +102,7 @@ def test_import_and_help_load_nothing_heavy():
     code = ("import sys, bakery, bakery.cli\n"
             "from bakery.cli import status_of\n"
             "status_of(['--help'])\n"
-            "heavy = {'numpy', 'numba', 'scipy', 'h5py', 'matplotlib', 'pydantic', 'rich', 'mitsuba', 'trimesh'} & set(sys.modules)\n"
+            "heavy = {'numpy', 'numba', 'scipy', 'h5py', 'matplotlib', 'pydantic', 'rich', 'mitsuba', 'trimesh'}\n"
+            "heavy &= set(sys.modules)\n"
             "assert not heavy, heavy\n")
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
