@@ -46,15 +46,18 @@ def command(source, output, quality, variant, seed, settings, overwrite, as_json
         path = scene.load(path, values)
         renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
         draw = renderer.render
-    else:
+    elif suffix == ".xml":
         import renderers.mitsuba as renderer
 
-        options |= {"quality": quality or ("final" if suffix == ".xml" else "preview"), "seed": seed or 0}
-        draw, target, name = renderer.preview, output or path.with_suffix(".png"), path.name
-        if suffix == ".xml":
-            draw, options["parameters"] = renderer.render_scene, values
-        elif values:
+        options |= {"quality": quality or "final", "seed": seed or 0, "parameters": values}
+        draw, target, name = renderer.render_scene, output or path.with_suffix(".png"), path.name
+    else:
+        import renderers.preview as renderer
+
+        if values:
             raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
+        options |= {"quality": quality or "preview", "seed": seed or 0}
+        draw, target, name = renderer.preview, output or path.with_suffix(".png"), path.name
     progress = choose(quiet)
     try:
         progress.stage("render", f"picture of {name}", 0.0, 0.0)

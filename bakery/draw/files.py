@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bakery.errors import UsageError
 
-PREVIEW_OF = "bakery content_hash"  # key in the text of a preview's PNG, as renderers/preview/preview.py writes it
+PREVIEW_OF = "bakery content_hash"  # key in the text of a preview's PNG, as renderers/preview/picture.py writes it
 PREVIEW_WIDTH = 1160  # pixels: two panels of the default preview
 
 

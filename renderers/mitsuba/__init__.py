@@ -1,4 +1,4 @@
-"""The Mitsuba 3 renderer: assets in, pictures out.
+"""What all need of Mitsuba 3: bakery's plugins, the choice of a variant, and renders of Mitsuba's own XML scenes.
 
 `import renderers.mitsuba` registers the plugins (`bakedphase`) in the variant that is set, and in every variant that is
 set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
@@ -16,11 +16,10 @@ variants.require_mitsuba()
 import mitsuba as _mi  # noqa: E402  after find: Dr.Jit looks for LLVM once, when it is imported
 
 from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
+from renderers.mitsuba.report import describe  # noqa: E402
 from renderers.mitsuba.scene import faults, render_scene  # noqa: E402
-from renderers.preview.preview import preview  # noqa: E402
-from renderers.preview.report import describe  # noqa: E402
 
-__all__ = ["describe", "preview", "register", "render_scene", "variants"]
+__all__ = ["describe", "register", "render_scene", "variants"]
 
 
 def register() -> None:

@@ -1,4 +1,7 @@
-"""`python -m renderers.mitsuba ASSET|SCENE.xml -o IMAGE`: the preview of an asset, or a scene with bakery's plugins."""
+"""`python -m renderers.mitsuba SCENE.xml|ASSET -o IMAGE`: a scene with bakery's plugins, or the preview of an asset.
+
+A program, which nothing imports: so it may call the preview, which stands above this package.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from bakery.errors import BakeryError
 
 def main(arguments=None) -> int:
     parser = argparse.ArgumentParser(prog="python -m renderers.mitsuba", description=__doc__)
-    parser.add_argument("source", help="a baked asset, or a Mitsuba scene (.xml)")
+    parser.add_argument("source", help="a Mitsuba scene (.xml), or a baked asset")
     parser.add_argument("-o", "--output", required=True, help="X.png or X.exr; both are written")
     parser.add_argument("--quality", default="preview", choices=("draft", "preview", "final"))
     parser.add_argument("--variant")

@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from renderers.mitsuba import passes, tables
+from renderers.preview import preview
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
 JIT = any(name.startswith("llvm") for name in renderer.variants.choose().names)
@@ -347,7 +348,7 @@ def test_clear_messages(folder, tmp_path):
     scene = tmp_path / "scene.xml"
     for name, pattern in (("bare.h5", "medium"), ("damaged.h5", "damaged"), ("absent.h5", "cannot be read")):
         with pytest.raises(AssetError, match=pattern):
-            renderer.preview(tmp_path / name, tmp_path / "x.png") if name != "absent.h5" else tables.load(tmp_path / name)
+            preview(tmp_path / name, tmp_path / "x.png") if name != "absent.h5" else tables.load(tmp_path / name)
         scene.write_text('<scene version="3.0.0"><shape type="sphere"><medium type="homogeneous" name="interior">'
                          f'<phase type="bakedphase"><string name="filename" value="{name}"/></phase></medium></shape></scene>')
         with pytest.raises(AssetError, match=pattern) as caught:

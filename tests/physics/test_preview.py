@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 import signal
@@ -20,8 +21,8 @@ import bakery
 from bakery.draw.files import PREVIEW_OF
 from bakery.errors import AssetError, UsageError
 from renderers.mitsuba import passes
-from renderers.preview import lobe, studio
-from renderers.preview.preview import block_edge
+from renderers.preview import describe, lobe, preview, studio
+from renderers.preview.picture import block_edge
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
 SMALL = {"width": 48, "spp": 2}
@@ -41,7 +42,7 @@ def pixels(path):
 
 def test_both_files_and_a_report(wax, tmp_path):
     seen = []
-    report = renderer.preview(wax, tmp_path / "wax.png", **SMALL, progress=lambda fraction, noise: seen.append((fraction, noise)))
+    report = preview(wax, tmp_path / "wax.png", **SMALL, progress=lambda fraction, noise: seen.append((fraction, noise)))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["wax.exr", "wax.png"]
     png, exr = pixels(tmp_path / "wax.png"), pixels(tmp_path / "wax.exr")
     assert png.dtype == np.uint8 and exr.dtype == np.float32 and png.shape == exr.shape == (30 + 40, 48, 3)
@@ -53,7 +54,7 @@ def test_both_files_and_a_report(wax, tmp_path):
     # 3 reduced mean free paths at the shortest, that of blue, which absorbs most
     assert report["block_edge"] == pytest.approx(3 / (2000 * (1 - 0.9 * 0.6)), rel=1e-3)
     assert report["misdirected"] == 0
-    assert report["variant"] in " ".join(renderer.describe(report)) and "block" in " ".join(renderer.describe(report))
+    assert report["variant"] in " ".join(describe(report)) and "block" in " ".join(describe(report))
     block = exr[8:22, 16:32].reshape(-1, 3).mean(axis=0)
     assert block[0] > 1.2 * block[2]  # red comes back, blue does not
     floor = exr[26:30, :8].reshape(-1, 3)
@@ -62,7 +63,7 @@ def test_both_files_and_a_report(wax, tmp_path):
 
 def test_same_seed_same_picture(wax, tmp_path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        renderer.preview(wax, tmp_path / f"{name}.exr", **SMALL, seed=seed)
+        preview(wax, tmp_path / f"{name}.exr", **SMALL, seed=seed)
     a, b, c = (pixels(tmp_path / f"{name}.exr") for name in "abc")
     np.testing.assert_array_equal(a, b)
     assert np.any(a != c)
@@ -70,16 +71,16 @@ def test_same_seed_same_picture(wax, tmp_path):
 
 def test_scalar_variant_states_its_loss(wax, tmp_path):
     """Mitsuba's own table on a regular grid; at most 0.1 % of the light is misdirected."""
-    report = renderer.preview(wax, tmp_path / "wax.png", width=16, spp=1, variant="scalar_rgb")
+    report = preview(wax, tmp_path / "wax.png", width=16, spp=1, variant="scalar_rgb")
     assert report["variant"] == "scalar_rgb" and (tmp_path / "wax.exr").exists()
-    assert 0 < report["misdirected"] <= 1e-3 and "regular grid" in " ".join(renderer.describe(report))
+    assert 0 < report["misdirected"] <= 1e-3 and "regular grid" in " ".join(describe(report))
 
 
 def test_scalar_equals_jit(wax, tmp_path):
     """The mean of the picture, within 6 standard errors of both."""
     reports = {}
     for variant in ("scalar_rgb", renderer.variants.choose().names[0]):
-        report = renderer.preview(wax, tmp_path / "x.exr", width=16, spp=8, variant=variant)
+        report = preview(wax, tmp_path / "x.exr", width=16, spp=8, variant=variant)
         reports[variant] = pixels(tmp_path / "x.exr")[:10].mean(), report["noise"] / np.sqrt(160)
     (a, da), (b, db) = list(reports.values())[0], list(reports.values())[-1]
     assert a == pytest.approx(b, rel=6 * np.hypot(da, db))
@@ -89,28 +90,28 @@ def test_eight_wavelengths(tmp_path):
     wavelength = np.arange(0.405, 0.76, 0.05)
     path = asset_file(tmp_path / "haze.h5", np.full((8, 50), 1 / (4 * np.pi)), theta=np.linspace(0, np.pi, 50),
                       wavelength=wavelength, sigma_t=1e-5 * (0.55 / wavelength) ** 4, name="haze")
-    renderer.preview(path, tmp_path / "haze.png", width=32, spp=2)
+    preview(path, tmp_path / "haze.png", width=32, spp=2)
     assert np.isfinite(pixels(tmp_path / "haze.exr")).all()
 
 
 def test_stops_by_noise_and_by_time(wax, tmp_path):
-    report = renderer.preview(wax, tmp_path / "x.png", width=48, spp=64, tolerance=10.0)
+    report = preview(wax, tmp_path / "x.png", width=48, spp=64, tolerance=10.0)
     assert report["stopped_by"] == "noise" and report["samples"] == 8
-    report = renderer.preview(wax, tmp_path / "x.png", width=48, spp=64, tolerance=0.0, time_limit=0.0)
+    report = preview(wax, tmp_path / "x.png", width=48, spp=64, tolerance=0.0, time_limit=0.0)
     assert report["stopped_by"] == "time" and report["samples"] == 8
-    assert "depends on the machine" in " ".join(renderer.describe(report))
+    assert "depends on the machine" in " ".join(describe(report))
 
 
 def test_refuses_before_rendering(wax, tmp_path):
     for output in (tmp_path / "no" / "x.png", tmp_path / "x.gif"):
         with pytest.raises(UsageError):
-            renderer.preview(wax, output)
+            preview(wax, output)
     for wrong in ({"quality": "best"}, {"variant": "llvm_rgb"}, {"width": 3}):
         with pytest.raises(UsageError):
-            renderer.preview(wax, tmp_path / "x.png", **wrong)
+            preview(wax, tmp_path / "x.png", **wrong)
     clear = asset_file(tmp_path / "clear.h5", np.full((1, 50), 1 / (4 * np.pi)), theta=np.linspace(0, np.pi, 50), sigma_t=0)
     with pytest.raises(AssetError, match="nothing to see"):
-        renderer.preview(clear, tmp_path / "x.png")
+        preview(clear, tmp_path / "x.png")
     assert not list(tmp_path.glob("x.*"))
 
 
@@ -134,6 +135,12 @@ def test_scene_with_the_plugin(wax, tmp_path):
     for name in ("broken.xml", "absent.xml"):
         with pytest.raises(UsageError):
             renderer.render_scene(tmp_path / name, tmp_path / "scene.png")
+    main = importlib.import_module("renderers.mitsuba.__main__").main  # `python -m renderers.mitsuba`
+    assert main([str(tmp_path / "scene.xml"), "-o", str(tmp_path / "x.png"), "--spp", "2"]) == 2  # $spp has no value
+    (tmp_path / "scene.xml").write_text((tmp_path / "scene.xml").read_text().replace("$spp", "2"))
+    assert main([str(tmp_path / "scene.xml"), "-o", str(tmp_path / "x.png"), "--spp", "2"]) == 0
+    assert main([str(wax), "-o", str(tmp_path / "y.png"), "--quality", "draft", "--spp", "1"]) == 0
+    assert all((tmp_path / f"{name}.{kind}").exists() for name in "xy" for kind in ("png", "exr"))
 
 
 @pytest.mark.parametrize(("sigma_t", "albedo", "g", "edge", "words"), [
@@ -231,7 +238,7 @@ def test_interruption_is_handed_on(variant, wax, tmp_path):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            renderer.preview(wax, tmp_path / "x.png", width=256, spp=64, variant=variant, progress=progress)
+            preview(wax, tmp_path / "x.png", width=256, spp=64, variant=variant, progress=progress)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, usual)

@@ -1,0 +1,18 @@
+"""What a render with Mitsuba reports, in lines for people."""
+
+from __future__ import annotations
+
+STOPPED = {"noise": "the noise wanted was reached", "samples": "all samples were taken",
+           "time": "the time limit was reached, so the picture depends on the machine"}
+
+
+def describe(report) -> list[str]:
+    """Lines for a report with `files`, `variant`, `reason`, `samples`, `seconds`, `noise` and `stopped_by`, such as that of
+    `render_scene`; `noise_shown`, if it is there, is that of the filtered PNG."""
+    noise = f"noise {100 * report['noise']:.2g} %"
+    if "noise_shown" in report:
+        noise += f", {100 * report['noise_shown']:.2g} % in the filtered PNG"
+    return [f"pictures: {', '.join(report['files'])}",
+            f"variant: {report['variant']} ({report['reason']})",
+            f"samples: {report['samples']} a pixel and wavelength in {report['seconds']:.1f} s; {noise}; "
+            f"{STOPPED[report['stopped_by']]}"]
