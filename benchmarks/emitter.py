@@ -41,7 +41,7 @@ NAMED = {"transport, flux": ("flux", "lost"), "the same, energy kept": ("flux", 
 
 def clear():
     """The picture without fog (SIZE, SIZE), its distances in m, and the sides of its pixels in rad."""
-    from renderers.fog.picture import Camera
+    from renderers.camera import Camera
 
     camera = Camera.looking([0, 0, 0], [0, 1, 0], [0, 0, 1], FOV, SIZE, SIZE)
     edge = math.tan(FOV / 2) * np.linspace(-1, 1, SIZE + 1)

@@ -28,6 +28,18 @@ def tone_map(rgb, exposure=1.0, white=4.0):
     return colour.encode(rgb * curve[..., None])
 
 
+def shown(rgb, curve="none", exposure=1.0, white=4.0):
+    """Display values (H, W, 3), 0 to 1, by a tone curve (`none`, or `reinhard` with its `white`), and what was done in words."""
+    if curve == "none":
+        return colour.encode(np.clip(rgb * exposure, 0, 1)), "none after exposure, then the sRGB curve"
+    return tone_map(rgb, exposure, white), TONE_CURVE
+
+
+def eight_bits(display):
+    """Display values, 0 to 1, as bytes."""
+    return np.round(255 * np.clip(display, 0, 1)).astype(np.uint8)
+
+
 def relative_noise(mean, variance):
     """Root mean square standard error of a picture's luminance over its mean luminance; `variance` is that of `mean`."""
     error = np.sqrt(np.mean(variance @ colour.LUMINANCE**2))

@@ -1,7 +1,12 @@
 """Scene files: the part that all renderers of scenes share.
 
 A scene is YAML in the grammar of recipes: units, no unknown keys, every problem at once with its file, line and key.  One of its
-sections names the renderer (`RENDERERS`); that renderer's `scene.SceneFile` says what the whole file may hold.
+sections names the renderer (`RENDERERS`), a package:
+
+- `render(scene, output, *, quality, variant, seed, overwrite, progress) -> report` and `describe(report) -> lines`, for which
+  `renderers.running` has what all do alike;
+- its module `scene`: `SceneFile(Common)`, what the whole file may hold; `NEEDS`, stages of the asset; `FILES`, keys of the files
+  that a scene names; `problems(root, values)`, what has to hold between keys.
 """
 
 # no annotations from __future__: pydantic would have to compile each of them again
@@ -21,7 +26,7 @@ from bakery.grammar import fields, files, overrides, text, units
 from bakery.grammar.fields import leaf, number, scalar
 from bakery.grammar.problems import distinct, places, translate
 from bakery.grammar.section import Section
-from bakery.grammar.text import Mapping, Node, Sequence
+from bakery.grammar.text import Mapping, Node, Sequence, owner
 from bakery.grammar.units import ANGLE, NUMBER_ONLY, Quantity, Wrong
 from renderers.inputs import files_of
 
@@ -97,12 +102,14 @@ class Scene:
     Attributes
     ----------
     path : of the scene
+    section : the one that names the renderer
     renderer : the package that renders it
     values : `SceneFile` of that renderer; lengths in m, angles in rad
     overrides : dotted key -> text
     """
 
     path: Path
+    section: str
     renderer: str
     values: Common
     overrides: MappingType[str, str]
@@ -156,8 +163,10 @@ def load(path, settings: MappingType[str, str] | None = None) -> Scene:
         expected = f"expected `key: value` lines; a scene starts with `bakery_scene: {FORMAT}`"
         place = None if tree.root is None else tree.root.place.begin
         raise RecipeError([*problems, source.problem(place, "", f"found {found}", expected)])
-    named = [section for section in RENDERERS if section in tree.root]
-    renderer = RENDERERS[named[0]] if named else next(iter(RENDERERS.values()))
+    section, problem = _section(source, tree.root)
+    if not section:
+        raise RecipeError([*problems, problem])
+    renderer = RENDERERS[section]
     kind = import_module(f"{renderer}.scene")
     values: dict = {}
     try:
@@ -166,11 +175,12 @@ def load(path, settings: MappingType[str, str] | None = None) -> Scene:
         parsed = None
         problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
     problems += _files(path, tree.root, values, kind.FILES)
+    problems += camera_problems(tree.root, values)
     problems += kind.problems(tree.root, values)
     if problems:
         raise RecipeError(distinct(problems))
     where = {place.key: str(place) for place in places(tree.root)}
-    return Scene(path, renderer, parsed, dict(settings or {}), where)
+    return Scene(path, section, renderer, parsed, dict(settings or {}), where)
 
 
 def needs(path) -> tuple[str, ...]:
@@ -184,11 +194,26 @@ def needs(path) -> tuple[str, ...]:
     if path.suffix.lower() not in SUFFIXES:
         return ("medium",)  # Mitsuba's; bakery's plugins for it read no other stage
     source, tree = _parsed(path)
-    named = [section for section in RENDERERS if isinstance(tree.root, Mapping) and section in tree.root]
-    if tree.problems or not named:
-        raise RecipeError(tree.problems or [source.problem(None, "", "found no renderer's section",
-                                                           f"expected one of {', '.join(RENDERERS)}")])
-    return import_module(f"{RENDERERS[named[0]]}.scene").NEEDS
+    if tree.problems:
+        raise RecipeError(tree.problems)
+    section, problem = _section(source, tree.root)
+    if not section or section not in tree.root:
+        raise RecipeError([problem])
+    return import_module(f"{RENDERERS[section]}.scene").NEEDS
+
+
+def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | None]:
+    """The section that names the renderer, else the one that an unknown key seems to stand for, else ""; and what is wrong."""
+    keys = list(root) if isinstance(root, Mapping) else []
+    named = [name for name in RENDERERS if name in keys]
+    if len(named) == 1:
+        return named[0], None
+    expected = f"expected {fields.one_of(list(RENDERERS))}"
+    if named:
+        place = root.names[max(named, key=keys.index)]
+        return "", place.problem(f"found the sections of {len(named)} renderers, {', '.join(named)}", expected)
+    near = [fields.closest(key, RENDERERS) for key in keys if key not in Common.model_fields]
+    return next(filter(None, near), ""), source.problem(None, "", "found no renderer's section", expected)
 
 
 def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
@@ -227,6 +252,21 @@ def node_at(root: Mapping, key: str) -> Node | None:
     for step in key.split("."):
         node = node.get(step) if isinstance(node, Mapping) else None
     return node
+
+
+def camera_problems(root: Mapping, values: dict) -> Iterator[Problem]:
+    """A camera that looks nowhere, or along its own up."""
+    yield from direction_problems(root, values, "camera.up")
+    origin, target = triple(values, "camera.origin"), triple(values, "camera.target")
+    if origin is None or target is None:
+        return
+    ahead = target - origin
+    up = triple(values, "camera.up") if node_at(root, "camera.up") is not None else np.array([0.0, 0.0, 1.0])
+    if not np.any(ahead):
+        yield owner(node_at(root, "camera.target")).problem("found the camera's own place", "expected a point ahead of it")
+    elif up is not None and np.linalg.norm(np.cross(ahead, up)) < 1e-6 * np.linalg.norm(ahead) * np.linalg.norm(up):
+        place = node_at(root, "camera.up") or node_at(root, "camera.target")
+        yield owner(place).problem("found a camera that looks along its own up", "expected another up, such as [0, 1, 0]")
 
 
 def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:

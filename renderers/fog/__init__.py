@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 
 _ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a surface are taken to lie; 2e-3 from infinity
 
@@ -24,8 +23,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     Returns
     -------
-    report : dict with `files`, `size`, `picture` (how it was made), `optical_depth` (smallest, median and largest, a channel),
-        `share_scattered` (of the picture's luminance), `share_sun` (of it), `seconds` of each part, `tone_curve`
+    report : that of `renderers.running`, with `picture` (how it was made), `optical_depth` (smallest, median and largest, a
+        channel), `share_scattered` (of the picture's luminance), `share_sun` (of it)
 
     Raises
     ------
@@ -39,27 +38,23 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     """
     import numpy as np
 
-    import bakery
     from bakery.errors import UsageError
-    from renderers import colour, images
-    from renderers import scene as scenes
+    from renderers import colour
     from renderers.fog import filter as screen_filter
     from renderers.fog import kernels
+    from renderers.running import Render, rgb_layers
 
-    if not isinstance(scene, scenes.Scene):
-        scene = scenes.load(scene, overrides)
-    values, clock = scene.values, _Clock()
-    png, exr = images.output_pair(output or scene.picture, scene.inputs, overwrite)
+    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
+    scene, asset, values = job.scene, job.asset, job.scene.values
     threads = threads or len(os.sched_getaffinity(0))
-    asset = bakery.open(scene.file(values.asset))
     try:
         medium = kernels.fog_of(asset, channels=3, kernel=values.filter.kernel)
     except UsageError as error:
         raise scene.wrong("asset", error) from None
     density = _density(scene, threads)
-    clock("prepare")
-    picture = _picture(scene, quality, variant, seed, progress and (lambda done, noise=None: progress(0.5 * done, noise)))
-    clock("picture")
+    job.part_over("prepare")
+    picture = _picture(scene, quality, variant, seed, job.progress(0.0, 0.5))
+    job.part_over("picture")
     height, width = picture.distance.shape
     rays, origin = picture.camera.rays(height, width), picture.camera.origin
     distance, sky = _finite(scene, density, origin, picture.distance)
@@ -67,7 +62,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     column = moments[..., 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         lever = np.where(column > 0, np.sqrt(3 * moments[..., 2] / column), distance)
-    clock("density")
+    job.part_over("density")
     depth = column[..., None] * _spread(medium.sigma_t)
     # linear in the light: with L all around one sees L but for what is absorbed, and surfaces differ from L by col - L
     ambient = sum((_spread(light.radiance) for light in values.fog.light if light.type == "ambient"), np.zeros(3))
@@ -76,63 +71,46 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     angle = picture.camera.angle(height, width)
     result = screen_filter.fogged(picture.rgb - ambient, distance, angle, column, lever, medium, energy=energy, outside=outside,
                                   cut_off=values.filter.cut_off, threads=threads,
-                                  progress=progress and (lambda done: progress(0.5 + 0.4 * done, None)))
+                                  progress=job.progress(0.5, 0.9))
     through = np.exp(-depth)
     if ambient.any():
         # where nearer things absorb less than a pixel's own way the sum is too small: no less than what comes straight
         result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
-    clock("filter")
+    job.part_over("filter")
     if progress:
         progress(0.9)
     added = _sunlight(scene, asset, medium, density, origin, rays, distance)
-    clock("sun")
+    job.part_over("sun")
     result = result + added
-    curve, display = _display(values.display, result)
-    layers = {**_rgb("", result), **_rgb("clear.", picture.rgb), "distance": picture.distance}
-    _write(png, exr, display, layers)
-    clock("write")
-    if progress:
-        progress(1.0)
     total = float(np.mean(result @ colour.LUMINANCE))
     direct = float(np.mean((through * picture.rgb) @ colour.LUMINANCE))
     share = {"share_scattered": 1 - direct / total, "share_sun": float(np.mean(added @ colour.LUMINANCE)) / total} \
         if total > 0 else {"share_scattered": 0.0, "share_sun": 0.0}
-    return {"renderer": "screen", "scene": str(scene.path), "asset": asset.path, "files": [str(png), str(exr)],
-            "size": [width, height], "picture": picture.made, "without_surface": int(sky.sum()),
-            "distance": [float(distance.min()), float(distance.max())],
-            "optical_depth": {name: [float(f(depth[..., c])) for c in range(3)]
-                              for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))},
-            **share, "overrides": dict(scene.overrides), "seconds": clock.parts, "tone_curve": curve}
+    depths = {name: [float(f(depth[..., c])) for c in range(3)]
+              for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
+    beside = "ambient light" if ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[outside]
+    return job.finish(result, layers=rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, **dict(values.display),
+                      method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture"],
+                      samples=picture.made.get("samples"), noise=picture.made.get("noise"), picture=picture.made,
+                      without_surface=int(sky.sum()), distance=[float(distance.min()), float(distance.max())],
+                      optical_depth=depths, **share)
 
 
 def describe(report) -> list[str]:
     """Lines for people."""
-    picture, depth, seconds = report["picture"], report["optical_depth"], report["seconds"]
+    from renderers import running
+
+    picture, depth = report["picture"], report["optical_depth"]
     source = f"{picture['color']} and {picture['depth']}" if picture["from"] == "files" else \
         f"{picture['scene']}, {picture['samples']} samples a pixel, noise {100 * picture['noise']:.2g} %, " \
         f"{picture['variant']} ({picture['reason']})"
     sky = f"; {report['without_surface']:,} pixels without a surface" if report["without_surface"] else ""
     red, green, blue = (" / ".join(f"{depth[name][c]:.3g}" for name in depth) for c in range(3))
-    parts = ", ".join(f"{name} {spent:.1f} s" for name, spent in seconds.items() if name != "total")
-    return [f"pictures: {', '.join(report['files'])}",
-            f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}",
-            f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
-            f"scattered: {100 * report['share_scattered']:.3g} % of the light"
-            + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""),
-            f"time: {seconds['total']:.1f} s ({parts})"]
-
-
-class _Clock:
-    """Seconds of each part."""
-
-    def __init__(self):
-        self._begin = self._last = time.monotonic()
-        self.parts = {}
-
-    def __call__(self, name):
-        now = time.monotonic()
-        self.parts[name], self._last = now - self._last, now
-        self.parts["total"] = now - self._begin
+    return running.describe(report, [
+        f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}",
+        f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
+        f"scattered: {100 * report['share_scattered']:.3g} % of the light"
+        + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else "")])
 
 
 def _density(scene, threads):
@@ -218,32 +196,3 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
     return found.reshape(rays.shape)
-
-
-def _display(section, rgb):
-    """The tone curve in words, and the picture for a display, 8 bits."""
-    import numpy as np
-
-    from renderers import colour, images
-
-    if section.curve == "none":
-        shown, words = colour.encode(np.clip(rgb * section.exposure, 0, 1)), "none after exposure, then the sRGB curve"
-    else:
-        shown, words = images.tone_map(rgb, section.exposure, section.white), images.TONE_CURVE
-    return words, np.round(255 * np.clip(shown, 0, 1)).astype(np.uint8)
-
-
-def _rgb(prefix, image):
-    return {f"{prefix}{name}": image[..., i] for i, name in enumerate("RGB")}
-
-
-def _write(png, exr, display, layers):
-    import numpy as np
-
-    from renderers import images
-    from renderers.fog.picture import library
-
-    mi = library()
-    stack = np.ascontiguousarray(np.stack([layer.astype(np.float32) for layer in layers.values()], axis=-1))
-    bitmap = mi.Bitmap(stack, pixel_format=mi.Bitmap.PixelFormat.MultiChannel, channel_names=list(layers))
-    images.write([(png, lambda path: mi.Bitmap(display).write(path)), (exr, lambda path: bitmap.write(path))])

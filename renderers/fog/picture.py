@@ -13,56 +13,10 @@ import numpy as np
 
 from bakery.errors import UsageError
 from bakery.system.memory import free_memory
+from renderers.camera import Camera, length
 
 _BYTES = 1000.0  # a pixel, of all that rendering holds at once
 _ALPHA = 1 - 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera: `origin` (3,) m, and its image plane at unit distance along its axis.
-
-    The middle of the pixel in row y, column x is `corner` + (x + 1/2) `right` + (y + 1/2) `down`, (3,) each, from the origin.
-    """
-
-    origin: np.ndarray
-    corner: np.ndarray
-    right: np.ndarray
-    down: np.ndarray
-
-    @classmethod
-    def looking(cls, origin, target, up, fov, height, width):
-        """From `origin` (m) at `target` in the middle; `fov` rad from the left to the right edge."""
-        origin, ahead = np.array(origin, float), np.subtract(target, origin)
-        ahead = ahead / np.linalg.norm(ahead)
-        right = np.cross(ahead, up)
-        right = right / np.linalg.norm(right)
-        pitch = 2 * np.tan(fov / 2) / width
-        right, down = right * pitch, np.cross(ahead, right) * pitch
-        return cls(origin, ahead - right * width / 2 - down * height / 2, right, down)
-
-    def points(self, height, width):
-        """Middles of the pixels on the image plane, (H, W, 3), from the origin."""
-        y, x = np.mgrid[:height, :width] + 0.5
-        return self.corner + x[..., None] * self.right + y[..., None] * self.down
-
-    def rays(self, height, width):
-        """Directions through the middles of the pixels, (H, W, 3), unit."""
-        points = self.points(height, width)
-        return points / _length(points)[..., None]
-
-    def angle(self, height, width):
-        """Side of a pixel as seen from the camera, (H, W) rad: the root of its solid angle.
-
-        With square pixels of pitch p that is p cos^1.5 of the angle to the axis: the geometric mean of p cos^2 outwards and
-        p cos across.
-        """
-        return np.sqrt(np.linalg.norm(np.cross(self.right, self.down)) / _length(self.points(height, width)) ** 3)
-
-
-def _length(points):
-    # no BLAS and no pairwise sums: the same bits on every machine
-    return np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + points[..., 2] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +69,7 @@ def from_files(color, depth, *, origin, target, up, fov, layer=None, channel=Non
             "(`sky:` names the number that means no surface)", raw)
     camera = Camera.looking(origin, target, up, fov, *raw.shape)
     if measure == "z":
-        distance = distance * _length(camera.points(*raw.shape))
+        distance = distance * length(camera.points(*raw.shape))
     return Picture(rgb, distance, camera, {"from": "files", "color": str(color), "depth": str(depth)})
 
 
@@ -184,6 +138,8 @@ def read_depth(path, channel=None):
 
 
 def _bitmap(path):
+    from renderers.mitsuba.bitmaps import library
+
     mi = library()
     try:
         bitmap = mi.Bitmap(str(path))
@@ -218,18 +174,6 @@ def _refuse(wrong, message, values):
         raise UsageError(message.format(values[y, x], f"row {y}, column {x}{more}"))
 
 
-def library():
-    """Mitsuba, which reads and writes pictures, in some variant."""
-    from renderers.mitsuba import variants
-
-    variants.require_mitsuba()
-    import mitsuba as mi
-
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
-    return mi
-
-
 def _refuse_too_large(path, height, width):
     """Now rather than when the system runs out of memory, minutes later."""
     needed, free = _BYTES * height * width, free_memory()
@@ -255,63 +199,21 @@ def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None,
     -----
     Distances are those of the first surface, whatever it is made of: glass, and the boundary of a medium, count as surfaces.
     """
-    from renderers.mitsuba import passes
+    from renderers.mitsuba import passes, sensor
     from renderers.mitsuba.scene import QUALITY, load
 
     if quality not in QUALITY:
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
-    import mitsuba as mi  # after renderers.mitsuba, which finds LLVM for it
 
     scene, chosen, reason = load(path, variant=variant)
-    sensor = scene.sensors()[0]
-    width, height = (int(n) for n in sensor.film().crop_size())
+    first = scene.sensors()[0]
+    width, height = (int(n) for n in first.film().crop_size())
     _refuse_too_large(path, height, width)
-    camera = _sensor_camera(mi, sensor, path, width, height)
-    samples = max(1, round(QUALITY[quality] * (samples or sensor.sampler().sample_count())))
+    camera = sensor.camera_of(first, path, width, height)
+    samples = max(1, round(QUALITY[quality] * (samples or first.sampler().sample_count())))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed, progress=progress)
-    distance = _distances(mi, scene, sensor, camera, height, width)
+    distance = sensor.distances(scene, first, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise}
     return Picture(picture.rgb, distance * unit, camera, made)
-
-
-def _sensor_camera(mi, sensor, path, width, height):
-    """The pinhole camera that a sensor is, from the rays that it sends through four corners of its film."""
-    matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
-    origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
-    plane = []
-    for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
-        start, way = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
-        if np.linalg.norm(np.cross(start, way)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not way @ ahead > 0:
-            plane = []
-            break
-        plane.append(way / (way @ ahead))
-    if not plane or np.abs(plane[1] + plane[2] - plane[0] - plane[3]).max() > 1e-4 * np.abs(plane[3] - plane[0]).max():
-        raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; a perspective camera would do")
-    return Camera(origin, plane[0], (plane[1] - plane[0]) / width, (plane[2] - plane[0]) / height)
-
-
-def _distances(mi, scene, sensor, camera, height, width):
-    """Distances of the first surfaces between the clipping planes, (H, W) in units of the scene; inf where there is none."""
-    import drjit as dr
-
-    directions = camera.rays(height, width).reshape(-1, 3)
-    slant = _length(camera.points(height, width)).reshape(-1)  # distance over z
-    near, far = sensor.near_clip() * slant, sensor.far_clip() * slant
-    start = camera.origin + near[:, None] * directions
-    found = np.full(len(directions), np.inf)
-    if dr.is_jit_v(mi.Float):
-        ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(directions.T))
-        ray.maxt = mi.Float(far - near)
-        hit = scene.ray_intersect_preliminary(ray, coherent=True)
-        found = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
-    else:
-        for i, (begin, way, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
-            ray = mi.Ray3f(begin, way)
-            ray.maxt = limit
-            hit = scene.ray_intersect_preliminary(ray, coherent=True)
-            if hit.is_valid():
-                found[i] = hit.t
-    return (found + near).reshape(height, width)

@@ -152,8 +152,6 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         yield owner(camera).problem("found a camera beside a Mitsuba scene", "expected none: the scene's sensor is the camera")
     if isinstance(picture, Mapping) and "mitsuba" not in picture and camera is None:
         yield owner(picture).problem("missing", "expected camera: {origin: …, target: …, fov: …}, of this picture", key="camera")
-    yield from direction_problems(root, values, "camera.up")
-    yield from _looking(root, values)
     yield from direction_problems(root, values, "fog.density.up")
     yield from _grid(root, values)
     lights = node_at(root, "fog.light")
@@ -163,19 +161,6 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             if values.get(f"fog.light[{i}].type") == "ambient" and values.get("filter.outside") is not None:
                 yield node_at(root, "filter.outside").place.problem(
                     f"found {values['filter.outside']} beside ambient light", "expected none: ambient light is what lies outside")
-
-
-def _looking(root: Mapping, values: dict) -> Iterator[Problem]:
-    origin, target = triple(values, "camera.origin"), triple(values, "camera.target")
-    if origin is None or target is None:
-        return
-    ahead = target - origin
-    up = triple(values, "camera.up") if node_at(root, "camera.up") is not None else np.array([0.0, 0.0, 1.0])
-    if not np.any(ahead):
-        yield owner(node_at(root, "camera.target")).problem("found the camera's own place", "expected a point ahead of it")
-    elif up is not None and np.linalg.norm(np.cross(ahead, up)) < 1e-6 * np.linalg.norm(ahead) * np.linalg.norm(up):
-        place = node_at(root, "camera.up") or node_at(root, "camera.target")
-        yield owner(place).problem("found a camera that looks along its own up", "expected another up, such as [0, 1, 0]")
 
 
 def _grid(root: Mapping, values: dict) -> Iterator[Problem]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-import numpy as np
-
 from bakery.errors import AssetError, BakeryError, UsageError
 from renderers import images, inputs
-from renderers.mitsuba import passes, variants
+from renderers.mitsuba import bitmaps, passes, variants
 
 # Share of the scene's own samples.
 QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
@@ -74,21 +72,17 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     UsageError : no such scene, a faulty scene, or a place that cannot be written
     AssetError : an asset that the scene names is damaged or lacks a stage
     """
-    import mitsuba as mi
-
     begin = time.monotonic()
     scene_path = Path(scene_path)
     if quality not in QUALITY:
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
     if not scene_path.is_file():
         raise UsageError(f"{scene_path}: there is no such scene")
-    png, exr = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
+    pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters)
     samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
                             time_limit=time_limit, seed=seed, progress=progress)
-    display = np.round(255 * images.tone_map(picture.rgb)).astype(np.uint8)
-    images.write([(png, lambda path: mi.Bitmap(display).write(path)),
-                  (exr, lambda path: mi.Bitmap(picture.rgb.astype(np.float32)).write(path))])
-    return {"files": [str(png), str(exr)], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
+    bitmaps.write(pair, images.tone_map(picture.rgb), picture.rgb)
+    return {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
             "samples": picture.samples, "noise": picture.noise, "stopped_by": picture.stopped_by, "tone_curve": images.TONE_CURVE}

@@ -16,9 +16,10 @@ import numpy as np
 
 from bakery.errors import AssetError, UsageError
 from renderers import colour, images
-from renderers.mitsuba import passes, variants
+from renderers.mitsuba import bitmaps, passes, variants
 from renderers.mitsuba import tables as asset_tables
 from renderers.preview import grains, lobe, studio
+from renderers.progress import share
 
 # width in pixels, samples a pixel and wavelength, noise to stop at, seconds after which no pass is begun
 QUALITY = {"draft": (320, 8, 0.10, 30.0), "preview": (576, 32, 0.05, 120.0), "final": (1280, 96, 0.03, 900.0)}
@@ -92,7 +93,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     begin = time.monotonic()
     if quality not in QUALITY:
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
-    png, exr = images.output_pair(output_path, [asset_path], overwrite)
+    pair = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
     held = [name for name in ("grains", "medium") if name in asset.stages]
     edge, words = block_edge(asset, "grains" in held) if "medium" in held else (0.0, "")
@@ -119,7 +120,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
         samples = max(1, round(HEAP_SAMPLES * spp)) if long else spp
         picture = passes.render(panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
-                                seed=seed, progress=_part(progress, i, len(panels)))
+                                seed=seed, progress=share(progress, i / len(panels), (i + 1) / len(panels)))
         pixels, noise_shown = picture.rgb, picture.noise
         if denoise:
             first, second = images.filtered(picture.halves, 2 * picture.variance, panel.features())
@@ -130,9 +131,9 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
         done.append((picture, noise_shown, display, linear))
     pictures, noises, displays, linears = zip(*done)
     gap = max(1, width // 96)
-    _write(png, exr, _beside(displays, gap), _beside(linears, gap), asset.content_hash)
+    bitmaps.write(pair, _beside(displays, gap), _beside(linears, gap), {PREVIEW_OF: asset.content_hash})
     order = ("time", "samples", "noise")
-    report = {"files": [str(png), str(exr)], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
+    report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
               "samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
               "noise_shown": max(noises), "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
               "width": displays[0].shape[1] * len(panels) + gap * (len(panels) - 1), "rows": size[1],
@@ -203,13 +204,6 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
                  lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
 
 
-def _part(progress, index, count):
-    """The progress of one panel as that of the whole."""
-    if progress is None:
-        return None
-    return lambda fraction, noise: progress((index + fraction) / count, noise)
-
-
 def _beside(pictures, gap):
     """Pictures in a row, dark between them."""
     dark = np.full((pictures[0].shape[0], gap, 3), 0.005)
@@ -217,17 +211,6 @@ def _beside(pictures, gap):
     for picture in pictures[1:]:
         row += [dark, picture]
     return np.concatenate(row, axis=1)
-
-
-def _write(png, exr, display, linear, content_hash):
-    import mitsuba as mi
-
-    def saved(pixels):
-        bitmap = mi.Bitmap(pixels)
-        bitmap.metadata()[PREVIEW_OF] = content_hash
-        return bitmap.write
-
-    images.write([(png, saved(np.round(255 * display).astype(np.uint8))), (exr, saved(linear.astype(np.float32)))])
 
 
 def _without_unchanged(medium, k, sigma_t, albedo):

@@ -14,6 +14,7 @@ import pytest
 import bakery
 from bakery.cli import status_of
 from renderers.fog import kernels, picture
+from tests.exr import layers, library
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "assets/scenes"
@@ -65,14 +66,8 @@ def place(assets, tmp_path):
 
 
 def write(folder, color, depth):
-    picture.library().Bitmap(np.ascontiguousarray(color, np.float32)).write(str(folder / "clear.exr"))
+    library().Bitmap(np.ascontiguousarray(color, np.float32)).write(str(folder / "clear.exr"))
     np.save(folder / "depth.npy", depth)
-
-
-def layers(path):
-    bitmap = picture.library().Bitmap(str(path))
-    values = np.array(bitmap)
-    return {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
 
 
 def rgb(path):
@@ -258,7 +253,7 @@ def test_a_failed_write_leaves_the_old_pictures(call, place, monkeypatch):
 def test_the_tone_curve_can_be_left_out(call, place):
     """Without a curve the PNG is the sRGB code of the radiance: 0.25 is 137."""
     assert call("render", place / "s.yaml", "--set", "display.curve=none", "--set", "fog.density.scale=0")[0] == 0
-    assert (np.array(picture.library().Bitmap(str(place / "night.png")))[..., :3] == 137).all()
+    assert (np.array(library().Bitmap(str(place / "night.png")))[..., :3] == 137).all()
 
 
 # ---- the scenes that are shipped

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from renderers.fog import density, grids, picture
+from renderers.fog import density, grids
 from renderers.fog.density import Grid, Height, Uniform
+from tests.exr import library
 
 ENDLESS = np.array([math.inf])
 
@@ -122,7 +123,7 @@ def test_threads_change_nothing():
 
 def test_as_mitsuba_reads_it(tmp_path):
     """The same VOL file, trilinear and clamped: the same densities to float32, in the half cells at the faces too."""
-    mi = picture.library()
+    mi = library()
     rng = np.random.default_rng(5)
     values = rng.random((5, 3, 4)).astype(np.float32)
     grids.write_vol(tmp_path / "a.vol", values, (0, 0, 0), (1, 2, 3))

@@ -12,7 +12,9 @@ import pytest
 
 from bakery.errors import RecipeError, UsageError
 from renderers import scene
+from renderers.camera import Camera
 from renderers.fog import grids, picture
+from tests.exr import library
 
 SCENE = """\
 bakery_scene: 1
@@ -116,7 +118,7 @@ def test_no_file_and_wrong_settings(load, tmp_path):
 
 
 def exr(path, **channels):
-    mi = picture.library()
+    mi = library()
     stack = np.ascontiguousarray(np.stack(list(channels.values()), axis=-1), np.float32)
     names = [name.replace("_", ".") for name in channels]
     mi.Bitmap(stack, pixel_format=mi.Bitmap.PixelFormat.MultiChannel, channel_names=names).write(str(path))
@@ -127,7 +129,7 @@ LOOK = {"origin": (1, -4, 2), "target": (0.2, 0.1, 0.3), "up": (0, 0, 1), "fov":
 
 def test_the_angle_of_a_pixel_is_the_root_of_its_solid_angle():
     """By triangles of Van Oosterom and Strackee; pixels are small, so the middle stands for the pixel to its square, 1e-3."""
-    camera = picture.Camera.looking(**LOOK, height=30, width=40)
+    camera = Camera.looking(**LOOK, height=30, width=40)
     y, x = np.mgrid[:31, :41]
     corner = camera.corner + x[..., None] * camera.right + y[..., None] * camera.down
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
@@ -174,7 +176,7 @@ def test_rays_and_distances_of_a_sensor(tmp_path, lens, crop, variant):
     assert np.allclose(found.distance / 2, exact, rtol=1e-5)
     if not crop:
         fov = 2 * np.arctan(np.tan(np.radians(25)) * 4 / 3)
-        ours = picture.Camera.looking(**{**LOOK, "fov": fov}, height=30, width=40)
+        ours = Camera.looking(**{**LOOK, "fov": fov}, height=30, width=40)
         assert np.allclose(ours.rays(30, 40), rays, atol=1e-6)
 
 
@@ -200,7 +202,7 @@ def test_depth_becomes_distance(tmp_path):
 
 def test_colors_of_files(tmp_path):
     """PNG by IEC 61966-2-1; EXR by its only layer, the nameless one, or the one that is asked for."""
-    mi = picture.library()
+    mi = library()
     codes = np.arange(18, dtype=np.uint8).reshape(2, 3, 3) * 14
     mi.Bitmap(codes).write(str(tmp_path / "a.png"))
     v = codes / 255

@@ -1,0 +1,55 @@
+"""The pinhole camera of all renderers of scenes: where it stands, and the ray through each pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera: `origin` (3,) m, and its image plane at unit distance along its axis.
+
+    The middle of the pixel in row y, column x is `corner` + (x + 1/2) `right` + (y + 1/2) `down`, (3,) each, from the origin.
+    """
+
+    origin: np.ndarray
+    corner: np.ndarray
+    right: np.ndarray
+    down: np.ndarray
+
+    @classmethod
+    def looking(cls, origin, target, up, fov, height, width):
+        """From `origin` (m) at `target` in the middle; `fov` rad from the left to the right edge."""
+        origin, ahead = np.array(origin, float), np.subtract(target, origin)
+        ahead = ahead / np.linalg.norm(ahead)
+        right = np.cross(ahead, up)
+        right = right / np.linalg.norm(right)
+        pitch = 2 * np.tan(fov / 2) / width
+        right, down = right * pitch, np.cross(ahead, right) * pitch
+        return cls(origin, ahead - right * width / 2 - down * height / 2, right, down)
+
+    def points(self, height, width):
+        """Middles of the pixels on the image plane, (H, W, 3), from the origin."""
+        y, x = np.mgrid[:height, :width] + 0.5
+        return self.corner + x[..., None] * self.right + y[..., None] * self.down
+
+    def rays(self, height, width):
+        """Directions through the middles of the pixels, (H, W, 3), unit."""
+        points = self.points(height, width)
+        return points / length(points)[..., None]
+
+    def angle(self, height, width):
+        """Side of a pixel as seen from the camera, (H, W) rad: the root of its solid angle.
+
+        With square pixels of pitch p that is p cos^1.5 of the angle to the axis: the geometric mean of p cos^2 outwards and
+        p cos across.
+        """
+        return np.sqrt(np.linalg.norm(np.cross(self.right, self.down)) / length(self.points(height, width)) ** 3)
+
+
+def length(points):
+    """Lengths (...) of vectors (..., 3)."""
+    # no BLAS and no pairwise sums: the same bits on every machine
+    return np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + points[..., 2] ** 2)

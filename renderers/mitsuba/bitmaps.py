@@ -1,0 +1,43 @@
+"""Picture files, which Mitsuba reads and writes for all renderers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers import images
+
+
+def library():
+    """Mitsuba in the variant that is set, or in some variant: without one it has no bitmaps."""
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        mi.set_variant("scalar_rgb")
+    return mi
+
+
+def write(pair, display, linear, text=None):
+    """Writes a picture as PNG and as EXR of 32 bits, both whole or neither.
+
+    Parameters
+    ----------
+    pair : paths (PNG, EXR) of `images.output_pair`
+    display : (H, W, 3) display values, 0 to 1
+    linear : (H, W, 3) linear sRGB, or a dict of (H, W) by name of the channel
+    text : dict of str by name, kept in both files, or None
+
+    Raises
+    ------
+    StoreError : the files cannot be written; what stood there before stands there still
+    """
+    mi = library()
+    if isinstance(linear, dict):
+        stack = np.ascontiguousarray(np.stack([layer.astype(np.float32) for layer in linear.values()], axis=-1))
+        full = mi.Bitmap(stack, pixel_format=mi.Bitmap.PixelFormat.MultiChannel, channel_names=list(linear))
+    else:
+        full = mi.Bitmap(linear.astype(np.float32))
+    bitmaps = mi.Bitmap(images.eight_bits(display)), full
+    for bitmap in bitmaps:
+        for name, value in (text or {}).items():
+            bitmap.metadata()[name] = value
+    images.write([(path, bitmap.write) for path, bitmap in zip(pair, bitmaps)])

@@ -1,0 +1,108 @@
+"""One render of a scene, from its file to its pictures and its report: what all renderers of scenes do alike.
+
+A renderer begins a `Render`, makes a picture of linear radiance out of `scene.values` and `asset`, and finishes it.
+"""
+
+from __future__ import annotations
+
+import time
+
+import bakery
+from renderers import images, scene
+from renderers.progress import share
+
+
+class Render:
+    """A scene that is being rendered.
+
+    Attributes
+    ----------
+    scene : `renderers.scene.Scene`
+    asset : of the scene, opened
+    pair : paths (PNG, EXR) of the pictures
+    seconds : dict, of each part that was said to be over, and `total`
+    """
+
+    def __init__(self, path, output=None, *, overrides=None, overwrite=False, progress=None):
+        """
+        Parameters
+        ----------
+        path : of a scene, or what `renderers.scene.load` made of it
+        output : `X.png` or `X.exr`; beside the scene, by its name, if None
+        overrides : dotted key -> value as text, of a path
+        overwrite : replace also files that are no such pictures; never one that the scene reads
+        progress : function of (fraction 0 to 1, noise or None), or None
+
+        Raises
+        ------
+        RecipeError : with every problem of the scene
+        UsageError, AssetError : the pictures cannot be written there, the asset is no asset
+        """
+        self._begin = self._last = time.monotonic()
+        self._progress = progress
+        self.seconds = {}
+        self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
+        self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
+        self.asset = bakery.open(self.scene.file(self.scene.values.asset))
+
+    def part_over(self, name):
+        """The time since the last part was over is that of `name`."""
+        now = time.monotonic()
+        self.seconds[name], self._last = now - self._last, now
+        self.seconds["total"] = now - self._begin
+
+    def progress(self, begin, end):
+        """The progress of a part that takes the whole from `begin` to `end`; None where nobody asks."""
+        return share(self._progress, begin, end)
+
+    def finish(self, rgb, *, method, layers=None, curve="none", exposure=1.0, white=4.0, samples=None, noise=None, bias=None,
+               reasons=(), **more) -> dict:
+        """Writes the pictures and reports.
+
+        Parameters
+        ----------
+        rgb : (H, W, 3) linear sRGB
+        method : which of the renderer's methods made it
+        layers : dict of (H, W) by name, what the EXR holds besides R, G and B
+        curve, exposure, white : of the PNG, as `images.shown` takes them
+        samples : a pixel
+        noise, bias : 1, relative to the mean; None where the method has none, or states none
+        reasons : texts, why this method, and what is left out
+        more : what this renderer says besides
+
+        Returns
+        -------
+        report : dict with `renderer` (its section), `method`, `scene`, `asset`, `files`, `size`, `mean` (linear, a channel),
+            `samples`, `noise`, `bias`, `reasons`, `tone_curve`, `overrides`, `seconds` (of each part), and `more`
+        """
+        display, words = images.shown(rgb, curve, exposure, white)
+        from renderers.mitsuba import bitmaps  # here: all before is done without Mitsuba
+
+        bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}))
+        self.part_over("write")
+        if self._progress:
+            self._progress(1.0)
+        return {"renderer": self.scene.section, "method": method, "scene": str(self.scene.path), "asset": self.asset.path,
+                "files": [str(path) for path in self.pair], "size": [rgb.shape[1], rgb.shape[0]],
+                "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
+                "reasons": list(reasons), "tone_curve": words, "overrides": dict(self.scene.overrides),
+                "seconds": self.seconds} | more
+
+
+def rgb_layers(prefix, image):
+    """Channels of a layer by name: `order1.` gives `order1.R`, `order1.G`, `order1.B`."""
+    return {f"{prefix}{name}": image[..., i] for i, name in enumerate("RGB")}
+
+
+def describe(report, more=None) -> list[str]:
+    """Lines for people; `more` takes the place of those about method, samples, noise, bias and reasons."""
+    parts = ", ".join(f"{name} {spent:.1f} s" for name, spent in report["seconds"].items() if name != "total")
+    return [f"pictures: {', '.join(report['files'])}", *(_made(report) if more is None else more),
+            f"time: {report['seconds']['total']:.1f} s ({parts})"]
+
+
+def _made(report):
+    said = [f"method: {report['method']}"]
+    said += [f"{report['samples']} samples a pixel"] if report["samples"] is not None else []
+    said += [f"{name} {100 * report[name]:.2g} %" for name in ("noise", "bias") if report[name] is not None]
+    return ["; ".join(said), *report["reasons"]]
