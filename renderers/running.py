@@ -9,6 +9,7 @@ import time
 
 import bakery
 from renderers import images, scene
+from renderers.mitsuba import bitmaps
 from renderers.progress import share
 
 
@@ -76,8 +77,6 @@ class Render:
             `samples`, `noise`, `bias`, `reasons`, `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
         display, words = images.shown(rgb, curve, exposure, white)
-        from renderers.mitsuba import bitmaps  # here: all before is done without Mitsuba
-
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}))
         self.part_over("write")
         if self._progress:

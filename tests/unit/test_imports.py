@@ -34,6 +34,10 @@ ENGINE = {"bakery/physics/grains/mitsuba_walk.py": {"mitsuba", "drjit"}, "bakery
           "bakery/physics/shapes/repair.py": {"pymeshlab"}}
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
 SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs", "bakery.system")
+# what renderers share, from the ground up: each part with what it may import of the others.  Renderers may import all of it,
+# and nothing of each other
+SHARED = {"camera": set(), "colour": set(), "inputs": set(), "progress": set(), "images": {"colour"}, "scene": {"inputs"},
+          "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"images", "mitsuba", "progress", "scene"}}
 
 
 def modules(folder: str):
@@ -92,10 +96,20 @@ def imported(node):
 
 def test_renderers_see_assets_kernels_and_the_grammar_only():
     exact, beginnings = SEEN
-    for path in modules("renderers"):
+    for path in modules("renderers") + modules("tests/toy_renderer"):
         for name in imports(path):
             if name.startswith("bakery"):
                 assert name in exact or name.startswith(beginnings), f"{path} imports {name}"
+
+
+def test_renderers_stand_on_what_they_share():
+    for path in modules("renderers"):
+        if path.name == "__main__.py":
+            continue  # a program, which nothing imports
+        part = path.relative_to(ROOT / "renderers").with_suffix("").parts[0]
+        for name in imports(path):
+            if name.startswith("renderers."):
+                assert below(name.removeprefix("renderers."), SHARED.get(part, set(SHARED)) | {part}), f"{path} imports {name}"
 
 
 def test_import_and_help_load_nothing_heavy():

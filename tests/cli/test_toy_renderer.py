@@ -1,0 +1,80 @@
+"""A renderer is its folder and one line: a toy is registered and found by every command that takes scenes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import bakery
+from renderers import scene
+from renderers.camera import Camera
+from tests.exr import layers
+
+SCENE = """\
+bakery_scene: 1
+name: haze
+asset: milk.h5
+camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
+toy: {sun: [1, 2, -1]}
+"""
+
+
+@pytest.fixture
+def place(milk, monkeypatch):
+    """A folder with a scene of the toy, and the recipe of its asset."""
+    monkeypatch.setitem(scene.RENDERERS, "toy", "tests.toy_renderer")  # the one line
+    (milk.parent / "haze.yaml").write_text(SCENE)
+    return milk.parent
+
+
+def test_it_renders(call, place, milk):
+    """By a compiled loop that looks the phase function up; the same as by `bakery.open`, and the same bytes again."""
+    assert call(milk, "-o", place / "milk.h5")[0] == 0
+    status, out, err = call("render", place / "haze.yaml", "--json")
+    assert status == 0, err
+    report, found = json.loads(out), layers(place / "haze.exr")
+    assert {"renderer", "method", "files", "size", "samples", "noise", "bias", "seconds", "mean", "reasons"} <= set(report)
+    assert (report["renderer"], report["method"], report["size"]) == ("toy", "single", [8, 6])
+    assert report["files"] == [str(place / "haze.png"), str(place / "haze.exr")]
+    assert set(report["seconds"]) == {"haze", "write", "total"}
+    medium = bakery.open(place / "milk.h5").medium
+    rays = Camera.looking((0, -2, 1), (0, 0, 1), (0, 0, 1), np.radians(40), 6, 8).rays(6, 8)
+    theta = np.arccos(-rays @ np.array([1, 2, -1]) / np.sqrt(6))
+    exact = medium.albedo[:, None] * medium.phase(theta.ravel())
+    assert np.allclose([found[c].ravel() for c in "RGB"], exact, rtol=1e-6)
+    assert np.allclose(report["mean"], exact.mean(axis=1), rtol=1e-12)
+    status, out, err = call("render", place / "haze.yaml", "-o", place / "again.png")
+    assert status == 0 and out == f"{place / 'again.png'}\n{place / 'again.exr'}\n"
+    assert "method: single" in err and "more than once" in err
+    for kind in ("png", "exr"):
+        assert (place / f"again.{kind}").read_bytes() == (place / f"haze.{kind}").read_bytes()
+
+
+def test_its_needs_are_baked(call, place, milk, monkeypatch):
+    monkeypatch.setattr("tests.toy_renderer.scene.NEEDS", ("medium", "beam"))
+    status, out, err = call("plan", milk, "--scene", place / "haze.yaml", "--json")
+    assert status == 0 and "beam, because" in err
+    assert [step["stage"] for step in json.loads(out)[0]["steps"]] == ["medium", "beam"]
+
+
+def test_messages_list_every_renderer(call, place, milk):
+    said = "found no renderer's section; expected fog or toy"
+    (place / "haze.yaml").write_text(SCENE[:SCENE.index("toy:")])
+    assert said in call("render", place / "haze.yaml")[2] and said in call("plan", milk, "--scene", place / "haze.yaml")[2]
+    (place / "haze.yaml").write_text(SCENE + "fog: {}\n")
+    for words in (("render", place / "haze.yaml"), ("plan", milk, "--scene", place / "haze.yaml")):
+        status, _, err = call(*words)
+        assert status == 2 and "haze.yaml:6: fog: found the sections of 2 renderers, fog, toy; expected fog or toy" in err
+
+
+def test_problems_of_its_scene(call, place):
+    """Its own, those of every scene, and of a section that is misspelt: by its schema."""
+    (place / "milk.h5").touch()
+    bad = SCENE.replace("[1, 2, -1]", "[0, 0, 0], hight: 3").replace("target: [0, 0, 1]", "target: [0, -2, 1]")
+    (place / "haze.yaml").write_text(bad)
+    err = call("render", place / "haze.yaml")[2]
+    assert "toy.sun: found a direction of length 0" in err and "(height?)" in err and "the camera's own place" in err
+    (place / "haze.yaml").write_text(SCENE.replace("toy:", "toys:"))
+    assert "(toy?)" in call("render", place / "haze.yaml")[2]
