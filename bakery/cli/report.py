@@ -13,12 +13,13 @@ from bakery.errors import RecipeError
 @click.command(name="report", short_help="write one self-contained page about an asset")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html", help="The page.  Default: NAME.html beside the asset.")
+@click.option("--no-render", is_flag=True, help="Do not render a picture where none of this asset lies beside it.")
 @overwrite_option
 @json_option
-def command(asset, output, overwrite, as_json):
+def command(asset, output, no_render, overwrite, as_json):
     """Write one HTML page about ASSET: pictures, tables, recipe, provenance.  It links to nothing outside of itself.
 
-    A preview that `bake render ASSET` put beside the asset, NAME.png, stands on top.
+    On top stands the preview that `bake render ASSET` put beside the asset, NAME.png; without one a draft is rendered.
     """
     import bakery
     from bakery.draw.files import preview_beside
@@ -29,11 +30,29 @@ def command(asset, output, overwrite, as_json):
     path = Path(output) if output else Path(asset).with_suffix(".html")
     opened = bakery.open(asset)
     check_outputs([(path, PAGE)], [asset], overwrite)
-    put(path, page(opened.tree, _description(opened.recipe), preview_beside(Path(asset), opened.content_hash), Path(asset).name))
+    picture = preview_beside(Path(asset), opened.content_hash) or (b"" if no_render else _rendered(opened))
+    put(path, page(opened.tree, _description(opened.recipe), picture, Path(asset).name))
     if as_json:
         print_json({"file": str(path), "bytes": path.stat().st_size})
     else:
         print_paths([path])
+
+
+def _rendered(asset) -> bytes:
+    """A draft of the standard preview as JPEG; b"" where the asset holds nothing to render or no Mitsuba is installed."""
+    from importlib.util import find_spec
+    from tempfile import TemporaryDirectory
+
+    from bakery.draw.files import preview_beside
+
+    if not {"medium", "grains"} & asset.stages.keys() or find_spec("mitsuba") is None:
+        return b""
+    from renderers.preview import preview
+
+    with TemporaryDirectory() as folder:
+        target = Path(folder, "preview.png")
+        preview(asset.path, target, quality="draft")
+        return preview_beside(target, asset.content_hash)
 
 
 def _description(recipe: str) -> str:

@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+import bakery
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
 from tests.conftest import ROOT
@@ -177,7 +178,7 @@ class Page(HTMLParser):
 
 
 def test_the_page_is_whole_and_self_contained(call, fog):
-    status, out, _ = call("report", fog, "--json")
+    status, out, _ = call("report", fog, "--json", "--no-render")
     page = fog.with_suffix(".html")
     assert status == 0 and json.loads(out) == {"file": str(page), "bytes": page.stat().st_size}
     found = Page(page.read_text())
@@ -206,7 +207,7 @@ def test_what_stands_on_top_of_the_page(call, tmp_path):
         info = PngInfo()
         info.add_text("bakery content_hash", f'"{of}"')
         Image.new("RGB", (320, 200), "gray").save(tmp_path / "fog.png", pnginfo=info)
-        assert call("report", tmp_path / "fog.h5")[0] == 0
+        assert call("report", tmp_path / "fog.h5", "--no-render")[0] == 0
         pages.append((tmp_path / "fog.html").read_text())
     found = Page(pages[0])
     assert found.text.index("Fog & <dew>") < found.text.index("Medium")
@@ -214,16 +215,40 @@ def test_what_stands_on_top_of_the_page(call, tmp_path):
     assert found.text.count("0.033 missed") == 1 and 'class="n missed">0.033 missed' in pages[0]
     assert ["data:image/jpeg" in page for page in pages] == [True, False] and "No rendered picture" in pages[1]
     (tmp_path / "fog.png").write_bytes(b"no picture")
-    assert call("report", tmp_path / "fog.h5")[0] == 0
+    assert call("report", tmp_path / "fog.h5", "--no-render")[0] == 0
+
+
+def test_a_page_renders_its_own_picture(call, fog, tmp_path, monkeypatch):
+    """Where none of this very asset lies beside it: a draft, of which nothing stays."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    import renderers.preview
+
+    asked = []
+
+    def preview(path, target, quality):
+        asked.append((str(path), quality))
+        info = PngInfo()
+        info.add_text("bakery content_hash", bakery.open(path).content_hash)
+        Image.new("RGB", (320, 200), "gray").save(target, pnginfo=info)
+
+    monkeypatch.setattr(renderers.preview, "preview", preview)
+    before = set(fog.parent.iterdir())
+    assert call("report", fog, "-o", tmp_path / "fog.html")[0] == 0
+    assert asked == [(str(fog), "draft")] and "data:image/jpeg" in (tmp_path / "fog.html").read_text()
+    assert set(fog.parent.iterdir()) - before == {tmp_path / "fog.html"}
+    assert call("report", fog, "-o", tmp_path / "fog.html", "--no-render")[0] == 0
+    assert len(asked) == 1 and "No rendered picture" in (tmp_path / "fog.html").read_text()
 
 
 def test_texts_of_strangers_stay_texts(call, hostile, tmp_path):
-    status, out, _ = call("report", hostile, "-o", tmp_path / "x.html")
+    status, out, _ = call("report", hostile, "-o", tmp_path / "x.html", "--no-render")
     assert status == 0 and out == f"{tmp_path / 'x.html'}\n"
     found = Page((tmp_path / "x.html").read_text())
     assert "script" not in found.tags and HOSTILE.split("\x1b")[0] in found.text
-    assert call("report", hostile, "-o", tmp_path)[0] == 2
-    assert call("report", hostile, "-o", tmp_path / "no" / "x.html")[0] == 2
+    assert call("report", hostile, "-o", tmp_path, "--no-render")[0] == 2
+    assert call("report", hostile, "-o", tmp_path / "no" / "x.html", "--no-render")[0] == 2
 
 
 def test_an_asset_of_other_stages_is_shown_too(call, tmp_path):
@@ -237,7 +262,7 @@ def test_an_asset_of_other_stages_is_shown_too(call, tmp_path):
     status, out, _ = call("inspect", path)
     assert status == 0 and "5 x 3" in out and "nan" in out
     assert json.loads(call("inspect", path, "--json")[1])["datasets"][3]["minimum"] is None
-    assert call("report", path)[0] == 0
+    assert call("report", path, "--no-render")[0] == 0
     assert "holds nothing that is drawn" in call("plot", path)[2]
     assert "holds no stage `medium`" in call("export", path, "--to", "mitsuba")[2]
     assert call("query", path, "shards/centers")[0] == 0

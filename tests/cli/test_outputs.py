@@ -91,7 +91,7 @@ def test_a_recipe_does_not_become_anothers_input(call, place, tmp_path):
 
 @pytest.mark.parametrize(("words", "name"), [
     ("milk.yaml -o notes.txt", "notes.txt"), ("milk.yaml --depfile notes.txt", "notes.txt"),
-    ("report a.h5 -o notes.txt", "notes.txt"), ("milk.yaml -o theirs.h5", "theirs.h5")])
+    ("report a.h5 --no-render -o notes.txt", "notes.txt"), ("milk.yaml -o theirs.h5", "theirs.h5")])
 def test_overwrite_says_that_it_may_go(call, place, tmp_path, words, name):
     status, _, err = call(*words.split(), "--overwrite")
     assert status == 0 and (tmp_path / name).read_bytes() != place[name], err

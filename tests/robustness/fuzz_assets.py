@@ -210,7 +210,7 @@ def commands(path: Path, sound: Path, root: Group, folder: Path, draw: random.Ra
                              ["radius=0.5um"], ["rho=1", "z=2", "theta=30deg"]))
     asked = draw.choices([*paths, "multiple/point", "multiple/segment", "medium/phase", "medium/achieved_error"], k=3)
     calls = [["inspect", path], ["inspect", path, "--json"], ["inspect", path, draw.choice(paths)],
-             ["plot", path, "-o", folder / "plots"], ["report", path, "-o", folder / "page.html"],
+             ["plot", path, "-o", folder / "plots"], ["report", path, "-o", folder / "page.html", "--no-render"],
              *(["query", path, one, *arguments, *draw.choice(([], ["--json"]))] for one in asked),
              *(["export", path, "--to", form, "-o", folder / form] for form in ("csv", "hg", "mitsuba", "ply", "obj", "xyz")),
              ["diff", path, sound], ["diff", sound, path, "--json", "--rtol", "0.01"]]

@@ -196,7 +196,8 @@ def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words
     write(path, craft(sound[of]))
     write(whole, sound[of])
     assert any(line.startswith(words) for line in _broken(str(path)))
-    for args in (("inspect", path), ("inspect", path, "--json"), ("plot", path), ("report", path), ("query", path, "wavelength"),
+    for args in (("inspect", path), ("inspect", path, "--json"), ("plot", path), ("report", path, "--no-render"),
+                 ("query", path, "wavelength"),
                  ("export", path, "--to", "csv"), ("export", path, "--to", "mitsuba"), ("export", path, "--to", "hg"),
                  ("export", path, "--to", "ply"), ("diff", path, whole), ("diff", whole, path), ("render", path)):
         status, out, err = call(*args)
