@@ -23,7 +23,8 @@ import numpy as np  # noqa: E402
 from numba import njit  # noqa: E402
 from peers import interleaved  # noqa: E402
 
-from bakery.physics.multiple import frame, legendre, lookup, point, segment, solution, table  # noqa: E402
+from bakery.physics.multiple import build, frame, legendre, lookup, point, segment, solution  # noqa: E402
+from bakery.physics.multiple.kinds import KINDS  # noqa: E402
 
 MEDIA = ((0.3, 0.99), (0.7, 0.95), (0.85, 0.97), (0.9, 0.93))
 TOLERANCES, CELLS = (1e-2, 4e-3, 2e-3), (1000, 3000)
@@ -35,7 +36,7 @@ class Lobes:
     """The paper's representation for one source."""
 
     def __init__(self, medium, kind, cells):
-        self.kind, self.length = kind, table.LENGTH * kind
+        self.kind, self.length = kind, build.LENGTH * kind
         self.corners, self.leaves, self.child = _quadtree(lambda rho, z: _light(medium, kind, self.length, rho, z), cells)
         rho, z = np.maximum(self.corners[:, 0], 1e-3), self.corners[:, 1]
         rho = np.where((z == 0) & (rho < 0.01), 0.02, rho)
@@ -157,9 +158,9 @@ def _look(kind, length, cells, child, axis, values, rho, z, x, y, along, out):
 
 
 def error_of_lobes(lobes, medium, rho, z):
-    polar, across, gauss = table.between_directions(medium.order)
+    polar, across, gauss = build.between_directions(medium.order)
     x = np.cos(polar)
-    exact = point.lobes(table.coefficients(medium, lobes.kind, lobes.length, rho, z), medium.order, polar, across)
+    exact = point.lobes(build.coefficients(medium, lobes.kind, lobes.length, rho, z), medium.order, polar, across)
     axis = np.arctan2(rho, z)[:, None, None]
     flat = np.sqrt(1 - x * x)[:, None]
     up, side, y = x[:, None] + 0 * across, flat * np.cos(across), flat * np.sin(across)
@@ -175,7 +176,7 @@ def _rms(error):
 
 
 def _places(kind):
-    rho, z = table.places(kind, table.LENGTH * kind, 30.0, np.random.default_rng(2024))
+    rho, z = build.places(kind, build.LENGTH * kind, 30.0, np.random.default_rng(2024))
     return rho, z
 
 
@@ -192,8 +193,8 @@ def against_lobes():
             rho, z = _places(kind)
             ours, theirs, row = [], [], []
             for tolerance in TOLERANCES:
-                t = table.build(s, kind, extent=32.0, tolerance=tolerance)
-                error = table.errors(t, s.medium, rho, z)
+                t = build.table(s, kind, extent=32.0, tolerance=tolerance)
+                error = build.errors(t, s.medium, rho, z)
                 ours.append((t.nbytes / 1e3, _rms(error)))
                 row.append(f"{tolerance:g}: {t.nbytes / 1e3:.0f} kB, {_rms(error):.3f} % (stated {100 * t.error:.3f}, worst "
                            f"{100 * error.max():.1f})")
@@ -202,7 +203,7 @@ def against_lobes():
                 theirs.append((lobes.bytes / 1e3, _rms(error_of_lobes(lobes, s.medium, rho, z))))
                 row.append("{:.0f} kB, {:.2f} %".format(*theirs[-1]))
             curves[g, kind] = ours, theirs
-            print(f"| {g:g}, {albedo:g} | {table.KINDS[kind]} | " + " | ".join(row) + " |", flush=True)
+            print(f"| {g:g}, {albedo:g} | {KINDS[kind]} | " + " | ".join(row) + " |", flush=True)
     draw(curves)
 
 
@@ -220,7 +221,7 @@ def draw(curves):
             if of == kind:
                 panel.loglog(*zip(*ours), "o-", color=colours[g], label=f"g = {g:g}")
                 panel.loglog(*zip(*theirs), "s--", color=colours[g], markerfacecolor="white")
-        panel.set(title=f"{table.KINDS[kind]} source", xlabel="bytes of one wavelength, kB", xlim=(25, 1100))
+        panel.set(title=f"{KINDS[kind]} source", xlabel="bytes of one wavelength, kB", xlim=(25, 1100))
         panel.set_xticks([30, 100, 300, 1000], ["30", "100", "300", "1000"])
         panel.set_xticks([], minor=True)
         panel.grid(alpha=0.3, which="both")
@@ -242,9 +243,9 @@ def tree():
             rho, z = _places(kind)
             row = []
             for tolerance, finest in ((4e-3, 6), (2e-3, 6), (1e-3, 6), (0.0, 4), (0.0, 5), (0.0, 6)):
-                t = table.build(s, kind, extent=32.0, tolerance=tolerance, finest=finest, most=23)
-                row.append(f"{len(t.corner)}, {_rms(table.errors(t, s.medium, rho, z)):.3f} %")
-            print(f"| {g:g}, {albedo:g} | {table.KINDS[kind]} | " + " | ".join(row) + " |", flush=True)
+                t = build.table(s, kind, extent=32.0, tolerance=tolerance, finest=finest, most=23)
+                row.append(f"{len(t.corner)}, {_rms(build.errors(t, s.medium, rho, z)):.3f} %")
+            print(f"| {g:g}, {albedo:g} | {KINDS[kind]} | " + " | ".join(row) + " |", flush=True)
 
 
 def time(count=300_000):
@@ -257,13 +258,13 @@ def time(count=300_000):
     x, y, along = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
     for g, albedo in MEDIA[1::2]:
         s = solved(g, albedo)
-        ready = [lookup.ready(table.build(s, kind, extent=32.0)) for kind in (0, 1)]
+        ready = [lookup.ready(build.table(s, kind, extent=32.0)) for kind in (0, 1)]
         lobes = [Lobes(s.medium, kind, 1200) for kind in (0, 1)]
         looks = ((lambda: lookup.point(ready[0], rho, z, theta, phi)), (lambda: lookup.segment(*ready, rho, z, theta, phi)))
         for kind in (0, 1):
             seconds = interleaved({"ours": looks[kind], "lobes": lambda: lobes[kind].look(rho, z, x, y, along)}, 15)
             ours, theirs = (seconds[name] / count * 1e9 for name in ("ours", "lobes"))
-            print(f"| {g:g}, {albedo:g} | {table.KINDS[kind]} | {ours:.0f} | {theirs:.0f} | {ours / theirs:.2f} |", flush=True)
+            print(f"| {g:g}, {albedo:g} | {KINDS[kind]} | {ours:.0f} | {theirs:.0f} | {ours / theirs:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

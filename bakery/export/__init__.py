@@ -6,7 +6,6 @@ without tables take, `tiles` and `grains` write packed spheres and meshes.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,18 +55,15 @@ def scattering_of(medium: Group) -> Scattering:
 
     Exact: a collision that changes nothing is none, so sigma_t loses what sigma_s loses.  No regular grid resolves the peak.
     """
-    from bakery.physics.medium.phase import areas, normalised
+    from bakery.physics.medium.phase import without_delta
 
     sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
     share = medium.members.get("forward_delta")
     if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
         return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t))
     unchanged = np.clip(share.data, 0.0, 1.0)
-    rest = phase.copy()
-    rest[:, 0] = np.maximum(rest[:, 0] - unchanged / (2 * math.pi * areas(theta)[0]), 0.0)
-    rest[unchanged == 1] = 1.0  # nothing is scattered: any phase function would do
-    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta, normalised(theta, rest)[0], unchanged,
-                      np.zeros_like(sigma_t))
+    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta,
+                      without_delta(theta, phase, unchanged), unchanged, np.zeros_like(sigma_t))
 
 
 def without_peak(medium: Scattering, end: int) -> Scattering:

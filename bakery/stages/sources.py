@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.members import Members, MissingStage
 from bakery.store.tree import Group
-
-KINDS = ("point", "segment")
 
 
 class Beam(Members):

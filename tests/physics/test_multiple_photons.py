@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bakery.physics.medium import analytic
 from bakery.physics.medium import phase as phases
-from bakery.physics.multiple import along, counted, frame, legendre, lookup, solution, table, tally
-from bakery.physics.multiple.frame import POINT, SEGMENT
+from bakery.physics.multiple import along, build, counted, frame, legendre, lookup, solution, tally
+from bakery.physics.multiple.kinds import POINT, SEGMENT
 
 
 def henyey_greenstein(g):
@@ -31,8 +32,8 @@ def both(request):
 def test_the_stated_error_covers_the_true_one(both, kind):
     made, solved = both
     found = made.tables[kind]
-    rho, z = table.places(kind, found.length, found.extent, np.random.default_rng(77))
-    true = np.sqrt(np.mean(table.errors(found, solved.medium, rho, z) ** 2))
+    rho, z = build.places(kind, found.length, found.extent, np.random.default_rng(77))
+    true = np.sqrt(np.mean(build.errors(found, solved.medium, rho, z) ** 2))
     # photons are fixed, and so are the places
     assert true < found.error_with_solver < 5 * true
     assert found.error < found.error_with_solver < 0.1
@@ -41,19 +42,19 @@ def test_the_stated_error_covers_the_true_one(both, kind):
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])
 def test_standard_errors_are_those_of_the_noise(both, kind):
     made, solved = both
-    exact = table.build(solved, kind, extent=12.0, tolerance=0.01)
+    exact = build.table(solved, kind, extent=12.0, tolerance=0.01)
     apart = counted.agreement(made.tables[kind], made.offset_error[kind], exact)
     # corners share photons: about 40 of the 1300 are independent, whose mean square is below 2.5 with odds of 1e-6 against
     assert 0.3 < np.mean(apart**2) < 2.5
     # with a defect of 5 % the test fails
-    wrong = table.replace(exact, offset=exact.offset + np.float32(0.05))
+    wrong = replace(exact, offset=exact.offset + np.float32(0.05))
     assert np.mean(counted.agreement(made.tables[kind], made.offset_error[kind], wrong) ** 2) > 3
 
 
 def test_beams_are_summed_as_finely_as_lobes_turn():
     """Along a beam against a rule of many points, for lobes of g = 0.9; pieces that leave the turn out miss 14 %."""
     solved = solution.solve(0.95, legendre.moments(*henyey_greenstein(0.9), 140), most=64)
-    points = lookup.ready(table.build(solved, POINT, extent=12.0, tolerance=0.05))
+    points = lookup.ready(build.table(solved, POINT, extent=12.0, tolerance=0.05))
     rho, z, length, polar, azimuth = 0.205, 0.13, 2.0, np.linspace(0.05, 3.0, 40), np.array([0.3, 1.5, 2.8])
     found = along.lobes(points, length, np.array([rho]), np.array([z]), polar, azimuth)[0]
     # the same directions from +z and the azimuth of the position

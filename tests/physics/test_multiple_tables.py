@@ -12,8 +12,8 @@ from scipy.special import sph_harm_y
 from scipy.stats import chi2
 
 from bakery.physics.medium import analytic
-from bakery.physics.multiple import basis, frame, legendre, lookup, photons, point, queries, segment, solution, table
-from bakery.physics.multiple.frame import POINT, SEGMENT
+from bakery.physics.multiple import basis, build, frame, legendre, lookup, photons, point, queries, segment, solution, table, tree
+from bakery.physics.multiple.kinds import POINT, SEGMENT
 
 ALBEDO, G = 0.9, 0.7
 
@@ -25,7 +25,7 @@ def solved():
 
 @pytest.fixture(scope="module")
 def tables(solved):
-    return [table.build(solved, kind, extent=32.0) for kind in ("point", "segment")]
+    return [build.table(solved, kind, extent=32.0) for kind in (POINT, SEGMENT)]
 
 
 @pytest.fixture(scope="module")
@@ -114,14 +114,14 @@ def test_cells_cover_the_plane_once_and_have_their_corners(tables, kind):
         assert children[:, 1::2].max(axis=0) == pytest.approx(t.node_bounds[parent, 1::2])
     size = 1 << t.depth
     corners = {tuple(c) for c in np.rint(leaves[:, [[0, 2], [0, 3], [1, 2], [1, 3]]].reshape(-1, 2)
-                                         * (size, table.ASPECT * size)).astype(int)}
+                                         * (size, tree.ASPECT * size)).astype(int)}
     assert corners == {tuple(c) for c in t.corner}
-    assert len(t.corner) < (size + 1) * (table.ASPECT * size + 1) / 2  # it adapts
+    assert len(t.corner) < (size + 1) * (tree.ASPECT * size + 1) / 2  # it adapts
 
 
 def test_without_tolerance_the_tree_is_the_uniform_grid():
     solved = solution.solve(0.9, legendre.henyey_greenstein(0.3, 40))
-    t = table.build(solved, POINT, extent=20.0, tolerance=0.0, most=7, finest=5)
+    t = build.table(solved, POINT, extent=20.0, tolerance=0.0, most=7, finest=5)
     assert len(t.corner) == 33 * 65 and (np.diff(t.node_bounds[t.node_child < 0][:, :2]) == 1 / 32).all()
     assert t.error < 6e-4  # 3e-4, and three standard errors of few places in the outermost cells
 
@@ -150,7 +150,7 @@ def test_the_table_survives_its_arrays(tables, ready):
 
 
 def test_tables_do_not_depend_on_threads(solved, tables):
-    again = table.build(solved, SEGMENT, extent=32.0, threads=2)
+    again = build.table(solved, SEGMENT, extent=32.0, threads=2)
     for name, values in again.arrays().items():
         np.testing.assert_array_equal(values, tables[SEGMENT].arrays()[name], err_msg=name)
 
@@ -185,13 +185,13 @@ def test_known_values(ready, source, rho, z, values):
 
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])
 def test_the_error_estimate_covers_the_error(solved, tables, kind):
-    rho, z = table.places(kind, tables[kind].length, 32.0, np.random.default_rng(77))
-    true = table.errors(tables[kind], solved.medium, rho, z)
+    rho, z = build.places(kind, tables[kind].length, 32.0, np.random.default_rng(77))
+    true = build.errors(tables[kind], solved.medium, rho, z)
     assert np.sqrt((true**2).mean()) < tables[kind].error
     assert tables[kind].error < 2e-3 and true.max() < 0.012
     # an estimate that a wrong table does not escape
     wrong = replace(tables[kind], offset=tables[kind].offset + np.float32(0.01))
-    assert np.sqrt((table.errors(wrong, solved.medium, rho, z)**2).mean()) > 2.5 * tables[kind].error
+    assert np.sqrt((build.errors(wrong, solved.medium, rho, z)**2).mean()) > 2.5 * tables[kind].error
 
 
 @pytest.mark.parametrize("length", [0.1, 0.7, 2.0, 3.3, 9.0, math.inf])
@@ -226,11 +226,11 @@ def test_at_the_ends_of_a_segment_lobes_are_those_of_the_solver(solved, tables, 
 @pytest.mark.parametrize(("albedo", "g", "extent", "errors"), [(0.98, 0.7, 30.0, (0.004, 0.010)), (0.9, 0.7, 12.0, (0.02, 0.04))])
 def test_beyond_the_extent_lobes_go_on(kind, albedo, g, extent, errors):
     solved = solution.solve(albedo, legendre.henyey_greenstein(g, 60))
-    made = table.build(solved, kind, extent=extent)
+    made = build.table(solved, kind, extent=extent)
     angle = np.linspace(0.1, 3.0, 25)
     for share, most in zip((1.5, 2.0), errors):
         r = share * extent
-        assert np.sqrt((table.errors(made, solved.medium, r * np.sin(angle), r * np.cos(angle))**2).mean()) < most
+        assert np.sqrt((build.errors(made, solved.medium, r * np.sin(angle), r * np.cos(angle))**2).mean()) < most
 
 
 def test_short_segments_become_points(ready):
@@ -265,7 +265,7 @@ def test_energy(solved, ready, kind, exact):
 
     assert total(ready[kind]) == pytest.approx(exact, rel=1e-3)
     # 13 % of the light is beyond 5 mean free paths: the tail holds it
-    small = table.build(solved, kind, extent=5.0)
+    small = build.table(solved, kind, extent=5.0)
     assert total(lookup.ready(small)) == pytest.approx(exact, rel=0.01)
 
 
@@ -274,7 +274,7 @@ def test_energy(solved, ready, kind, exact):
 
 def test_without_scattering_the_table_is_empty():
     solved = solution.solve(0.0, legendre.henyey_greenstein(0.5, 40))
-    empty = [table.build(solved, kind, extent=10.0) for kind in ("point", "segment")]
+    empty = [build.table(solved, kind, extent=10.0) for kind in (POINT, SEGMENT)]
     assert empty[0].empty and empty[1].error == 0
     r = [lookup.ready(t) for t in empty]
     assert (lookup.point(r[0], [0.0, 1.0], 1.0, 0.3, 0.0) == 0).all()
@@ -285,7 +285,7 @@ def test_without_scattering_the_table_is_empty():
     (0.01, 0.7, 32.0, 3e-3), (0.9999, 0.3, 200.0, 2e-3), (1.0, 0.0, 200.0, 1e-3), (1.0, 0.7, 1.0, 3e-3), (0.8, -0.5, 10.0, 3e-3)])
 def test_extremes(albedo, g, extent, error):
     solved = solution.solve(albedo, legendre.henyey_greenstein(g, 100))
-    made = [table.build(solved, kind, extent=extent) for kind in ("point", "segment")]
+    made = [build.table(solved, kind, extent=extent) for kind in (POINT, SEGMENT)]
     assert max(t.error for t in made) < error
     assert g or not any(t.coefficient.shape[1] for t in made)  # isotropic lobes are one number
     r = [lookup.ready(t) for t in made]
@@ -303,9 +303,9 @@ def test_on_the_axis_the_azimuth_means_nothing(ready):
 
 def test_what_cannot_be_tabulated_is_refused(solved):
     with pytest.raises(ValueError, match="extent is 0.1"):
-        table.build(solved, "point", extent=0.1)
+        build.table(solved, POINT, extent=0.1)
     with pytest.raises(ValueError, match="segment is 50 mean"):
-        table.build(solved, "segment", extent=10, length=50)
+        build.table(solved, SEGMENT, extent=10, length=50)
 
 
 # ---- queries

@@ -9,7 +9,8 @@ import pytest
 from numba import njit
 
 from bakery.physics.medium import _kernels, analytic, phase
-from bakery.physics.multiple import fourier, legendre, peaks, photons, point, table
+from bakery.physics.multiple import build, fourier, legendre, peaks, photons, point
+from bakery.physics.multiple.kinds import POINT
 
 BLOCKS = 32
 
@@ -206,5 +207,5 @@ def test_tables_of_clipped_media():
     """Smooth, so small and good, whatever share of the light is in the peak."""
     clip = peaks.clipped(*hg(0.999), 32)
     solved = peaks.solve(0.99, clip, 32)
-    made = table.build(solved, "point", extent=8.0, tolerance=4e-3)
+    made = build.table(solved, POINT, extent=8.0, tolerance=4e-3)
     assert clip.peak > 0.98 and made.error_with_solver < 0.01 and made.nbytes < 2e5

@@ -155,6 +155,25 @@ def test_similarity_relations(co_albedo, g, sigma):
     assert similarity.reduced(s, 0.0, g)[1] == (1 if s > 0 else 0)
 
 
+def test_a_delta_is_put_in_and_taken_out():
+    theta = np.insert(np.linspace(0, math.pi, 181), 1, 1e-3)
+    f = phase.normalised(theta, np.stack([1 + 0.5 * np.cos(theta), 1 - 0.3 * np.cos(theta), np.ones_like(theta)]))[0]
+    share = np.array([0.3, 0.0, 1.0])
+    peaked = phase.with_delta(theta, f, share)
+    assert phase.integral(theta, peaked) == pytest.approx(1, abs=1e-12)
+    # the peak stands below theta[1], with the light that keeps its direction
+    assert phase.cumulative(theta, peaked)[:, 1] == pytest.approx(share, abs=1e-6)
+    assert phase.mean_cosine(theta, peaked) == pytest.approx(share + (1 - share) * phase.mean_cosine(theta, f), abs=1e-6)
+    assert phase.without_delta(theta, peaked, share) == pytest.approx(f, rel=1e-9)
+    assert np.array_equal(phase.without_delta(theta, f[1], 0.0), f[1])
+
+
+def test_a_medium_without_its_peak_absorbs_as_much():
+    albedo, extinction = similarity.without_peak(0.9, 0.4)
+    assert extinction * (1 - albedo) == pytest.approx(0.1) and extinction * albedo == pytest.approx(0.9 * 0.6)
+    assert similarity.without_peak(1.0, 1.0) == (0.0, 0.0)
+
+
 def test_number_density_from_volume_fraction():
     # a cubic metre with 1e-6 of water in spheres of 1 um^3 mean volume
     assert mixing.number_density([0.25, 0.75], [1.0, 1.0], 1e-6) == pytest.approx(1e12)

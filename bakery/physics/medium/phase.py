@@ -47,6 +47,32 @@ def normalised(theta, f):
     return phase / integral(theta, phase)[..., None], was
 
 
+def with_delta(theta, f, share):
+    """A phase function with unscattered (delta) transmission beside it, which stands in the table as a peak below theta[1].
+
+    Parameters
+    ----------
+    f : (..., A) 1/sr, of light that is deflected
+    share : (...,) of the light that keeps its direction, 0 to 1
+    """
+    share = np.asarray(share, float)
+    f = (1 - share[..., None]) * np.asarray(f, float)
+    f[..., 0] += share / (2 * math.pi * areas(theta)[0])
+    return f
+
+
+def without_delta(theta, f, share):
+    """The phase function of deflected light alone, (..., A) and normalised: `with_delta` undone.
+
+    Rows without a delta stay as they are; where there is nothing else (share 1) the result is isotropic.
+    """
+    share, f = np.asarray(share, float), np.asarray(f, float)
+    rest = f.copy()
+    rest[..., 0] = np.maximum(rest[..., 0] - share / (2 * math.pi * areas(theta)[0]), 0.0)
+    rest[share == 1] = 1.0
+    return np.where((share > 0)[..., None], normalised(theta, rest)[0], f)
+
+
 def cumulative(theta, f):
     """Probability (..., A) that the angle is below theta: 0 at theta = 0, 1 at pi, exact for a normalised table."""
     f = np.asarray(f, float)

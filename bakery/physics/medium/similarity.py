@@ -1,4 +1,4 @@
-"""Coefficients of the isotropic medium that diffuses like a given one (similarity relation of first order)."""
+"""Coefficients of media that stand for a given one: isotropic and diffusing alike, or without a forward peak."""
 
 from __future__ import annotations
 
@@ -29,3 +29,21 @@ def reduced(sigma_s, sigma_a, g):
     sigma_t = scattered + sigma_a
     albedo = np.divide(scattered, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
     return sigma_t, albedo, np.sqrt(3 * sigma_a) * np.sqrt(sigma_t)
+
+
+def without_peak(albedo, share):
+    """The medium in which a share of the scattered light counts as not scattered.
+
+    Parameters
+    ----------
+    albedo, share : 1; one medium
+
+    Returns
+    -------
+    albedo : of that medium, 0 where it is empty
+    extinction : its sigma_t over that of the medium with the peak
+
+    Source: Joseph, Wiscombe & Weinman 1976, J. Atmos. Sci. 33, 2452 (their f and omega).
+    """
+    extinction = 1 - albedo * share
+    return albedo * (1 - share) / extinction if extinction > 0 else 0.0, extinction

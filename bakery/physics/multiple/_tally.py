@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.medium._kernels import evaluated, sampled, turned
-from bakery.physics.multiple.frame import CORE, POINT
+from bakery.physics.multiple.frame import CORE
+from bakery.physics.multiple.kinds import POINT
 
 BOXES = 64  # of u = arsinh(r / CORE) up to the extent
 _LOW, _HIGH = 0.25, 4.0  # of the weight that belongs to a distance

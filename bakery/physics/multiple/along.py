@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.multiple import frame, lookup, uniform
-from bakery.physics.multiple import table as tables
-from bakery.physics.multiple.frame import POINT, SEGMENT
+from bakery.physics.multiple.build import places, upper
+from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import Table
 
 
@@ -45,13 +45,13 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
     a[:, 0] = np.log(integral / frame.measure(SEGMENT, length, rho, z)[1])
     made = fit.pack(SEGMENT, length, medium, a, found)
     # its own error against the same integrals between the corners, and the noise of those
-    rho_t, z_t = (x[::3] for x in tables.places(SEGMENT, length, medium.extent, fit.random))
+    rho_t, z_t = (x[::3] for x in places(SEGMENT, length, medium.extent, fit.random))
     exact, *apart = (lobes(one, length, rho_t, z_t, fit.test_polar, fit.test_azimuth) for one in (ready, *halves))
     table = lookup.lobes(lookup.ready(made), rho_t, z_t, fit.test_polar, fit.test_azimuth)
     own, noise = fit.share((table - exact) ** 2, exact), fit.share((apart[0] - apart[1]) ** 2, exact) / 4
     worst = math.hypot(float(np.sqrt((own + noise).max())), inherited)
-    made = replace(made, error=math.hypot(tables.upper(own), inherited), worst=worst,
-                   error_with_solver=math.hypot(tables.upper(own + noise), inherited))
+    made = replace(made, error=math.hypot(upper(own), inherited), worst=worst,
+                   error_with_solver=math.hypot(upper(own + noise), inherited))
     errors = np.zeros(len(rho))
     _deviations(ready, length, np.ascontiguousarray(deviations), rho, z, errors)
     return made, np.minimum(errors, 1.0)

@@ -18,9 +18,10 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.multiple import along, frame, lookup, tally, uniform
-from bakery.physics.multiple import table as tables
-from bakery.physics.multiple.frame import POINT, SEGMENT
-from bakery.physics.multiple.table import ASPECT, Table
+from bakery.physics.multiple.build import LENGTH, TOLERANCE, upper
+from bakery.physics.multiple.kinds import POINT, SEGMENT
+from bakery.physics.multiple.table import Table, empty
+from bakery.physics.multiple.tree import ASPECT
 
 MOST_FLIGHTS = 4e7  # of photons for one wavelength, if not told otherwise: 15 s
 _PILOT, _FIRST = 3200, 4e6  # photons of a first look; flights of the first batch
@@ -50,7 +51,7 @@ class Counted:
     flights: int
 
 
-def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=tables.LENGTH, tolerance=tables.TOLERANCE, photons=None,
+def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, tolerance=TOLERANCE, photons=None,
           seed=0) -> Counted:
     """Tables of the light of third and later events around a source, by following photons.
 
@@ -71,7 +72,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=tables.LE
     """
     medium = tally.medium(albedo, theta, phase, extent)
     if albedo == 0:
-        made = {kind: tables.empty(kind, float(length) if kind == SEGMENT else 0.0, medium.extent, medium.k0) for kind in kinds}
+        made = {kind: empty(kind, float(length) if kind == SEGMENT else 0.0, medium.extent, medium.k0) for kind in kinds}
         return Counted(made, {kind: np.zeros(0) for kind in kinds}, 0.0, 0, 0)
     sums = tally.follow(medium, min(_PILOT, photons or _PILOT), seed, 0)
     most = photons or MOST_FLIGHTS / sums.flights * sums.photons
@@ -172,8 +173,8 @@ def _measured(medium, sums, fit, made, variants):
     bias = (fit.share((halves[0] - fine[0]) * (halves[1] - fine[1]), table)
             + _SECOND**2 * fit.share((fine[0] - coarse[0]) * (fine[1] - coarse[1]), table))
     noise = fit.share((halves[0] - halves[1]) ** 2, table).mean(axis=1) / 4
-    ahead, bias = tables.upper(bias[:, 0]), bias.mean(axis=1)
-    return replace(made, error=tables.upper(bias), error_with_solver=tables.upper(bias + noise, noise),
+    ahead, bias = upper(bias[:, 0]), bias.mean(axis=1)
+    return replace(made, error=upper(bias), error_with_solver=upper(bias + noise, noise),
                    worst=float(np.sqrt(np.maximum(bias + noise, noise).max()))), ahead
 
 

@@ -23,7 +23,8 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-POINT, SEGMENT = 0, 1
+from bakery.physics.multiple.kinds import POINT
+
 CORE = (0.05, 0.002)  # m below which u is linear in it, logarithmic above, of point and segment
 SKEW = (1.0, 0.6)  # of point and segment: places on the axis ahead are denser by its square than behind
 SHARP = 2.5  # q: the same for directions

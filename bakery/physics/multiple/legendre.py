@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from bakery.physics.medium.similarity import without_peak
+
 _GAUSS = 10  # points of a piece of the table
 _PIECE = 2.0  # order * width of a piece in rad: ten points are then exact to rounding
 _BACK = 0.05  # share of the light in an unresolved backward peak that is refused
@@ -86,11 +88,11 @@ class Truncated:
 
     def albedo(self, albedo):
         """Albedo of the medium without the peak."""
-        return albedo * (1 - self.peak) / (1 - albedo * self.peak)
+        return without_peak(albedo, self.peak)[0]
 
     def extinction(self, albedo):
         """sigma_t of the medium without the peak over that of the medium with it."""
-        return 1 - albedo * self.peak
+        return without_peak(albedo, self.peak)[1]
 
 
 def truncated(p, order) -> Truncated:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.physics.medium import phase as tables
+from bakery.physics.medium.similarity import without_peak
 from bakery.physics.multiple import basis, fourier, legendre, point, solution
 
 TOLERANCE = 2e-4  # largest moment that the cap leaves beyond the last order, as `legendre.order_needed`
@@ -53,11 +54,11 @@ class Clipped:
 
     def albedo(self, albedo):
         """Albedo of the medium without the peak."""
-        return albedo * (1 - self.peak) / (1 - albedo * self.peak)
+        return without_peak(albedo, self.peak)[0]
 
     def extinction(self, albedo):
         """sigma_t of the medium without the peak over that of the medium with it."""
-        return 1 - albedo * self.peak
+        return without_peak(albedo, self.peak)[1]
 
 
 def clipped(theta, phase, order, tolerance=TOLERANCE) -> Clipped:

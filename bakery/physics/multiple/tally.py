@@ -31,7 +31,8 @@ from bakery.physics.medium._kernels import layout
 from bakery.physics.multiple import _tally, legendre
 from bakery.physics.multiple._tally import BOXES
 from bakery.physics.multiple.fourier import decay
-from bakery.physics.multiple.frame import CORE, POINT
+from bakery.physics.multiple.frame import CORE
+from bakery.physics.multiple.kinds import POINT
 
 BLOCKS = 32  # random streams of a batch; even ones make one half of the sums, odd ones the other
 _MORE = 3  # boxes beyond the extent

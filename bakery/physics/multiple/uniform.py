@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.multiple import basis as bases
-from bakery.physics.multiple import frame, legendre, lookup
-from bakery.physics.multiple import table as tables
-from bakery.physics.multiple.table import ASPECT, Table
+from bakery.physics.multiple import build, frame, legendre, lookup
+from bakery.physics.multiple.table import STEPS, Table, margins, quantised, scales, shape
+from bakery.physics.multiple.tree import ASPECT
 
 DEPTH = 5  # of the tree everywhere: every second box of `tally` is a corner
 _SAMPLE = 300  # places that the basis is made of
 _ORDERS = (2e-3, 64)  # of the directions of a basis: until p_l is small, at most
-_STEPS = 32767
 _COARSEST = 0.1  # tolerance that a basis knows: with 50 % a table for g = -0.999 was wrong by 52 % instead of 29 %
 
 
@@ -40,7 +39,7 @@ class Fit:
         p = legendre.moments(medium.theta, medium.phase, _ORDERS[1])
         order = int(np.flatnonzero(np.abs(p) > _ORDERS[0])[-1])
         self.tolerance, self.random = min(tolerance, _COARSEST), random
-        self.shape = tables.shape(order)
+        self.shape = shape(order)
         self.solid_angle = frame.solid_angles(self.shape).ravel()
         self.polar, self.azimuth = frame.polar(np.linspace(0, 1, self.shape[0])), np.linspace(0, np.pi, self.shape[1])
         # a lobe is at least the least value of the phase function times its integral
@@ -87,11 +86,11 @@ class Fit:
         sample = np.sort(self.random.choice(usable, min(_SAMPLE, len(usable)), replace=False))
         quiet = sample[noise[sample] <= np.quantile(noise[sample], 0.6)]
         of_row = 1 / (1 + noise[sample] / max(np.median(noise[sample]), 1e-12))
-        first = bases.start(logs[quiet], weight[quiet], tables.COUNTS[-1])
+        first = bases.start(logs[quiet], weight[quiet], build.COUNTS[-1])
         logs, apart, weight = logs[sample], apart[sample], weight[sample]
         best = np.inf, first[:1]
-        for count in tables.COUNTS:
-            found = tables.quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
+        for count in build.COUNTS:
+            found = quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
             a, more = _in_basis(logs, apart, weight, found)
             rest = logs - found[0] - bases.combine(a, _with_one(found))
             left = apart - bases.combine(more, _with_one(found))
@@ -106,9 +105,9 @@ class Fit:
     def pack(self, kind, length, medium, a, found) -> Table:
         """A table of coefficients (N, K + 1), rounded as a file holds it; a_0: logarithm of the integral over directions."""
         corner = np.argwhere(np.ones((2**DEPTH + 1, ASPECT * 2**DEPTH + 1)))
-        scale = (np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / _STEPS).astype(np.float32)
+        scale = (np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / STEPS).astype(np.float32)
         whole = np.rint(a[:, 1:] / scale).astype(np.int16)
-        basis_scale = tables.scales(found)
+        basis_scale = scales(found)
         basis = np.rint(found / basis_scale[:, None].astype(float)).astype(np.int16)
         functions = basis * basis_scale[:, None].astype(float)
         stored = np.exp(functions[0] + bases.combine(whole * scale.astype(float), functions[1:]))
@@ -126,7 +125,7 @@ def places(kind, length, extent):
 def changed(ready: lookup.Ready, made: Table, change) -> lookup.Ready:
     """A table ready for look-ups with other coefficients: change (N, K + 1)."""
     a = np.column_stack([made.offset, made.coefficient * made.coefficient_scale.astype(float)]) + change
-    grid = tables.margins(a.reshape(2**DEPTH + 1, ASPECT * 2**DEPTH + 1, -1))
+    grid = margins(a.reshape(2**DEPTH + 1, ASPECT * 2**DEPTH + 1, -1))
     return ready._replace(grid=np.ascontiguousarray(grid, np.float32))
 
 

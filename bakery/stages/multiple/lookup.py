@@ -8,8 +8,9 @@ import numpy as np
 
 from bakery.asset.lookup import Answer
 from bakery.errors import UsageError
+from bakery.physics.multiple.kinds import KINDS
 
-PATHS = ("multiple/point", "multiple/segment")
+PATHS = tuple(f"multiple/{kind}" for kind in KINDS)
 UNITS = {"rho": "mfp", "z": "mfp", "theta": "rad", "phi": "rad", "length": "mfp"}
 _NEEDED = ("rho", "z", "theta")
 

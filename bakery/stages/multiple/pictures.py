@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.physics.multiple import frame, lookup, photons, table
+from bakery.physics.multiple import build, choice, frame, lookup, photons, table
+from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.multiple import stage
 from bakery.store.tree import Dataset, Group
 
@@ -75,17 +76,18 @@ class Shown:
     @cached_property
     def solved(self):
         """The solution that the table was made from, once more."""
-        straight = self.medium.members.get("forward_delta")
-        straight = float(straight.data[self.row]) if isinstance(straight, Dataset) else 0.0
-        return stage.solved(float(self.medium["albedo"].data[self.row]), self.medium["theta"].data,
-                            self.medium["phase"].data[self.row], straight, self.orders)[0]
+        delta = self.medium.members.get("forward_delta")
+        delta = float(delta.data[self.row]) if isinstance(delta, Dataset) else 0.0
+        medium = choice.Medium(float(self.medium["albedo"].data[self.row]), self.medium["theta"].data,
+                               self.medium["phase"].data[self.row], delta)
+        return choice.solved(medium, self.orders).solution
 
 
 def pictures(root: Group) -> Iterator:
     """The pictures of each kind of source, at the middle one of the wavelengths at which anything is scattered."""
     group, medium = root["multiple"], root.members.get("medium")
     um = group["wavelength"].data
-    for kind in stage.KINDS:
+    for kind in KINDS:
         if kind not in group.members:
             continue
         tables = stage.tables_of(group, kind)
@@ -321,7 +323,7 @@ def error_map(shown: Shown):
     u, v = (np.linspace(0, 1, n + 1) for n in count)
     middle_u, middle_v = np.meshgrid((u[1:] + u[:-1]) / 2, (v[1:] + v[:-1]) / 2, indexing="ij")
     rho, z = frame.position(made.kind, made.length, made.extent, middle_u.ravel(), middle_v.ravel())
-    error = 100 * table.errors(made, solved, rho, z).reshape(count)
+    error = 100 * build.errors(made, solved, rho, z).reshape(count)
     ends = np.minimum(np.hypot(rho, z), np.hypot(rho, z - made.length))
     fine = np.linspace(0, 1, 400)
     angle, reached = _at(made, 0.9, v)[1], _at(made, fine, 0.5)[0]

@@ -9,6 +9,7 @@ from bakery.grammar.fields import AUTO, number, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION
+from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.declaration import RecipeSection
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ REACHED = 0.01
 class MultipleScattering(Section):
     """Precomputed multiple scattering."""
 
-    sources: Annotated[list[word("point", "segment")], Field(min_length=1, max_length=2)] = Field(
-        ("point", "segment"), description="Kinds of sources."
+    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(
+        KINDS, description="Kinds of sources."
     )
     extent: number(least=0.5, most=200, words=AUTO) = Field(
         "auto", description="Distance that the tables cover, in mean free paths; auto: all but 1e-4 of the light."

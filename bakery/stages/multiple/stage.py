@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from bakery import rng
 from bakery.errors import StageError
+from bakery.physics.multiple.kinds import KINDS
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.multiple.section import MULTIPLE
 from bakery.store.tree import Dataset, Group, text
 
-KINDS = ("point", "segment")
 _TEXTS = (("coordinates", "map from the position to the unit square that the quadtree divides"),
           ("frame", "frame of the directions at a position, and coordinates in it"),
           ("singular", "part that was divided out before interpolation"),
@@ -55,15 +54,14 @@ OUTPUTS = (
 )
 _OF_PHOTONS = ("offset_error", "photons", "resolution")
 _REQUIRED = ("wavelength", "extinction", "albedo", "peak", "peak_angle", "peak_effect", "phase", "k0", "extent", "length")
-_WHOLE, _CUT = 96, 40  # orders that are solved in full; orders that are kept where more would be needed
-_MOMENTS = 140
+_OF_MEDIUM = ("extinction", "albedo", "peak", "peak_angle", "peak_effect")
 
 
 def inputs(recipe, upstream) -> dict:
     medium, options = upstream["medium"], recipe.multiple_scattering
     return {"wavelength": np.asarray(recipe.wavelength, float), "albedo": np.asarray(medium["albedo"].data, float),
             "theta": np.asarray(medium["theta"].data, float), "phase": np.asarray(medium["phase"].data, float),
-            "straight": np.asarray(medium["forward_delta"].data, float) if "forward_delta" in medium.members
+            "delta": np.asarray(medium["forward_delta"].data, float) if "forward_delta" in medium.members
             else np.zeros(len(recipe.wavelength)),
             "sources": options.sources, "extent": options.extent, "length": options.length, "orders": options.orders,
             "method": options.method, "photons": options.photons, "aim": options.aim}
@@ -72,171 +70,110 @@ def inputs(recipe, upstream) -> dict:
 # ---- work
 
 
-class Solved(NamedTuple):
-    """The solution for one wavelength, and what was done with a forward peak.
-
-    Attributes
-    ----------
-    solution : `bakery.physics.multiple.solution.Solution` of the medium without the peak
-    peak : share of the scattered light that counts as not scattered
-    phase : (A,) 1/sr, that of the solution
-    peak_angle : rad, below which light is in the peak; 0 where there is none
-    peak_effect : what it would change if light in the peak went straight on (see `peaks.effect`)
-    """
-
-    solution: object
-    peak: float
-    phase: np.ndarray
-    peak_angle: float = 0.0
-    peak_effect: float = 0.0
-
-
-def solved(albedo: float, theta, phase, straight: float, orders: int | None) -> Solved:
-    """Solves for one wavelength.
-
-    straight : share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
-    orders : Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
-    """
-    from bakery.physics.medium.phase import areas, normalised
-    from bakery.physics.multiple import legendre, peaks, solution, table
-
-    p = legendre.moments(theta, phase, max(_MOMENTS, (orders or 0) + 8))
-    if straight >= 1 - 1e-9:
-        nothing = np.eye(1, len(p))[0]
-        return Solved(solution.solve(0.0, nothing), min(straight, 1.0), phase, float(theta[1]))
-    rest = (p - straight) / (1 - straight)
-    rest[0] = 1.0
-    needed = legendre.order_needed(rest)
-    most = orders or (_WHOLE if needed is not None and needed <= _WHOLE else _CUT)
-    if needed is None or needed > most:
-        clip = peaks.clipped(theta, phase, most)
-        found = peaks.solve(albedo, clip, most)
-        return Solved(found, clip.peak, clip.phase, clip.angle, peaks.effect(clip, found, table.extent_needed(found.medium)))
-    found = solution.solve(albedo * (1 - straight) / (1 - albedo * straight), rest, most=most)
-    if straight > 0:
-        phase = phase.copy()
-        phase[0] = max(phase[0] - straight / (2 * np.pi * areas(theta)[0]), 0.0)
-        phase, _ = normalised(theta, phase)
-    return Solved(found, straight, phase, float(theta[1]) if straight > 0 else 0.0)
-
-
-def tabulated(number, kind, albedo, theta, phase, straight, orders, extent, length, tolerance, seed):
-    """A table of one wavelength (its number) and kind of source; a task that any worker may run."""
-    from bakery.physics.multiple import table
+def tabulated(number, kind, medium, asked):
+    """A table of one wavelength (its number) and kind of source by the solver; a task that any worker may run."""
+    from bakery.physics.multiple import choice
 
     try:
-        found = solved(albedo, theta, phase, straight, orders)
-        medium = found.solution.medium
-        reach = table.extent_needed(medium) if extent is None else extent
-        made = table.build(found.solution, kind, extent=reach, length=length, tolerance=tolerance, seed=seed)
+        return number, kind, choice.by_solver(medium, KINDS.index(kind), asked)
     except ValueError as fault:
         raise StageError(f"wavelength number {number}, {kind} source: {fault}") from None
-    return number, kind, made, found._replace(solution=None), medium.albedo
 
 
 def attempted(*task):
-    """`tabulated`, with the reason in place of a table where the solver refuses."""
+    """`tabulated`, with the reason (a string) in place of a table where the solver refuses."""
     try:
         return tabulated(*task)
     except StageError as fault:
-        return *task[:2], None, str(fault), 0.0
+        return *task[:2], str(fault)
 
 
-def counted(number, kinds, albedo, theta, phase, straight, extent, length, tolerance, photons, seed):
-    """Tables of one wavelength made of photons, as `tabulated` returns them, and what they alone have, by kind of source."""
-    from bakery.physics.medium.phase import areas, normalised
-    from bakery.physics.multiple import counted as photon_tables
+def counted(number, kinds, medium, asked):
+    """Tables of one wavelength by photons, as `tabulated` returns them."""
+    from bakery.physics.multiple import choice
 
-    rest = phase
-    if straight > 0:  # packed grains: what keeps its direction is not scattered
-        rest = phase.copy()
-        rest[0] = max(rest[0] - straight / (2 * np.pi * areas(theta)[0]), 0.0)
-        rest, _ = normalised(theta, rest)
-    albedo = 0.0 if straight >= 1 - 1e-9 else albedo * (1 - straight) / (1 - albedo * straight)
-    made = photon_tables.build(albedo, theta, rest, tuple(KINDS.index(kind) for kind in kinds), extent=extent, length=length,
-                               tolerance=tolerance, photons=photons, seed=seed)
-    of = Solved(None, straight, rest, float(theta[1]) if straight > 0 else 0.0)
-    return [(number, kind, made.tables[KINDS.index(kind)], of, albedo,
-             {"offset_error": made.offset_error[KINDS.index(kind)], "photons": np.array([made.photons]),
-              "resolution": np.array([made.resolution])}) for kind in kinds]
+    made = choice.by_photons(medium, map(KINDS.index, kinds), asked)
+    return [(number, KINDS[kind], one) for kind, one in made.items()]
 
 
-def with_photons(inputs, each, found, context):
+def with_photons(inputs, media, found, asked, context):
     """Puts tables of photons in the place of those that the solver refused or did badly; of all, where no solver was asked.
 
     Parameters
     ----------
-    each : albedo, theta, phase, straight of every wavelength
+    media : `choice.Medium` of every wavelength
     found : what `attempted` returned
 
     Returns
     -------
     found : one table a wavelength and source
-    own : (number, kind) -> datasets that tables of photons have besides
     notes : what was done and why
     """
-    def error(ways):
-        made = [way[2] for way in ways]
-        return np.inf if not made or any(one is None for one in made) else max(one.error_with_solver for one in made)
+    from bakery.physics.multiple import choice
 
-    solvers = {k: [way for way in found if way[0] == k] for k in range(len(each))}
-    poor = [k for k, ways in solvers.items() if error(ways) > _POOR]
-    tasks = [(k, tuple(inputs["sources"]), *each[k], inputs["extent"], inputs["length"], inputs["aim"], inputs["photons"],
-              context.seed) for k in poor]
-    own, notes = {}, []
+    def error(ways):
+        return choice.error(None if isinstance(one, str) else one for *_, one in ways)
+
+    solvers = {k: [way for way in found if way[0] == k] for k in range(len(media))}
+    poor = [k for k, ways in solvers.items() if error(ways) > choice.POOR]
+    tasks = [(k, tuple(inputs["sources"]), media[k], asked) for k in poor]
+    notes = []
     for k, ways in zip(poor, context.map(counted, tasks) if tasks else [], strict=True):
         um, solver = f"{inputs['wavelength'][k]:g} um", solvers[k]
         if error(solver) <= error(ways):
             notes.append(f"{um}: the solver's tables have an error of {error(solver):.2g}, photons' would have {error(ways):.2g}")
             continue
-        more = ways[0][5]
-        why = [way[3] for way in solver if way[2] is None] or [f"the solver's tables would have an error of {error(solver):.2g}"]
-        notes.append(f"{um}: tables are made of {more['photons'][0]} photons" + (f"; {why[0]}" if solver else ""))
-        if more["resolution"][0] > 0:
+        photons, resolution = (ways[0][2].counted[name][0] for name in ("photons", "resolution"))
+        why = [one for *_, one in solver if isinstance(one, str)] or [
+            f"the solver's tables would have an error of {error(solver):.2g}"]
+        notes.append(f"{um}: tables are made of {photons} photons" + (f"; {why[0]}" if solver else ""))
+        if resolution > 0:
             notes.append(f"{um}: the phase function has a peak too narrow for a table; for the first and last scattering it is "
-                         f"spread over a cone of {np.degrees(more['resolution'][0]):.2g} degrees; errors are those of such lobes")
-        found = [way for way in found if way[0] != k] + [way[:5] for way in ways]
-        own |= {(k, way[1]): way[5] for way in ways}
-    return found, own, notes
+                         f"spread over a cone of {np.degrees(resolution):.2g} degrees; errors are those of such lobes")
+        found = [way for way in found if way[0] != k] + ways
+    return found, notes
 
 
 def compute(inputs: dict, context) -> Result:
-    from bakery.physics.multiple import table
+    from bakery.physics.multiple import choice, table
 
-    length, count, method = inputs["length"], len(inputs["wavelength"]), inputs["method"]
-    each = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["straight"][k])) for k in range(count)]
-    tasks = [(k, kind, *each[k], inputs["orders"], inputs["extent"], length, inputs["aim"], context.seed)
+    count, method = len(inputs["wavelength"]), inputs["method"]
+    media = [choice.Medium(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["delta"][k]))
+             for k in range(count)]
+    asked = choice.Asked(inputs["extent"], inputs["length"], inputs["aim"], inputs["orders"], inputs["photons"], context.seed)
+    tasks = [(k, kind, media[k], asked)
              for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
     found: list = []
     for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress can be told
         found += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
-        errors = [made.error_with_solver for _, _, made, *_ in found if made is not None]
+        errors = [one.table.error_with_solver for *_, one in found if not isinstance(one, str)]
         context.report(len(found) / len(tasks), max(errors, default=None))
-    found, own, notes = with_photons(inputs, each, found, context)
-    values = {name: np.zeros(count) for name in ("extinction", "albedo", "peak", "peak_angle", "peak_effect", "k0", "extent")}
+    found, notes = with_photons(inputs, media, found, asked, context)
+    values = {name: np.zeros(count) for name in (*_OF_MEDIUM, "k0", "extent")}
     values["phase"] = np.zeros_like(inputs["phase"])
     places: dict[str, dict] = {kind: {} for kind in inputs["sources"]}
-    reached, bytes_ = 0.0, 0
-    for number, kind, made, of, albedo in found:
-        for name in ("peak", "peak_angle", "peak_effect", "phase"):
-            values[name][number] = getattr(of, name)
-        values["albedo"][number], values["extinction"][number] = albedo, 1 - inputs["albedo"][number] * of.peak
+    reached = 0.0
+    for number, kind, one in found:
+        made = one.table
+        for name in (*_OF_MEDIUM, "phase"):
+            values[name][number] = getattr(one, name)
         values["k0"][number], values["extent"][number] = made.k0, made.extent
         figures = {"error": made.error, "error_with_solver": made.error_with_solver, "error_worst": made.worst}
         places[kind][f"w{number}"] = Group(datasets(
-            OUTPUTS, made.arrays() | {name: np.array([value]) for name, value in figures.items()} | own.get((number, kind), {}),
+            OUTPUTS, made.arrays() | {name: np.array([value]) for name, value in figures.items()} | one.counted,
             f"{kind}/WAVELENGTH/"))
-        reached, bytes_ = max(reached, made.error_with_solver), bytes_ + made.nbytes
+        reached = max(reached, made.error_with_solver)
         if made.empty:
             notes.append(f"{inputs['wavelength'][number]:g} um: nothing is scattered, so the {kind} table is empty")
-    for k in np.flatnonzero((values["peak"] > inputs["straight"] + 1e-9) & (inputs["albedo"] > 0)):
+    for k in np.flatnonzero((values["peak"] > inputs["delta"] + 1e-9) & (inputs["albedo"] > 0)):
         notes.append(f"{inputs['wavelength'][k]:g} um: {values['peak'][k]:.2g} of the scattered light, in a forward peak of "
                      f"{np.degrees(values['peak_angle'][k]):.2g} degrees, counts as not scattered (delta-M as a function of the "
                      "angle); the first two events take multiple/phase, albedo and extinction.  Between events the tables turn "
                      f"light as the peak does, which changes their lobes by {100 * values['peak_effect'][k]:.2g} %")
     said = {"coordinates": table.COORDINATES, "frame": (table.FRAME,) * 2, "singular": table.SINGULAR,
             "interpolation": (table.INTERPOLATION,) * 2}
-    members: dict = dict(datasets(OUTPUTS, {"wavelength": inputs["wavelength"], **values, "length": np.array([length])}))
+    values |= {"wavelength": inputs["wavelength"], "length": np.array([inputs["length"]])}
+    members: dict = dict(datasets(OUTPUTS, values))
     for kind in inputs["sources"]:
         words = {name: text(said[name][KINDS.index(kind)], described) for name, described in _TEXTS}
         members[kind] = Group(words | dict(sorted(places[kind].items(), key=lambda item: int(item[0][1:]))))
@@ -247,13 +184,13 @@ def compute(inputs: dict, context) -> Result:
 
 def tables_of(group: Group, kind: str) -> list:
     """The tables of a `multiple` group, one a wavelength, as `bakery.physics.multiple.table.Table`."""
-    from bakery.physics.multiple import frame, table
+    from bakery.physics.multiple import table
 
     made = []
     for k in range(len(group["wavelength"].data)):
         place = group[f"{kind}/w{k}"]
         made.append(table.from_arrays(
-            {name: place[name].data for name in table.ARRAYS}, kind=(frame.POINT, frame.SEGMENT)[KINDS.index(kind)],
+            {name: place[name].data for name in table.ARRAYS}, kind=KINDS.index(kind),
             length=float(group["length"].data[0]) if kind == "segment" else 0.0, extent=float(group["extent"].data[k]),
             k0=float(group["k0"].data[k]), error=float(place["error"].data[0]),
             error_with_solver=float(place["error_with_solver"].data[0]), worst=float(place["error_worst"].data[0])))
@@ -364,7 +301,6 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 _TOGETHER = 2
 _KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "frame", "legendre", "lookup", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
-_POOR = 0.2  # error of the solver's tables above which photons are tried
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
 _FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
 

@@ -1,0 +1,158 @@
+"""How the tables of a medium are made: which orders are solved, where a forward peak is cut, when photons stand in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.physics.medium.phase import without_delta
+from bakery.physics.medium.similarity import without_peak
+from bakery.physics.multiple import build, counted, legendre, peaks, solution
+from bakery.physics.multiple.table import Table
+
+POOR = 0.2  # error of the solver's tables above which photons are tried
+_WHOLE, _CUT = 96, 40  # orders that are solved in full; orders that are kept where more would be needed
+_MOMENTS = 140
+_ALL = 1 - 1e-9  # share of the scattered light above which nothing but the delta is left
+
+
+class Medium(NamedTuple):
+    """One wavelength of a medium.
+
+    Attributes
+    ----------
+    albedo : 1
+    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
+    delta : share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
+    """
+
+    albedo: float
+    theta: np.ndarray
+    phase: np.ndarray
+    delta: float
+
+
+class Asked(NamedTuple):
+    """What is asked of tables.
+
+    Attributes
+    ----------
+    extent : mfp, or None: all but 1e-4 of the light
+    length : of the segment, mfp
+    tolerance : error of a lobe
+    orders : Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
+    photons : most of them, or None: `counted.MOST_FLIGHTS`
+    seed : of all random numbers
+    """
+
+    extent: float | None
+    length: float
+    tolerance: float
+    orders: int | None
+    photons: int | None
+    seed: int
+
+
+class Solved(NamedTuple):
+    """The solution for one wavelength, and what was done with a forward peak.
+
+    Attributes
+    ----------
+    solution : of the medium without the peak
+    peak : share of the scattered light that counts as not scattered
+    phase : (A,) 1/sr, that of the solution
+    peak_angle : rad, below which light is in the peak; 0 where there is none
+    peak_effect : what it would change if light in the peak kept its direction (see `peaks.effect`)
+    """
+
+    solution: solution.Solution
+    peak: float
+    phase: np.ndarray
+    peak_angle: float = 0.0
+    peak_effect: float = 0.0
+
+
+class Tabulated(NamedTuple):
+    """A table, and the medium that it holds for.
+
+    Attributes
+    ----------
+    table : error and all
+    albedo : of that medium
+    extinction : sigma_t of that medium over that of the one asked for
+    peak, phase, peak_angle, peak_effect : as in `Solved`
+    counted : what tables of photons alone have, name -> array: offset_error (N,), photons (1,), resolution (1,) rad
+    """
+
+    table: Table
+    albedo: float
+    extinction: float
+    peak: float
+    phase: np.ndarray
+    peak_angle: float
+    peak_effect: float
+    counted: dict[str, np.ndarray]
+
+
+def solved(medium: Medium, orders: int | None) -> Solved:
+    """Solves for one wavelength; `orders` as in `Asked`.
+
+    Raises
+    ------
+    ValueError : a narrow peak backward
+    """
+    albedo, theta, phase, delta = medium
+    p = legendre.moments(theta, phase, max(_MOMENTS, (orders or 0) + 8))
+    if delta >= _ALL:
+        nothing = np.eye(1, len(p))[0]
+        return Solved(solution.solve(0.0, nothing), min(delta, 1.0), phase, float(theta[1]))
+    rest = (p - delta) / (1 - delta)
+    rest[0] = 1.0
+    needed = legendre.order_needed(rest)
+    most = orders or (_WHOLE if needed is not None and needed <= _WHOLE else _CUT)
+    if needed is None or needed > most:
+        clip = peaks.clipped(theta, phase, most)
+        found = peaks.solve(albedo, clip, most)
+        return Solved(found, clip.peak, clip.phase, clip.angle, peaks.effect(clip, found, build.extent_needed(found.medium)))
+    found = solution.solve(without_peak(albedo, delta)[0], rest, most=most)
+    return Solved(found, delta, without_delta(theta, phase, delta), _angle(medium))
+
+
+def by_solver(medium: Medium, kind: int, asked: Asked) -> Tabulated:
+    """The table of a kind of source from the solver.
+
+    Raises
+    ------
+    ValueError : the solver or the table refuses
+    """
+    found = solved(medium, asked.orders)
+    own = found.solution.medium
+    extent = build.extent_needed(own) if asked.extent is None else asked.extent
+    table = build.table(found.solution, kind, extent=extent, length=asked.length, tolerance=asked.tolerance, seed=asked.seed)
+    return Tabulated(table, own.albedo, without_peak(medium.albedo, found.peak)[1], *found[1:], {})
+
+
+def by_photons(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:
+    """Tables of several kinds of sources from the same photons, by kind."""
+    albedo, extinction = without_peak(medium.albedo, medium.delta)
+    phase = without_delta(medium.theta, medium.phase, medium.delta)
+    if medium.delta >= _ALL:
+        albedo = 0.0
+    made = counted.build(albedo, medium.theta, phase, tuple(kinds), extent=asked.extent, length=asked.length,
+                         tolerance=asked.tolerance, photons=asked.photons, seed=asked.seed)
+    both = {"photons": np.array([made.photons]), "resolution": np.array([made.resolution])}
+    return {kind: Tabulated(table, albedo, extinction, medium.delta, phase, _angle(medium), 0.0,
+                            {"offset_error": made.offset_error[kind]} | both) for kind, table in made.tables.items()}
+
+
+def error(tables: Iterable[Tabulated | None]) -> float:
+    """The largest error of a wavelength's tables with what the solver contributes; infinite where one or all are missing."""
+    return max((math.inf if one is None else one.table.error_with_solver for one in tables), default=math.inf)
+
+
+def _angle(medium: Medium) -> float:
+    """Angle below which a delta stands in the table; 0 where there is none."""
+    return float(medium.theta[1]) if medium.delta > 0 else 0.0
