@@ -5,11 +5,10 @@ Coordinates are in radii of the bounding sphere, which is the unit sphere, with 
 
 from __future__ import annotations
 
-import numpy as np
-
 from bakery.draw.files import csv_text
 from bakery.errors import AssetError
 from bakery.stages.grains.pictures import Exemplar, components_of, exemplar
+from bakery.store import ply
 from bakery.store.tree import Dataset, Group
 
 
@@ -21,15 +20,8 @@ def meshes_of(root: Group) -> dict[str, Exemplar]:
 
 def ply_meshes(root: Group) -> dict[str, bytes]:
     """End of file name -> each exemplar as binary PLY, corners as doubles; comments say the scale and whether it is a ball."""
-    files = {}
-    for name, grain in meshes_of(root).items():
-        head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in _remarks(root, grain)),
-                f"element vertex {len(grain.vertices)}", *(f"property double {axis}" for axis in "xyz"),
-                f"element face {len(grain.faces)}", "property list uchar int vertex_indices", "end_header", ""]
-        rows = np.empty(len(grain.faces), np.dtype([("count", "u1"), ("corner", "<i4", 3)]))
-        rows["count"], rows["corner"] = 3, grain.faces
-        files[f"-{name}.ply"] = "\n".join(head).encode() + np.ascontiguousarray(grain.vertices, "<f8").tobytes() + rows.tobytes()
-    return files
+    return {f"-{name}.ply": ply.mesh(grain.vertices, grain.faces, _remarks(root, grain))
+            for name, grain in meshes_of(root).items()}
 
 
 def obj_meshes(root: Group) -> dict[str, str]:

@@ -10,6 +10,7 @@ import numpy as np
 from bakery.draw.files import csv_text
 from bakery.errors import AssetError
 from bakery.stages.packing.pictures import tiles_of
+from bakery.store import ply
 from bakery.store.tree import Dataset, Group
 
 
@@ -23,9 +24,8 @@ def ply_files(root: Group) -> dict[str, str]:
     files = {}
     for name, tile in _tiles(root).items():
         centers, radii, cell = _form(tile)
-        head = ["ply", "format ascii 1.0", "comment periodic cell " + _row(cell), "comment lengths in mean radii",
-                f"element vertex {radii.size}", *(f"property double {axis}" for axis in ("x", "y", "z", "radius")), "end_header"]
-        files[f"{name}.ply"] = "\n".join([*head, *map(_row, np.column_stack([centers, radii])), ""])
+        files[f"{name}.ply"] = ply.points(dict(zip("xyz", centers.T, strict=True)) | {"radius": radii},
+                                          ["periodic cell " + _row(cell), "lengths in mean radii"])
     return files
 
 

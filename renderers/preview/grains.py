@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import AssetError
+from bakery.store import ply
 from renderers.preview import studio
 
 MOST = 6  # grains in a picture: the commonest
@@ -173,18 +174,10 @@ def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: 
     turn = np.radians(_TURN)
     flat = (vertices[:, :2] - middle) @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     path = folder / f"{len(list(folder.iterdir()))}.ply"
-    _write_ply(path, np.column_stack([flat / unit + foot[:2], vertices[:, 2] / unit + studio.LIFT]), grain.faces)
+    # a file: the one way to hand a mesh to every version of Mitsuba
+    path.write_bytes(ply.mesh(np.column_stack([flat / unit + foot[:2], vertices[:, 2] / unit + studio.LIFT]), grain.faces,
+                              single=True))
     return {"type": "ply", "filename": str(path), "face_normals": True, **made}
-
-
-def _write_ply(path: Path, vertices, faces) -> None:
-    """Binary PLY: the one way to hand a mesh to every version of Mitsuba."""
-    head = ("ply\nformat binary_little_endian 1.0\n"
-            f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-            f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
-    rows = np.empty(len(faces), np.dtype([("count", "u1"), ("corner", "<i4", 3)]))
-    rows["count"], rows["corner"] = 3, faces
-    path.write_bytes(head.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
 
 
 def _mesh(part, name):

@@ -33,7 +33,8 @@ OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses
 ENGINE = {"bakery/physics/grains/mitsuba_walk.py": {"mitsuba", "drjit"}, "bakery/physics/shapes/mending.py": {"trimesh"},
           "bakery/physics/shapes/repair.py": {"pymeshlab"}}
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
-SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs", "bakery.system")
+SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs",
+                                   "bakery.store.ply", "bakery.system")
 # what renderers share, from the ground up: each part with what it may import of the others.  Renderers may import all of it,
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "inputs": set(), "progress": set(), "images": {"colour"}, "scene": {"inputs"},
