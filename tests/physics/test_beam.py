@@ -12,6 +12,7 @@ import pytest
 from scipy import integrate, interpolate, linalg, special
 
 from bakery.physics.beam import build, kernels, layers, moments, named, photons, planar, single, small_angle, table, transport
+from bakery.physics.beam.kinds import MEASURES
 from bakery.physics.medium import analytic
 from bakery.physics.medium import phase as tables
 
@@ -450,7 +451,7 @@ def test_a_look_up_is_the_kernel(baked):
 
 
 def test_power_within_a_radius_is_the_integral_of_the_kernel(baked):
-    for name in build.MEASURES:
+    for name in MEASURES:
         for depth in (1e-6, 0.02, 3.0):
             total = integrate.quad(lambda u, z=depth, n=name: 2 * math.pi * math.exp(2 * u) * baked[n].kernel(z, math.exp(u)),
                                    math.log(1e-9), math.log(2.0), limit=400, epsrel=1e-6)[0]
@@ -516,7 +517,7 @@ def test_extremes_of_every_kernel_by_name(degrees):
     z, r = np.array([1e-300, 1e-8, 1.0, 1e3])[:, None], np.geomspace(1e-9, 1e4, 30)
     for albedo in (0.0, 1.0) if degrees < 1 else (0.0, 0.9, 1.0):
         tables = {"small_angle": build.small_angle_table(medium, albedo, 1e3)}
-        tables |= dict.fromkeys(build.MEASURES, tables["small_angle"]) if medium.moments is None else \
+        tables |= dict.fromkeys(MEASURES, tables["small_angle"]) if medium.moments is None else \
             build.transport_tables(medium, albedo, 1e3)
         kernel = named.Kernels(albedo, theta, phase, medium.planar.B, medium.moments is not None, tables.__getitem__)
         found = {name: kernel.kernel(z, r, name) for name in named.KERNELS}

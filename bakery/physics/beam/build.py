@@ -13,10 +13,6 @@ from bakery.physics.multiple import legendre
 LARGEST = 2048  # Legendre orders that transport takes
 # Moments below are nothing (cut at 1e-5 they leave ripples of 1e-6 behind the beam); the second where there are very many.
 _CUT, _COARSE = 1e-6, 1e-5
-MODELS = ("transport", "small-angle")
-MEASURES = {"fluence": "radiance of all scattered light integrated over directions",
-            "forward": "the same over the directions that go on forward, as photons are counted",
-            "flux": "power that goes forward through a unit of area, as a surface across the beam receives it"}
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ def small_angle_table(medium: Medium, albedo, depth, absorb=False, nodes=None) -
 
 
 def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, table.Table]:
-    """Tables of all `MEASURES` by transport.
+    """Tables of all `kinds.MEASURES` by transport.
 
     Parameters
     ----------
@@ -87,7 +83,7 @@ def errors(tables, albedo, theta, phase, planes, edges, count, seed=0, stream=0)
 
     Parameters
     ----------
-    tables : measure -> Table, measures as in `MEASURES`
+    tables : measure -> Table, measures as in `kinds.MEASURES`
     albedo, theta, phase : of the medium
     planes, edges : depths of the planes and edges of the rings, mfp
     count : photons; followed twice where both forward and all light are asked for

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from bakery.errors import StageError
+from bakery.physics.beam import predicted
+from bakery.physics.beam.kinds import MEASURES, MODELS
 from bakery.stages import rules
 from bakery.stages.beam.section import BEAM
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
 from bakery.store.tree import Group
 
-MODELS = ("transport", "small-angle")
-MEASURES = ("fluence", "forward", "flux")
 _SAID = {"fluence": "scattered light of all directions", "forward": "of the directions that go on forward",
          "flux": "power forward through a unit of area", "small_angle": "by the small-angle model, for comparison"}
 OUTPUTS = (
@@ -32,12 +32,8 @@ OUTPUTS = (
     Output("photons", "(L,)", "1", "that were counted for each", whole=True),
 )
 _REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
-_NEAREST, _FARTHEST = 0.5, 5.0  # mean free paths, planes and rings in which photons are counted
 _TOGETHER = 4
 _KERNELS = tuple(f"beam.{name}" for name in ("transport", "single", "photons", "table")) + ("multiple.legendre",)
-_WANTED, _LEAST, _MOST = 50, 20_000, 4_000_000  # photons at first: times the squared tolerance, at least; at most
-_MORE = 4  # times as many, until tables and noise together meet the tolerance
-_QUIET = 1 / 3  # of the tables' error: noise that more photons need not lower, as the tables themselves miss
 _PHOTON = 1.2e-5  # seconds of one core
 
 
@@ -47,43 +43,8 @@ def inputs(recipe, upstream) -> dict:
             "phase": np.asarray(medium["phase"].data, float), "depth": recipe.beam.depth, "photons": recipe.beam.photons}
 
 
-def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, number):
-    """Tables of one wavelength (its number), their model, the lobe's B, errors against photons, and how many there were.
-
-    A task that any worker may run.  photons : their number, or None: as many as it takes to show the tolerance.
-    """
-    from bakery.physics.beam import build
-
-    medium = build.prepare(theta, phase)
-    small = build.small_angle_table(medium, albedo, nodes[0][-1], nodes=nodes)
-    model = build.model_of(medium)
-    made = dict.fromkeys(MEASURES, small)
-    if model == "transport":
-        made = build.transport_tables(medium, albedo, nodes[0][-1], nodes=nodes)
-    far = min(_FARTHEST, float(nodes[0][-1]))
-    planes = far * np.arange(1, 11) / 10
-    values = {name: table.value for name, table in made.items()} | {"small_angle": small.value}
-    if albedo == 0:
-        return values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0
-
-    edges = np.linspace(0, far, 51)
-
-    def errors(names, count):
-        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed, number)
-
-    count = photons or int(np.clip(_WANTED / tolerance**2, _LEAST, _MOST))
-    found = errors(["fluence"], count)
-    while not photons and count < _MOST:
-        error, noise = found["fluence"]
-        if error + noise <= tolerance or noise < _QUIET * error:
-            break
-        count = min(_MORE * count, _MOST)
-        found = errors(["fluence"], count)
-    return values, model, medium.planar.B, found | errors(["forward", "flux"], count), count
-
-
 def compute(inputs: dict, context) -> Result:
-    from bakery.physics.beam import build, kernels, moments, table
+    from bakery.physics.beam import build, choice, kernels, moments, table
 
     count = len(inputs["albedo"])
     try:
@@ -95,22 +56,22 @@ def compute(inputs: dict, context) -> Result:
               context.seed, k) for k in range(count)]
     found = []
     for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
-        found += context.map(tabulated, tasks[start:start + _TOGETHER])
+        found += context.map(choice.tabulated, tasks[start:start + _TOGETHER])
         context.report(len(found) / count)
     z = nodes[0]
-    values = {"depth": z, "ratio": nodes[1], "photons": np.array([photons for *_, photons in found]),
-              "model": np.array([MODELS.index(model) for _, model, *_ in found], np.int8),
-              "gaussian_b": np.array([B for _, _, B, *_ in found])}
-    values |= {name: np.stack([tables[name] for tables, *_ in found]).astype(np.float32) for name in _SAID}
+    values = {"depth": z, "ratio": nodes[1], "photons": np.array([one.photons for one in found]),
+              "model": np.array([MODELS.index(one.model) for one in found], np.int8),
+              "gaussian_b": np.array([one.B for one in found])}
+    values |= {name: np.stack([one.values[name] for one in found]).astype(np.float32) for name in _SAID}
     albedo, B = inputs["albedo"][:, None], values["gaussian_b"][:, None]
     levers = moments.levers(z, albedo)
     for name, value in zip(("m0", "m2", "m4"), moments.moments(*levers, (1 - albedo) * z, B)):
         values[name] = value
     values["alpha"], values["beta"] = kernels.erf_parameters(values["m0"], moments.mean_square(levers[0], levers[1], B))
     for name in MEASURES:
-        values[name + "_rms"], values[name + "_noise"] = (np.array([errors[name][i] for *_, errors, _ in found]) for i in (0, 1))
+        values[name + "_rms"], values[name + "_noise"] = (np.array([one.errors[name][i] for one in found]) for i in (0, 1))
     notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
-             for k, (_, model, *_) in enumerate(found) if model != "transport"]
+             for k, one in enumerate(found) if one.model != "transport"]
     # the photons' noise could hide as much as it makes
     error, noise = values["fluence_rms"], values["fluence_noise"]
     reached, worst = float((error + noise).max()), int(np.argmax(error + noise))
@@ -174,7 +135,7 @@ def check(group: Group) -> Iterable[str]:
 
 def cost(recipe) -> Cost:
     number = len(recipe.wavelength)
-    photons = recipe.beam.photons or min(max(_MORE * _WANTED / recipe.beam.tolerance**2, _LEAST), _MOST)
+    photons = recipe.beam.photons or predicted.photons(recipe.beam.tolerance)
     tables = 3.0 if recipe.particles is not None else 1.2  # the peaks of spheres are narrow
     return Cost(number * (tables + _PHOTON * photons), 1e8, number * 1.5e5,
                 f"{number} wavelengths, {photons:.2g} photons each", 1.0, kernels=_KERNELS, most=min(number, _TOGETHER))
@@ -182,11 +143,12 @@ def cost(recipe) -> Cost:
 
 def measures(found: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `beam` group against a converged one: relative root mean square over depths and rings, the largest of all."""
+    from bakery.physics.beam import choice
+
     worst = {}
     for name in MEASURES:
         pairs = zip(tables_of(found, name), tables_of(reference, name))
-        far = min(_FARTHEST, float(found["depth"].data[-1]))
-        planes, edges = far * np.arange(1, 11) / 10, np.linspace(0, far, 51)
+        planes, edges = choice.counted_at(found["depth"].data[-1])
         errors = []
         for own, true in pairs:
             a, b = own.rings(planes, edges), true.rings(planes, edges)
