@@ -60,6 +60,13 @@ def conductor(index, roughness=0.0) -> Surface:
     return Surface(CONDUCTOR, 1.0, _rough(roughness), np.stack([np.where(perfect, np.inf, index.real), index.imag]))
 
 
+def lossless(kind, index=None, roughness=0.0) -> Surface:
+    """A surface of the same kind ("dielectric" of real index, "diffuse", "conductor") at which nothing is absorbed."""
+    if kind == "dielectric":
+        return dielectric(index, roughness)
+    return diffuse(1.0) if kind == "diffuse" else conductor(complex(np.inf, 0), roughness)
+
+
 def _number(name, value, least, most):
     value = float(value)
     if not least <= value <= most:

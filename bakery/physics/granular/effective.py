@@ -119,6 +119,30 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     return Means(**values, errors=errors)
 
 
+def mixed_of_sizes(values, errors, weights, radii, shares, lossless=False) -> Means:
+    """`mixed` of grains that all come in the same sizes.
+
+    Parameters
+    ----------
+    values, errors : (K,) of each grain, name as in `Means` -> (S, ...) over its sizes
+    weights : (K,) shares of the number of grains
+    radii, shares : (S,) bounding radii, which the lengths of the result have the unit of; shares of the number
+    lossless : whether the grains absorb nothing, whatever their albedo
+    """
+    parts, numbers, sizes = [], [], []
+    for weight, value, error in zip(weights, values, errors):
+        for s, (radius, share) in enumerate(zip(radii, shares)):
+            own, off = {name: x[s] for name, x in value.items()}, {name: x[s] for name, x in error.items()}
+            for name in ("hit_probability", "lambda_delta"):
+                own[name], off[name] = float(own[name][0]), float(off[name][0])
+            if lossless:
+                own["albedo"], off["albedo"] = np.ones_like(own["g"]), np.zeros_like(own["g"])
+            parts.append(Means(**own, errors=off))
+            numbers.append(weight * share)
+            sizes.append(radius)
+    return mixed(parts, numbers, sizes)
+
+
 def _times(a, b):
     """Product of two quantities with errors, independent."""
     return a[0] * b[0], np.hypot(a[0] * b[1], a[1] * b[0])

@@ -8,6 +8,7 @@ from pydantic import Field
 from bakery.grammar.fields import AUTO, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
+from bakery.physics.granular.kinds import CHOICES
 from bakery.stages.declaration import RecipeSection
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 class EffectiveMedium(Section):
     """Options of the medium that stands for packed grains."""
 
-    sigma_t: word("auto", "mean_flight", "second_moment", "random_walk") = Field(
+    sigma_t: word("auto", *CHOICES) = Field(
         "auto", description="Length scale: from the mean flight, from its second moment, or matched to a random walk through "
         "explicit grains; auto: random_walk where that comes to an end, else mean_flight."
     )

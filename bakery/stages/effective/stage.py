@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from bakery.errors import StageError
+from bakery.physics.granular.kinds import CHOICES
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
 from bakery.stages.effective.section import EFFECTIVE
 from bakery.stages.grains import stage as grain_stage
@@ -18,7 +19,6 @@ from bakery.store.tree import Dataset, Group
 _LOADING = 0.2
 # hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball
 _HITS, _HIT, _HIT_BALL = 60.0, 1.2e-6, 0.6e-6
-CHOICES = ("mean_flight", "second_moment", "random_walk")
 _SHARES = ("hit_probability", "forward_delta", "fraction")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")
 _WALK = (
@@ -111,24 +111,15 @@ def _tile(packing: Group, fraction: float):
 
 def _means(parts, inputs, lossless=False):
     """Means of the mixture over components and sizes, lengths in m."""
-    from bakery.physics.granular.effective import Means, mixed
+    from bakery.physics.granular.effective import mixed_of_sizes
 
-    made, weights, radii = [], [], []
-    for weight, part in zip(inputs["weights"], parts):
-        for s, (radius, share) in enumerate(zip(inputs["radius"], inputs["share"])):
-            values = {name: part[name][0][s] for name in part}
-            errors = {name: part[name][1][s] for name in part}
-            for name in ("hit_probability", "lambda_delta"):
-                values[name], errors[name] = float(values[name][0]), float(errors[name][0])
-            if lossless:
-                values["albedo"], errors["albedo"] = np.ones_like(values["g"]), np.zeros_like(values["g"])
-            made.append(Means(**values, errors=errors))
-            weights.append(weight * share)
-            radii.append(radius)
-    return mixed(made, weights, radii)
+    return mixed_of_sizes([{name: value for name, (value, _) in part.items()} for part in parts],
+                          [{name: error for name, (_, error) in part.items()} for part in parts],
+                          inputs["weights"], inputs["radius"], inputs["share"], lossless)
 
 
 def compute(inputs: dict, context) -> Result:
+    from bakery.physics.granular import choice
     from bakery.physics.granular.effective import effective, void_chord
     from bakery.physics.medium import diffusion, phase
 
@@ -137,33 +128,23 @@ def compute(inputs: dict, context) -> Result:
     means, white = _means(inputs["parts"], inputs), _means(inputs["lossless"], inputs, lossless=True)
     found, lossless = effective(means, chord), effective(white, chord)
     notes, missed = [], []
-    sigma = {"mean_flight": (found.sigma_t, found.errors["sigma_t"]),
-             "second_moment": (found.sigma_t_second_moment, found.errors["sigma_t_second_moment"])}
     at = len(inputs["wavelength"]) // 2
     walks = _walked(inputs, at, context)
-    model, spread, choice = 0.0, 0.0, inputs["choice"] or "mean_flight"
-    if walks.reason and not math.isfinite(walks.achieved_error):
+    try:
+        match = choice.matched(found, lossless, walks, R, at, inputs["choice"])
+    except ValueError as fault:
+        raise StageError(f"effective_medium.sigma_t: {fault}; mean_flight would do") from None
+    if not match.walked:
         notes.append(f"the random walk gives no mean square way: {walks.reason}")
-        if choice == "random_walk":
-            raise StageError(f"effective_medium.sigma_t: random_walk: {walks.reason}; mean_flight would do")
-    else:
-        choice = inputs["choice"] or "random_walk"
-        M, spread = walks.mean_square_displacement * R**2, walks.achieved_error
-        far = {"mean_flight": lossless.m_rte[at], "second_moment": lossless.m_tele[at]}
-        ratio = math.sqrt(lossless.m_rte[at] / M)
-        value, error = sigma["mean_flight"]
-        sigma["random_walk"] = value * ratio, np.hypot(error * ratio, value * ratio * spread)
-        model = abs(math.sqrt(M / far[choice]) - 1) if choice in far else 0.0
-        if model > max(3 * spread, context.tolerance):
-            more = math.sqrt(M / far[choice]) - 1
-            missed.append(f"light among the grains themselves spreads {abs(more):.0%} {'farther' if more > 0 else 'less far'} "
-                         "than sigma_t says; effective_medium.sigma_t: random_walk matches it")
-        if inputs["walks"] is None and not walks.reached:
-            missed.append(f"the random walk's mean square way is known to {2 * spread:.2g} only: {walks.reason}")
-    sigma_t, sigma_t_error = sigma[choice]
-    sigma_t_error = np.hypot(sigma_t_error, model * sigma_t)
+    elif abs(match.farther) > max(3 * match.spread, context.tolerance):
+        how = "farther" if match.farther > 0 else "less far"
+        missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {how} than sigma_t says; "
+                      "effective_medium.sigma_t: random_walk matches it")
+    if match.walked and inputs["walks"] is None and not walks.reached:
+        missed.append(f"the random walk's mean square way is known to {2 * match.spread:.2g} only: {walks.reason}")
+    sigma_t, sigma_t_error = match.sigma_t, match.error
     theta, f = inputs["theta"], means.phase
-    f = _with_peak(theta, f, means.forward_delta)
+    f = phase.with_delta(theta, f, means.forward_delta)
     albedo = np.clip(means.albedo, 0.0, 1.0)
     sigma_s = albedo * sigma_t
     sigma_a = sigma_t - sigma_s
@@ -177,26 +158,17 @@ def compute(inputs: dict, context) -> Result:
     values |= {"sigma_t_error": sigma_t_error, "albedo_error": means.errors["albedo"]}
     for name in ("lambda_s", "mean_square", "forward_delta"):
         values[name], values[name + "_error"] = getattr(means, name), means.errors[name]
-    for name, (value, error) in sigma.items():
+    for name, (value, error) in match.each.items():
         values["sigma_t_" + name], values[f"sigma_t_{name}_error"] = value, error
     diffuse = diffusion.improved(sigma_s, sigma_a, members["g"].data)
     values |= {"diffusion_coefficient": diffuse.D, "sigma_tr_improved": diffuse.sigma_tr}
     members |= datasets(OUTPUTS, values)
-    if "random_walk" in sigma:
+    if match.walked:
         members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))
     sampled = float(np.max(np.divide(sigma_t_error, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
-    reached = max(model, sampled, spread)
+    reached = max(abs(match.farther), sampled, match.spread)
     context.report(1.0, reached)
     return Result(members, reached, tuple(notes), tuple(missed))
-
-
-def _with_peak(theta, f, share):
-    """Phase functions f (L, A) of light that is turned, with the shares (L,) of light that is not as a peak below theta[1]."""
-    from bakery.physics.medium import phase
-
-    f = (1 - share[:, None]) * f
-    f[:, 0] += share / (2 * math.pi * phase.areas(theta)[0])
-    return f
 
 
 def _walked(inputs, at, context):
@@ -206,13 +178,9 @@ def _walked(inputs, at, context):
 
     made = []
     for component, (vertices, faces) in zip(inputs["components"], inputs["meshes"]):
-        if component["type"] == "dielectric":
-            coat = surface.dielectric(component["index"].real[at], component["roughness"])
-        elif component["type"] == "diffuse":
-            coat = surface.diffuse(1.0)
-        else:
-            coat = surface.conductor(complex(math.inf, 0), component["roughness"])
-        made.append(packed.Grain(coat, None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
+        index = None if component["index"] is None else component["index"].real[at]
+        made.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
+                                 None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
     return packed.walk(*inputs["tile"], made, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
                        tolerance=max(0.5 * context.tolerance, 1e-4), map=context.map,
                        report=lambda share, error: context.report(share, error, "random walk through the grains"))

@@ -1,0 +1,63 @@
+"""Which sigma_t stands for packed grains, and how far light spreads otherwise among the grains themselves."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.physics.granular.effective import Effective
+from bakery.physics.granular.packed import Walks
+
+
+class Matched(NamedTuple):
+    """What was chosen.
+
+    Attributes
+    ----------
+    sigma_t, error : (L,) in the inverse unit of length, error with `farther`
+    each : name in `kinds.CHOICES` -> sigma_t and its standard error, (L,); random_walk only where `walked`
+    walked : whether the random walk gives a mean square displacement
+    farther : relative, how much farther light spreads in the walk than sigma_t says; 0 where that is matched, or not known
+    spread : relative error of the walk's root mean square displacement; 0 where it gives none
+    """
+
+    sigma_t: np.ndarray
+    error: np.ndarray
+    each: dict[str, tuple[np.ndarray, np.ndarray]]
+    walked: bool
+    farther: float
+    spread: float
+
+
+def matched(found: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
+    """Chooses sigma_t: as wanted, or the random walk's, or that of Eq. 4 where the walk gives none.
+
+    Parameters
+    ----------
+    found, lossless : the medium, and the same if nothing were absorbed
+    walks : `packed.walk`, lengths in units of
+    radius : in the unit of the medium
+    at : the channel of the walk's grains
+    wanted : in `kinds.CHOICES`, or None
+
+    Raises
+    ------
+    ValueError : the random walk is wanted and gives no mean square displacement
+    """
+    each = {"mean_flight": (found.sigma_t, found.errors["sigma_t"]),
+            "second_moment": (found.sigma_t_second_moment, found.errors["sigma_t_second_moment"])}
+    if walks.reason and not math.isfinite(walks.achieved_error):
+        if wanted == "random_walk":
+            raise ValueError(f"random_walk: {walks.reason}")
+        return Matched(*each[wanted or "mean_flight"], each, False, 0.0, 0.0)
+    M, spread = walks.mean_square_displacement * radius**2, walks.achieved_error
+    far = {"mean_flight": lossless.m_rte[at], "second_moment": lossless.m_tele[at]}
+    ratio = math.sqrt(lossless.m_rte[at] / M)
+    value, error = each["mean_flight"]
+    each["random_walk"] = value * ratio, np.hypot(error * ratio, value * ratio * spread)
+    name = wanted or "random_walk"
+    farther = math.sqrt(M / far[name]) - 1 if name in far else 0.0
+    sigma_t, error = each[name]
+    return Matched(sigma_t, np.hypot(error, abs(farther) * sigma_t), each, True, farther, spread)
