@@ -12,10 +12,11 @@ import pytest
 import bakery
 from bakery.asset.verify import verify
 from bakery.errors import StageError, UsageError
+from bakery.physics.grains import traces
+from bakery.physics.granular import sizes
 from bakery.recipe import load
 from bakery.run.executors import Context, threads
 from bakery.stages.effective import stage as effective
-from bakery.stages.grains import exemplars
 from bakery.stages.grains import stage as grains
 from bakery.store.tree import Dataset, Group
 
@@ -133,7 +134,7 @@ def test_wavelengths_that_share_paths(tmp_path):
     path = recipe(tmp_path, component(CUBE, n="[1.5, 1.4, 1.5]", more=", interior: {absorption: '[1, 2, 3] /mm'}"),
                   wavelengths="rgb")
     given = grains.inputs(load(path), {})
-    made = exemplars.traces(given["components"][0], np.array([5e-4]), 3, 1e-4)
+    made = traces.traces(given["components"][0], np.array([5e-4]), 3, 1e-4)
     assert sorted(trace.rows for trace in made) == [(0, 2), (1,)]
     group, _ = grains_of(path)
     albedo, g = group["glass/albedo"].data, group["glass/lossless/g"].data
@@ -214,14 +215,14 @@ def test_classes_of_a_law():
     from bakery.physics.packing import radii
     from bakery.physics.packing.law import Law
 
-    radius, share = exemplars.size_classes(Law("lognormal", sigma=1.5))
+    radius, share = sizes.classes(Law("lognormal", sigma=1.5))
     r = radii.lognormal(1.5, 4096)
     assert share.sum() == pytest.approx(1, abs=1e-12) and (np.diff(radius) > 0).all()
     assert share @ radius**3 / (share @ radius**2) == pytest.approx((r**3).sum() / (r**2).sum(), rel=1e-12)
     # light that meets a grain and is absorbed a little: <1 - exp(-R)> by cross section, to second order of the classes' widths
     by_class, exact = (np.sum(w * x**2 * np.exp(-x)) / np.sum(w * x**2) for w, x in ((share, radius), (np.ones_like(r), r)))
     assert by_class == pytest.approx(exact, rel=0.01)
-    assert exemplars.size_classes(Law("list", of=((0.25, 2.0), (0.75, 4.0))))[0] == pytest.approx([4 / 7, 8 / 7])
+    assert sizes.classes(Law("list", of=((0.25, 2.0), (0.75, 4.0))))[0] == pytest.approx([4 / 7, 8 / 7])
 
 
 def test_rules_find_what_is_wrong(tmp_path):

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets
-from bakery.stages.grains import exemplars
 from bakery.stages.grains.section import GRAINS, SCATTEROMETER, absorption, shape_keys
 from bakery.stages.measures import integrated_difference
 from bakery.stages.packing.section import radii_law
@@ -87,8 +87,10 @@ _REQUIRED = ("vertices", "faces", "weight", "interior", *SCALARS, *FIGURES, "pha
 
 
 def inputs(recipe, upstream) -> dict:
+    from bakery.physics.granular import sizes
+
     grains, host = recipe.grains, np.asarray(recipe.grains.host.n, float)
-    classes, shares = exemplars.size_classes(radii_law(recipe.packing.radii))
+    classes, shares = sizes.classes(radii_law(recipe.packing.radii))
     components = []
     for i, grain in enumerate(grains.components):
         surface = vars(grain.surface)
@@ -111,7 +113,9 @@ def inputs(recipe, upstream) -> dict:
 
 
 def compute(inputs: dict, context) -> Result:
-    theta, _ = exemplars.nodes()
+    from bakery.physics.grains import traces
+
+    theta, _ = traces.nodes()
     table = np.insert(theta, 1, PEAK)
     classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
     # places of the recipe's own radius and of the law's among all that are traced
@@ -126,12 +130,12 @@ def compute(inputs: dict, context) -> Result:
         require()
     members: dict = dict(datasets(OUTPUTS, {"theta": table, "radius": classes[at], "radius_share": inputs["shares"]}))
     notes, missed, reached = [], [], 0.0
-    whole = [exemplars.traces(component, classes, inputs["wavelengths"], _APART * context.tolerance)
+    whole = [traces.traces(component, classes, inputs["wavelengths"], _APART * context.tolerance)
              for component in inputs["components"]]
     number, done = sum(map(len, whole)), 0
     for k, (component, wanted) in enumerate(zip(inputs["components"], whole)):
         name = component["name"]
-        grain = exemplars.mesh_of(component, inputs["triangles"])
+        grain = _mesh_of(component, inputs["triangles"])
         notes += [f"{name}: {note}" for note in grain.notes]
         tree = _tree(grain, inputs["engine"])
         found = []
@@ -150,6 +154,17 @@ def compute(inputs: dict, context) -> Result:
     return Result(members, reached, tuple(notes), tuple(missed))
 
 
+def _mesh_of(component: dict, triangles: int):
+    """The exemplar; StageError says which grain cannot be made, and why."""
+    from bakery.physics.shapes import build as shapes
+
+    try:
+        return shapes.build(component["shape"], triangles)
+    except ValueError as error:
+        what = component["file"] or component["shape"]["type"]
+        raise StageError(f"grain {component['name']}: {what}: {error}") from None
+
+
 def _tree(grain, engine):
     if grain.analytic == "sphere" or engine != "numba":
         return None
@@ -164,10 +179,10 @@ def _walks(found):
 
 def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
     """Statistics of one trace: `scatterometer.Statistics`, or `sphere.Ball`, whose figures have the same names."""
-    from bakery.physics.grains import scatterometer, sphere
+    from bakery.physics.grains import scatterometer, sphere, traces
 
-    _, edges = exemplars.nodes()
-    tracer = exemplars.tracer_of(grain, trace, inputs["depth"], inputs["engine"], tree)
+    _, edges = traces.nodes()
+    tracer = traces.tracer_of(grain, trace, inputs["depth"], inputs["engine"], tree)
     if tracer is None:
         return sphere.ball(trace.surface, trace.mu, edges)
 
@@ -183,21 +198,10 @@ def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
 
 def _group(component, grain, wanted, found, own, at, table):
     """A component's group, its error in the stage's measure, remarks."""
+    from bakery.physics.grains import traces
     from bakery.physics.medium import phase
 
-    theta, _ = exemplars.nodes()
-
-    def put(name, white=False):
-        """Values and errors (S, L, ...) of a figure that channels have."""
-        values, errors = [], []
-        for trace, stats in zip(wanted, found):
-            value = getattr(stats, name)
-            error = np.broadcast_to(stats.errors.get(name, 0.0), value.shape)
-            pick = np.full_like(trace.channel, trace.white) if white else trace.channel
-            values.append(value[pick])
-            errors.append(error[pick])
-        order = np.argsort([row for trace in wanted for row in trace.rows])
-        return np.concatenate(values, axis=1)[:, order], np.concatenate(errors, axis=1)[:, order]
+    theta, _ = traces.nodes()
 
     values = {"vertices": grain.vertices, "faces": grain.faces, "weight": np.array([component["weight"]]),
               "interior": component["absorption"]}
@@ -208,7 +212,7 @@ def _group(component, grain, wanted, found, own, at, table):
         values[name + "_error"] = np.array([math.hypot(*errors) / len(each)])
     tables = {}
     for name in (*FIGURES, "phase"):
-        value, error = put(name)
+        value, error = traces.figures(wanted, found, name)
         if name == "phase":
             value, _ = phase.normalised(table, phase.evaluate(theta, value, table))
             error = phase.evaluate(theta, error, table)
@@ -229,7 +233,7 @@ def _group(component, grain, wanted, found, own, at, table):
         members["by_radius"] = Group(datasets(OUTPUTS, {
             name + end: tables[name][i][at] for name in (*BY_RADIUS, "phase") for i, end in enumerate(("", "_error"))},
             "COMPONENT/by_radius/"))
-    lossless = {name: put(name, white=True) for name in LOSSLESS}
+    lossless = {name: traces.figures(wanted, found, name, white=True) for name in LOSSLESS}
     members["lossless"] = Group(datasets(OUTPUTS, {
         name + end: lossless[name][i][0] for name in LOSSLESS for i, end in enumerate(("", "_error"))}, "COMPONENT/lossless/"))
     error, notes = _reached(values, walks, component["name"])
@@ -351,23 +355,25 @@ def _check_component(part: Group, theta) -> Iterable[str]:
 
 
 def cost(recipe) -> Cost:
+    from bakery.physics.grains import traces
+
     given = inputs(recipe, {})
     radii = np.unique(np.append(1.0, given["classes"])) * given["radius"]
     triangles, paths = given["triangles"], given["paths"] or predicted_paths(recipe.scatterometer.tolerance)
     walks = balls = 0
     tables = file = 0.0
     for component in given["components"]:
-        number = len(exemplars.traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
+        number = len(traces.traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
         round_ = component["shape"]["type"] == "sphere"
         file += triangles * (_ROUND if round_ else _TRIANGLE)
-        if exemplars.is_ball(component):
+        if traces.is_ball(component):
             balls += number
         else:
             walks += number
             lookups = _LOOKUPS_INSIDE if component["type"] == "dielectric" else _LOOKUPS
             tables += number * paths * (_PATH + (0.0 if round_ else lookups * math.sqrt(triangles / 200_000)))
     made = _BUILD * triangles * len(given["components"])
-    figures = len(given["classes"]) * given["wavelengths"] * (exemplars.CELLS + 2) * 2
+    figures = len(given["classes"]) * given["wavelengths"] * (traces.CELLS + 2) * 2
     before = _LOADING + made + _BALL * balls  # on one core
     return Cost(tables, 4e7 + 260.0 * triangles + 300.0 * 2**18,
                 file + len(given["components"]) * (8 * figures + 6e3),
@@ -383,10 +389,12 @@ def predicted_paths(tolerance: float) -> int:
 
 def _kernels(components) -> tuple[str, ...]:
     """Modules whose kernels make and walk these grains."""
+    from bakery.physics.grains import traces
+
     found: list[str] = []
     for component in components:
         kind = component["shape"]["type"]
-        found += _OF_BALLS if exemplars.is_ball(component) else _OF_WALKS
+        found += _OF_BALLS if traces.is_ball(component) else _OF_WALKS
         found += ("grains.balls",) if kind == "sphere" else _OF_MESHES + (_OF_SHAPES if kind in ("aggregate", "mesh") else ())
     return tuple(dict.fromkeys(found))
 
