@@ -8,6 +8,7 @@ vector instructions.  What happens to a path depends on its own numbers only, ne
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,6 +26,37 @@ _EDGE = np.float32(2e-3)  # cells; a hit nearer to the wall of its cell than thi
 # What is kept of a ray: axes in the order of the shear, start in that order and shear, for the exact test
 (_KX, _KY, _KZ, _PLACE, _SKIP, _WITHIN, _COUNT, _PATH, _STATE, _DRAWN, _FOUR), _WHOLE = range(11), 16
 (_X, _Y, _Z, _DX, _DY, _DZ, _PX, _PY, _PZ, _SX, _SY, _SZ, _BEST, _WAY, _FACTOR, _HALF), _REAL = range(16), 16
+
+
+class Coat(NamedTuple):
+    """What a walk takes of a surface and the interior behind it: as in `surface.Surface`, and mu (C,) 1/R."""
+
+    kind: int
+    index: float
+    roughness: float
+    channels: np.ndarray
+    mu: np.ndarray
+
+
+class Stream(NamedTuple):
+    """Random numbers of rays: path i draws from the stream (first + i, replicate) of the key."""
+
+    first: int
+    replicate: np.uint64
+    key0: np.uint64
+    key1: np.uint64
+
+
+def coat(surface, mu) -> Coat:
+    """Of a surface whose channels are one or as many as mu's."""
+    # copies: a read-only array is another type to numba, and another compilation
+    channels = np.array(np.broadcast_to(surface.channels, (2, len(mu))))
+    return Coat(surface.kind, float(surface.index), float(surface.roughness), channels, np.array(mu, float))
+
+
+def stream(first, replicate, key) -> Stream:
+    """From whole numbers, and a key of two words of 32 bits."""
+    return Stream(first, np.uint64(replicate), np.uint64(key[0]), np.uint64(key[1]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -102,10 +134,13 @@ def _number(key0, key1, path, replicate, number):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def followed(low, scale, nx, ny, nz, leaps, first, blocks, names, corners, longest, kind, index, roughness, channels, mu,
-             events_max, uniform, first_path, replicate, key0, key1, status, start, leave, incoming, outgoing, inside, weight,
-             events):
-    """Fill the records of `Paths` for the rays `uniform` (n, 4); path i draws from the stream (first_path + i, replicate)."""
+def followed(grid, coat, events_max, uniform, stream, paths):
+    """Fill `walk.Paths` for the rays `uniform` (n, 4) through a `grid.Grid`."""
+    low, scale, (nx, ny, nz), leaps, first, blocks, corners, longest = grid
+    names = blocks.view(np.int32)
+    kind, index, roughness, channels, mu = coat
+    first_path, replicate, key0, key1 = stream
+    status, start, leave, incoming, outgoing, inside, weight, events = paths
     number, total, least = weight.shape[1], len(uniform), np.min(mu)
     real, whole = np.zeros((_SLOTS, _REAL)), np.zeros((_SLOTS, _WHOLE), np.int64)
     state = np.zeros((_rays.FIELDS, _SLOTS), np.float32)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from bakery.physics.grains._walk import _FAINT, _drawn, _enter, _frame, _uniform
+from bakery.physics.grains._walk import _FAINT, _drawn, _enter, _frame, _uniform, coat, stream
 from bakery.physics.grains.scatterometer import EDGES, Statistics, measure
 from bakery.physics.grains.sphere import Ball, ball
 from bakery.physics.grains.surface import DIELECTRIC, Surface, left, turned
@@ -22,9 +22,11 @@ _GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(radius, kind, index, roughness, channels, mu, events_max, uniform, first, replicate, key0, key1,
-          status, start, leave, incoming, outgoing, inside, weight, events):
-    """Fill the records of `Paths` for the rays `uniform` (n, 4); path i draws from the stream (first + i, replicate)."""
+def _walk(radius, coat, events_max, uniform, numbers, paths):
+    """Fill `Paths` for the rays `uniform` (n, 4); numbers: `_walk.Stream`."""
+    kind, index, roughness, channels, mu = coat
+    first, replicate, key0, key1 = numbers
+    status, start, leave, incoming, outgoing, inside, weight, events = paths
     pool, stream = np.empty(4), np.zeros(5, np.uint64)
     stream[0], stream[1], stream[3] = key0, key1, replicate
     carried, least = np.empty(weight.shape[1]), np.min(mu)
@@ -109,15 +111,8 @@ class BallWalker:
 
     def trace(self, uniform, first, replicate, key) -> Paths:
         """As `walk.Walker.trace`."""
-        count, channels = len(uniform), len(self.mu)
-        paths = Paths(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
-                      np.empty((count, channels)), np.empty(count, np.int64))
-        surface = self.surface
-        # copies: a read-only array is another type to numba, and another compilation
-        colours, mu = np.array(np.broadcast_to(surface.channels, (2, channels))), np.array(self.mu, float)
-        _walk(float(self.radius), surface.kind, float(surface.index), float(surface.roughness), colours, mu, self.events_max,
-              uniform, first, np.uint64(replicate), np.uint64(key[0]), np.uint64(key[1]), paths.status, paths.start, paths.leave,
-              paths.incoming, paths.outgoing, paths.inside, paths.weight, paths.events)
+        paths = Paths.empty(len(uniform), len(self.mu))
+        _walk(float(self.radius), coat(self.surface, self.mu), self.events_max, uniform, stream(first, replicate, key), paths)
         return paths
 
 

@@ -77,8 +77,7 @@ class MitsubaWalker:
     def trace_many(self, parts, key) -> Paths:
         """The paths of several (uniform, first, replicate), part after part, followed in one go: best `batch` or more."""
         count, surface = sum(len(uniform) for uniform, _, _ in parts), self.surface
-        paths = Paths(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
-                      np.empty((count, len(self.mu))), np.empty(count, np.int64))
+        paths = Paths.empty(count, len(self.mu))
         rays, at = _aligned(count, 8), 0
         for uniform, first, replicate in parts:
             part = slice(at, at + len(uniform))
@@ -87,8 +86,7 @@ class MitsubaWalker:
             at += len(uniform)
         ends, marks, carried = self._run(rays, key)
         rho = np.ascontiguousarray(np.broadcast_to(surface.channels[0] if surface.kind == DIFFUSE else 1.0, self.mu.shape), float)
-        _finish(ends, marks, carried, rho, self.mu, paths.status, paths.start, paths.leave, paths.incoming,
-                paths.outgoing, paths.inside, paths.weight, paths.events)
+        _finish(ends, marks, carried, rho, self.mu, paths)
         return paths
 
     def _run(self, rays, key):
@@ -296,11 +294,12 @@ def _begin(uniform, first, replicate, start, incoming, rays, words):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _finish(ends, marks, carried, rho, mu, status, start, leave, incoming, outgoing, inside, weight, events):
-    """Fill the records of `Paths` from ends (n, 8): place, way inside, direction, weight; and marks (n,): status and meetings.
+def _finish(ends, marks, carried, rho, mu, paths):
+    """Fill `Paths` from ends (n, 8): place, way inside, direction, weight; and marks (n,): status and meetings.
 
     rho : (C,) weight of a meeting;  carried : (n, C) or (n, 1) weights, or (n, 0)
     """
+    status, start, leave, incoming, outgoing, inside, weight, events = paths
     point, way, ahead = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(status)):
         state, count = marks[i] >> np.uint32(_COUNT), np.int64(marks[i] & np.uint32((1 << _COUNT) - 1))

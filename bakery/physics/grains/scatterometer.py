@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -180,18 +180,18 @@ def _traced(tracer, entries, key):
     whole, start = tracer.trace_many(entries, key), 0
     for uniform, _, _ in entries:
         part = slice(start, start + len(uniform))
-        yield Paths(*(getattr(whole, column.name)[part] for column in fields(Paths)))
+        yield Paths(*(column[part] for column in whole))
         start = part.stop
 
 
 def tally(paths: Paths, edges, out):
     """Add the records of paths to sums."""
-    _tally(paths.status, paths.start, paths.leave, paths.incoming, paths.outgoing, paths.inside, paths.weight, paths.events,
-           edges, out)
+    _tally(paths, edges, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tally(status, start, leave, incoming, outgoing, inside, weight, events, edges, out):
+def _tally(paths, edges, out):
+    status, start, leave, incoming, outgoing, inside, weight, events = paths
     for i in range(len(status)):
         state = status[i]
         out[0, _PATHS] += 1

@@ -6,10 +6,11 @@ This is the seam for other tracers: whatever fills `Paths` from entries and a se
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains._walk import ABSORBED, CONTRADICTED, CUT, LEFT, MISSED, followed, philox
+from bakery.physics.grains._walk import ABSORBED, CONTRADICTED, CUT, LEFT, MISSED, coat, followed, philox, stream
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.surface import Surface
 
@@ -17,8 +18,7 @@ __all__ = ["ABSORBED", "CONTRADICTED", "CUT", "EVENTS_MAX", "LEFT", "MISSED", "P
 EVENTS_MAX = 100_000
 
 
-@dataclass(frozen=True)
-class Paths:
+class Paths(NamedTuple):
     """What became of n rays.
 
     Attributes
@@ -40,6 +40,12 @@ class Paths:
     inside: np.ndarray
     weight: np.ndarray
     events: np.ndarray
+
+    @classmethod
+    def empty(cls, count, channels) -> Paths:
+        """Room for the records of `count` rays."""
+        return cls(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
+                   np.empty((count, channels)), np.empty(count, np.int64))
 
 
 @dataclass(frozen=True)
@@ -65,13 +71,7 @@ class Walker:
         first, replicate : path i draws its random numbers from the stream (first + i, replicate) of the key (two words of 32
         bits), whatever else is traced.
         """
-        count, channels = len(uniform), len(self.mu)
-        paths = Paths(np.empty(count, np.int8), *(np.empty((count, 3)) for _ in range(4)), np.empty(count),
-                      np.empty((count, channels)), np.empty(count, np.int64))
-        surface, grid = self.surface, self.mesh.grid
-        followed(grid.low, grid.scale, *(int(n) for n in grid.count), grid.leaps, grid.first, grid.blocks,
-                 grid.blocks.view(np.int32), grid.corners, grid.longest, surface.kind, surface.index, surface.roughness,
-                 np.ascontiguousarray(np.broadcast_to(surface.channels, (2, channels))), self.mu, self.events_max, uniform, first,
-                 np.uint64(replicate), np.uint64(key[0]), np.uint64(key[1]), paths.status, paths.start, paths.leave,
-                 paths.incoming, paths.outgoing, paths.inside, paths.weight, paths.events)
+        paths = Paths.empty(len(uniform), len(self.mu))
+        grid = self.mesh.grid._replace(count=tuple(map(int, self.mesh.grid.count)))
+        followed(grid, coat(self.surface, self.mu), self.events_max, uniform, stream(first, replicate, key), paths)
         return paths
