@@ -87,7 +87,7 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, firs
     def block(index):
         random = rng.generator(seed, "beam.photons", stream, index)
         sums = np.zeros((2, len(depth), len(edges) - 1))
-        _follow(random, each, float(albedo), *table, begins, density, optical, depth, thick, edges, first,
+        _follow(random, each, float(albedo), table, (begins, density, optical), depth, thick, edges, first,
                 2**62 if last is None else last, back, sums)
         return sums
 
@@ -171,8 +171,8 @@ def _flight(z, uz, optical, begins, density):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, begins, density, optical, depth, thick, edges, first, last, back,
-            sums):
+def _follow(stream, photons, albedo, table, layers, depth, thick, edges, first, last, back, sums):
+    (v_nodes, steps, f, cdf), (begins, density, optical) = table, layers
     planes, outer = len(depth), edges[-1]
     for _ in range(photons):
         px, py, pz = 0.0, 0.0, _flight(0.0, 1.0, -math.log1p(-stream.random()), begins, density)

@@ -101,8 +101,9 @@ def _add(px, py, pz, ux, uy, uz, weight, edges, extent, k0, spread, sums, margin
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def follow(stream, photons, albedo, v_nodes, steps, f, cdf, edges, extent, k0, rim, reached, orders, sums, marginal):
+def follow(stream, photons, albedo, table, edges, extent, k0, rim, reached, sums, marginal):
     """Every path starts along +z after its first event; flights after the second event arrive where they count."""
+    v_nodes, steps, f, cdf = table
     spread = BOXES / math.asinh(extent / CORE[POINT])
     waiting = np.empty((_STACK, 8))
     flights = 0

@@ -84,7 +84,7 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     def block(index):
         stream = rng.generator(seed, "multiple.photons", index)
         sums = np.zeros((len(rho) - 1, len(z) - 1, len(lobes) + 1))
-        _follow(stream, each, float(albedo), *table, rho, z, lobes, -1.0 if length is None else float(length), first,
+        _follow(stream, each, float(albedo), table, rho, z, lobes, -1.0 if length is None else float(length), first,
                 2**62 if last is None else last, float(rim), sums)
         return sums
 
@@ -114,7 +114,8 @@ def cell_averages(source: Callable, rho, z, directions, points=5):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, rho, z, lobes, length, first, last, rim, sums):
+def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, rim, sums):
+    v_nodes, steps, f, cdf = table
     entering = 1.0 if length < 0 else -math.expm1(-length)
     for _ in range(photons):
         px, py, pz = 0.0, 0.0, 0.0
@@ -124,7 +125,7 @@ def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, rho, z, lobes, leng
         weight, event = entering, 1
         while True:
             if event >= first:
-                _add(px, py, pz, ux, uy, uz, weight * albedo, v_nodes, steps, f, rho, z, lobes, sums)
+                _add(px, py, pz, ux, uy, uz, weight * albedo, table, rho, z, lobes, sums)
                 if event >= last:
                     break
             weight *= albedo
@@ -143,7 +144,7 @@ def _follow(stream, photons, albedo, v_nodes, steps, f, cdf, rho, z, lobes, leng
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add(px, py, pz, ux, uy, uz, weight, v_nodes, steps, f, rho, z, lobes, sums):
+def _add(px, py, pz, ux, uy, uz, weight, table, rho, z, lobes, sums):
     r = math.sqrt(px * px + py * py)
     if r < rho[0] or r >= rho[-1] or pz < z[0] or pz >= z[-1]:
         return
@@ -152,5 +153,5 @@ def _add(px, py, pz, ux, uy, uz, weight, v_nodes, steps, f, rho, z, lobes, sums)
     x, y = (ux * px + uy * py) / r, (uy * px - ux * py) / r
     for d in range(len(lobes)):
         v = 1 - (x * lobes[d, 0] + y * lobes[d, 1] + uz * lobes[d, 2])
-        cell[d] += weight * evaluated(v_nodes, steps, f, v)
+        cell[d] += weight * evaluated(*table[:3], v)
     cell[-1] += weight
