@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from bakery.stages import rules
-from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.grains import exemplars
 from bakery.stages.grains.section import GRAINS, SCATTEROMETER, absorption, shape_keys
 from bakery.stages.measures import integrated_difference
@@ -449,4 +449,8 @@ STAGE = Stage(
     ),
     measures=measures,
     reference={"scatterometer.paths": "auto", "scatterometer.depth": "100000"},
+    pictures=later("bakery.stages.grains.pictures:pictures"),
+    tables=later("bakery.stages.grains.pictures:tables"),
+    files=later("bakery.stages.grains.files:csv_figures"),
+    rendered=True,
 )

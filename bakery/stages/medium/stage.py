@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
-from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
 from bakery.store.tree import Dataset, Group
@@ -205,6 +205,9 @@ OF_PARTICLES = Stage(
     compute=_compute_of_particles,
     check=check,
     sound=sound,
+    pictures=later("bakery.stages.medium.pictures:pictures"),
+    tables=later("bakery.stages.medium.pictures:tables"),
+    rendered=True,
 )
 
 OF_COEFFICIENTS = Stage(
@@ -223,4 +226,7 @@ OF_COEFFICIENTS = Stage(
     check=check,
     sections=(MEDIUM,),
     sound=sound,
+    pictures=later("bakery.stages.medium.pictures:pictures"),
+    tables=later("bakery.stages.medium.pictures:tables"),
+    rendered=True,
 )
