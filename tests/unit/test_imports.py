@@ -49,9 +49,14 @@ def modules(folder: str):
 
 
 @cache
+def tree(path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
 def imports(path) -> tuple[str, ...]:
     """What a module imports: `package.module`, and `module.name` of `from module import name`; not for type checkers alone."""
-    return tuple(_imports(path, ast.parse(path.read_text())))
+    return tuple(_imports(path, tree(path)))
 
 
 def _imports(path, node):
@@ -127,6 +132,40 @@ def test_a_circle_is_found(tmp_path, text, found):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(content)
     assert circles(graph(tmp_path, ["bakery"])) == [["bakery.far.end", "bakery.far.middle", "bakery.near"]] * found
+
+
+def places():
+    """(module, name) of everything that is imported when it is asked for."""
+    for path in modules("bakery"):
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and LATER.fullmatch(node.value):
+                yield node.value.split(":")
+
+
+def test_places_hold_what_is_asked_for():
+    found = list(places())
+    assert ["bakery.stages.beam.stage", "STAGE"] in found and ["bakery.stages.beam.pictures", "pictures"] in found
+    for module, name in found:
+        file = ROOT / Path(*module.split("."))
+        body = tree(file / "__init__.py" if file.is_dir() else file.with_suffix(".py")).body
+        held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+        held |= {getattr(target, "id", "") for node in body if isinstance(node, ast.Assign) for target in node.targets}
+        assert name in held, f"{module} has no {name}"
+
+
+@pytest.mark.parametrize("place", [
+    "asset", "plan", "recipe", "report", "run", "trade",
+    *(f"cli/{name}.py" for name in "diff inspect offers options plot query report schema trade verify".split())])
+def test_no_command_lists_stages(place):
+    """Only the common currency of all renderers may be asked for by name."""
+    from bakery.stages import all_stages
+
+    names = {stage.name for stage in all_stages()} - {"medium"}
+    path = ROOT / "bakery" / place
+    for file in modules(f"bakery/{place}") if path.is_dir() else [path]:
+        for node in ast.walk(tree(file)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                assert node.value.partition("/")[0] not in names, f"{file}:{node.lineno}: {node.value!r}"
 
 
 @pytest.mark.parametrize("folder", sorted(MAY))
