@@ -17,6 +17,6 @@ def title_of(root: Group) -> str:
 
 
 def pictures(root: Group) -> Iterator[Picture]:
-    """Every picture that the content of an asset allows, upstream stages first."""
-    for stage in stages_of(root):
+    """Every picture that the content of an asset allows, those of what is rendered first."""
+    for stage in sorted(stages_of(root), key=lambda stage: not stage.rendered):
         yield from stage.pictures(root)
