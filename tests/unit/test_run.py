@@ -289,7 +289,7 @@ def test_stages_name_modules_that_hold_kernels(name):
         if stage.applies(found):
             assert set(stage.cost(found).kernels) <= set(compiling.SECONDS)
     for module in compiling.SECONDS:
-        assert "@njit" in (Path(compiling.__file__).parents[1] / (module.replace(".", "/") + ".py")).read_text()
+        assert "@njit" in (Path(compiling.__file__).parents[1] / "physics" / (module.replace(".", "/") + ".py")).read_text()
 
 
 def test_map_cancels_what_waits_when_a_block_fails():
