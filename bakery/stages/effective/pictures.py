@@ -17,7 +17,7 @@ WAYS = {"mean_flight": "mean flight (Eq. 4)", "second_moment": "second moment", 
 
 
 def pictures(root: Group) -> Iterator[Picture]:
-    """The extinction of the packed grains, then the pictures of any medium."""
+    """The extinction of packed grains, where the medium is theirs, then the pictures of any medium."""
     if {"sigma_t", "sigma_t_mean_flight"} <= root["medium"].members.keys():
         yield extinction(root["medium"], root["wavelength"].data)
     yield from medium_pictures.pictures(root)

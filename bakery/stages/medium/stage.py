@@ -189,6 +189,8 @@ def check(group: Group) -> Iterable[str]:
         yield "s11 is not phase"
 
 
+_PICTURES = later("bakery.stages.effective.pictures:pictures")  # in an asset without their tile grains' medium is told by members
+
 OF_PARTICLES = Stage(
     name="medium",
     version=3,
@@ -205,7 +207,7 @@ OF_PARTICLES = Stage(
     compute=_compute_of_particles,
     check=check,
     sound=sound,
-    pictures=later("bakery.stages.medium.pictures:pictures"),
+    pictures=_PICTURES,
     tables=later("bakery.stages.medium.pictures:tables"),
     rendered=True,
 )
@@ -226,7 +228,7 @@ OF_COEFFICIENTS = Stage(
     check=check,
     sections=(MEDIUM,),
     sound=sound,
-    pictures=later("bakery.stages.medium.pictures:pictures"),
+    pictures=_PICTURES,
     tables=later("bakery.stages.medium.pictures:tables"),
     rendered=True,
 )
