@@ -10,15 +10,12 @@ import os
 from types import MappingProxyType
 
 from bakery.errors import AssetError
-from bakery.stages.members import Members, MissingStage, headline, in_words, summary, with_units
-from bakery.stages.sources import Beam, Multiple
+from bakery.stages import all_stages, conform, sections_for
+from bakery.stages.members import Members, MissingStage, headline, in_words, with_units
+from bakery.stages.members import summary as error_of  # `summary` is a module of this package
 from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, read_text
-
-# Groups that a renderer may ask for, each with the recipe section that makes a bake write it.
-SECTIONS = {"optics": "particles", "medium": "particles or medium", "packing": "packing", "grains": "grains",
-            "multiple": "multiple_scattering", "beam": "beam", "discrete": "discrete"}
 
 
 def open(path: str | os.PathLike) -> Asset:
@@ -44,8 +41,6 @@ def open(path: str | os.PathLike) -> Asset:
 
 def read_checked(path: str | os.PathLike) -> Group:
     """The tree of an asset that is what its stages declare; what every command starts from.  Raises as `open`."""
-    from bakery.stages import conform
-
     root = read(path)
     if not {"wavelength", "recipe"} <= root.members.keys():
         raise AssetError(f"{os.fspath(path)}: holds no recipe and wavelength: an entry of bakery's cache, not an asset")
@@ -64,7 +59,7 @@ class Asset:
     stages : name -> attributes of the stage (`tolerance`, `achieved_error`, `error_measure`, `input_hash`, ...)
     provenance : group; when, with which versions and command, seconds and memory of each stage
     attributes : of the root
-    optics, medium, packing, grains, multiple, beam, discrete : the groups that were baked, each a `Members`
+    NAME : each group that was baked, by its stage's name (`medium`): its `Members`, or what the stage declares
     """
 
     def __init__(self, root: Group, path: str):
@@ -77,11 +72,9 @@ class Asset:
         medium = root.members.get("medium")
         theta = medium.members.get("theta") if isinstance(medium, Group) else None
         shared = theta.data if isinstance(theta, Dataset) else None
-        self._groups = {name: Members(member, name, shared) for name, member in root.members.items() if isinstance(member, Group)}
-        if "beam" in self._groups:
-            self._groups["beam"] = Beam(root.members["beam"], medium if isinstance(medium, Group) else None)
-        if "multiple" in self._groups:
-            self._groups["multiple"] = Multiple(root.members["multiple"], shared)
+        views = {stage.name: stage.view for stage in all_stages() if stage.view}
+        self._groups = {name: views[name](root) if name in views else Members(member, name, shared)
+                        for name, member in root.members.items() if isinstance(member, Group)}
         self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()
                                         if STAGE in group.attributes})
         self.tree = root
@@ -90,9 +83,10 @@ class Asset:
         groups = self.__dict__.get("_groups", {})
         if name in groups:
             return groups[name]
-        if name in SECTIONS:
+        if sections := sections_for(name):
+            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in each) for each in sections))
             raise MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give its "
-                               f"recipe a section `{SECTIONS[name]}` and bake it again: `bake RECIPE -o {self.path}`")
+                               f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`")
         raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
 
     def __dir__(self):
@@ -101,5 +95,5 @@ class Asset:
     def __repr__(self) -> str:
         lines = [f"asset {self.name!r}, wavelength {in_words(self.wavelength, self.wavelength.units)}, "
                  f"content {self.content_hash[:12]}"]
-        lines += [f"  {name}{summary(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
+        lines += [f"  {name}{error_of(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
         return "\n".join(lines)

@@ -118,7 +118,8 @@ def _angles(path: str, a: Group, b: Group) -> np.ndarray | None:
 
 def _grid(path: str, root: Group) -> np.ndarray | None:
     """The angles of a dataset's last axis, if it has that axis and they are ascending from 0 to pi."""
-    from bakery.asset.axes import axes, coordinate
+    from bakery.asset.axes import axes
+    from bakery.stages.coordinates import coordinate
 
     if root[path].data.ndim == 0 or axes(root, path)[-1:] != ("A",):
         return None
@@ -129,7 +130,7 @@ def _grid(path: str, root: Group) -> np.ndarray | None:
 
 def _on_angles(path: str, a: Group, b: Group, angles: np.ndarray, rtol: float) -> list[Difference]:
     """Where two tables differ at any of the angles; of the grids themselves, that they differ."""
-    from bakery.asset.axes import standard_error
+    from bakery.stages.coordinates import standard_error
 
     if path.rpartition("/")[2] == "theta":
         counts = f"{a[path].data.size} angles in A, {b[path].data.size} in B; tables are compared at {angles.size}"

@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.asset.axes import COORDINATES, axes, coordinate, standard_error
+from bakery.asset.axes import axes
 from bakery.errors import UsageError
 from bakery.physics.medium.phase import evaluate
-from bakery.stages.optics import methods
+from bakery.stages.conform import stages_of
+from bakery.stages.coordinates import COORDINATES, coordinate, standard_error
+from bakery.stages.declaration import Answer, Remark
 from bakery.store.tree import Dataset, Group
 
 SAME = 1e-9  # relative distance below which an argument is a stored wavelength
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What was looked up.
-
-    Attributes
-    ----------
-    values : (...,) in `units`; one axis less for each argument that was a single value
-    axes : (name, unit, coordinates) of each axis that is left; a position where there is no coordinate
-    error : like `values`, absolute, where the asset has an error of this array
-    remarks : how the values came about, in words
-    boundaries : where rays stood in for the series in the components behind the values
-    """
-
-    path: str
-    units: str
-    values: np.ndarray
-    axes: tuple[tuple[str, str, np.ndarray], ...]
-    error: np.ndarray | None
-    remarks: tuple[str, ...]
-    boundaries: tuple[methods.Boundary, ...] = ()
 
 
 def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
@@ -74,30 +53,12 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         take, at, remark = _LOOKUPS[name](nodes, wanted, member)
         values, error = (_along(axis, data, take, wanted.ndim > 0) for data in (values, error))
         left += [(name, unit, at)] if wanted.ndim else []
-        remarks += [remark] if remark else []
-    boundaries: tuple = ()
+        remarks += [Remark(remark)] if remark else []
     if member.choices:
         values = np.array(member.choices)[values.astype(int)]
-    elif "radius" in arguments and "L" in letters:
-        remarks += _method(root, path, member, arguments)
-    elif "L" in letters:
-        boundaries = tuple(b for each in methods.concerned(root, path, arguments.get("wavelength")) for b in each)
-        remarks += methods.remarks(root, path, arguments.get("wavelength"))
-    return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks), boundaries)
-
-
-def _method(root: Group, path: str, member: Dataset, arguments) -> list[str]:
-    """How the spheres behind the values were computed."""
-    beside = path.rpartition("/")[0] + "/method"
-    try:
-        method = root[beside]
-    except KeyError:
-        return []
-    if not method.choices or method.data.shape != member.data.shape:
-        return []
-    index = np.argmin(np.abs(coordinate(root, beside, "R")[1].data - np.atleast_1d(arguments["radius"])[:, None]), axis=-1)
-    rows = methods.rows(root["wavelength"].data, arguments.get("wavelength"))
-    return [methods.of_spheres(np.array(method.choices)[method.data[np.ix_(rows, index)].reshape(-1).astype(int)].tolist())]
+    for stage in stages_of(root):
+        remarks += stage.remarks(root, path, letters, arguments)
+    return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks))
 
 
 def _along(axis: int, data, take, several: bool):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bakery.asset.axes import standard_error
+from bakery.stages.coordinates import standard_error
 from bakery.store.missed import missed
 from bakery.store.tree import Dataset, Group, is_text, read_text
 

@@ -51,16 +51,16 @@ def with_scene(recipe, settings: dict[str, str], scene) -> dict[str, str]:
     """The settings, and a section with its defaults for every stage that a scene needs and the recipe does not ask for."""
     if scene is None:
         return settings
-    from bakery.asset import SECTIONS
     from bakery.plan import chosen
     from bakery.recipe import load
+    from bakery.stages import sections_for
     from renderers.scene import needs
 
     held = [stage.name for stage in chosen(load(recipe, settings))]
     missing = [name for name in needs(scene) if name not in held]
     for name in missing:
         click.echo(f"{recipe}: {name}, because {scene} needs it", err=True)
-    return {SECTIONS[name]: "{}" for name in missing} | settings
+    return {sections_for(name)[0][0]: "{}" for name in missing} | settings
 
 
 def print_paths(paths) -> None:

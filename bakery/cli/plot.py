@@ -23,7 +23,8 @@ def command(asset, output, overwrite, as_json):
     """
     import bakery
     from bakery.draw.files import csv_text, folder_for
-    from bakery.report.figures import drawn, pictures, title_of
+    from bakery.draw.picture import drawn
+    from bakery.report.figures import pictures, title_of
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 

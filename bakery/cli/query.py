@@ -28,17 +28,18 @@ def command(asset, path, arguments, as_json):
     """
     import bakery
     from bakery.asset.lookup import lookup
-    from bakery.stages.multiple import lookup as sources
+    from bakery.stages import all_stages
     from bakery.store.tree import Group, is_text, read_text
 
     opened = bakery.open(asset)
     root, path = opened.tree, path.strip("/")
-    values = dict(_argument(word) for word in arguments)
+    queries = {query.path: query for stage in all_stages() for query in stage.queries}
+    values = dict(_argument(word, queries.values()) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")
     member = _find(asset, root, path)
-    if path in sources.PATHS and values:
-        _show(root, sources.looked_up(opened, path, values), as_json)
+    if path in queries and values:
+        _show(root, queries[path].answer(opened, path, values), as_json)
         return
     if isinstance(member, Group):
         held = ", ".join([*member.members, *member.attributes])
@@ -60,18 +61,19 @@ def _show(root, answer, as_json: bool) -> None:
         _print(answer, stage)
 
 
-def _argument(word: str):
+def _argument(word: str, queries):
     """`theta=10deg` as ("theta", 0.17): lengths in um, angles in rad."""
-    from bakery.grammar.units import ANGLE, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong, is_list, parse, parse_list
+    from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
 
-    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH, "phi": ANGLE, "rho": NUMBER_ONLY, "z": NUMBER_ONLY,
-             "length": NUMBER_ONLY}
+    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
+    for query in queries:
+        kinds |= query.arguments
     key, equals, text = word.partition("=")
     if not equals or key not in kinds:
         near = difflib.get_close_matches(key, kinds, 1)
         raise UsageError(f'found "{word}"; ' + (f"did you mean {near[0]}=…?" if near and key not in kinds else
-                         "arguments are wavelength=0.55um, theta=10deg, radius=5um; of multiple/point and segment rho=1, z=2, "
-                         "theta=10deg, phi=0deg, length=2"))
+                         "; ".join(["arguments are wavelength=0.55um, theta=10deg, radius=5um",
+                                    *(f"of {query.path} {query.example}" for query in queries)])))
     try:
         value = parse_list(text, kinds[key]) if is_list(text) else parse(text, kinds[key])
     except Wrong as wrong:
@@ -137,7 +139,8 @@ def _print_json(answer, stage) -> None:
         "error": None if answer.error is None else plain(answer.error),
         **{f"stage_{key}": stage and stage[key] for key in ("tolerance", "missed")},
         "stage_error": stage and stage["achieved_error"], "error_measure": stage["error_measure"] if stage else "",
-        "methods": [boundary.as_dict() for boundary in answer.boundaries], "remarks": list(answer.remarks)})
+        "methods": [dict(values) for remark in answer.remarks for values in remark.values],
+        "remarks": [remark.text for remark in answer.remarks]})
 
 
 def _print(answer, stage) -> None:
@@ -151,7 +154,7 @@ def _print(answer, stage) -> None:
         for line in table(_rows(answer), right=range(answer.values.ndim + 64)):
             say(line)
     for remark in answer.remarks:
-        say(f"# {remark}")
+        say(f"# {remark.text}")
     if stage is not None and stage["missed"]:
         say(f"# MISSED by stage {stage['group']}: {clean(stage['missed'])}; the error is the {clean(stage['error_measure'])}")
     elif stage is not None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.asset.axes import COORDINATES, axes, coordinate
+from bakery.asset.axes import axes
 from bakery.asset.summary import describe
 from bakery.draw.files import csv_text
-from bakery.export.grains import csv_figures
-from bakery.export.tiles import csv_tables
-from bakery.stages.packing.pictures import tiles_of
+from bakery.stages.conform import stages_of
+from bakery.stages.coordinates import COORDINATES, coordinate
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 
@@ -20,15 +19,15 @@ def csv_files(root: Group) -> dict[str, str]:
     it depends on it, each wavelength.  What has no coordinate gets a file of its own.
     """
     files = {"recipe.yaml": read_text(root["recipe"])} if "recipe" in root.members else {}
-    packed = isinstance(root.members.get("packing"), Group) and bool(tiles_of(root["packing"]))
-    if packed:
-        files |= csv_tables(root)
-    single, told = csv_figures(root)
-    files |= single
+    told: set[str] = set()
+    for stage in stages_of(root):
+        own, paths = stage.files(root)
+        files |= own
+        told |= set(paths)
     tables: dict[str, list] = {}
     for path, member in root.walk():
         if not isinstance(member, Dataset) or path in told \
-                or path.split("/")[0] in ("provenance", "recipe", "wavelength", *["packing"] * packed):
+                or path.split("/")[0] in ("provenance", "recipe", "wavelength"):
             continue
         group = path.rpartition("/")[0].replace("/", "_")
         letters = axes(root, path)

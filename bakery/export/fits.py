@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from bakery.draw.axes import plain_decades
+from bakery.draw.picture import Picture
 from bakery.draw.style import INK, QUIET
 from bakery.physics.medium.phase import evaluate
-from bakery.report.figures import Picture, _plain_decades
 
 # name -> what it is called in words; the order is that of tables
 SAID = {
@@ -53,10 +54,10 @@ def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
         panels[1, 0].set(xlabel="scattering angle θ (°), 0 = forward", ylabel="fit / baked")
         low, high = panels[1, 0].get_ylim()
         panels[1, 0].set_ylim(min(low, 0.5), max(high, 2))
-        _plain_decades(panels[1, 0].yaxis)
+        plain_decades(panels[1, 0].yaxis)
         panels[1, 0].set_xticks(range(0, 181, 30))
         panels[1, 1].set(xscale="log", xlim=(start, 30), xlabel="θ (°), logarithmic")
-        _plain_decades(panels[1, 1].xaxis)
+        plain_decades(panels[1, 1].xaxis)
         panels[0, 0].set_title("All angles")
         panels[0, 1].set_title("Forward peak")
         panels[0, 0].legend(loc="upper right")

@@ -1,11 +1,10 @@
-"""Exemplar grains for other software: meshes as PLY and OBJ, one file a component, and their figures as CSV.
+"""Exemplar grains for other software: meshes as PLY and OBJ, one file a component.
 
 Coordinates are in radii of the bounding sphere, which is the unit sphere, with all their digits.
 """
 
 from __future__ import annotations
 
-from bakery.draw.files import csv_text
 from bakery.errors import AssetError
 from bakery.stages.grains.pictures import Exemplar, components_of, exemplar
 from bakery.store import ply
@@ -41,45 +40,6 @@ def obj_meshes(root: Group) -> dict[str, str]:
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in grain.faces.tolist()]
         files[f"-{name}.obj"] = "\n".join([*lines, ""])
     return files
-
-
-def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
-    """File name -> text of the single figures of grains and of their medium, and of figures by size; the paths told by them."""
-    files, told = {}, set()
-    grains, medium = root.members.get("grains"), root.members.get("medium")
-    if not isinstance(grains, Group):
-        return files, told
-    groups = {f"grains/{name}": part for name, part in components_of(grains).items()}
-    if isinstance(medium, Group):
-        groups["medium"] = medium
-        groups |= {f"medium/{name}": part for name, part in medium.members.items() if isinstance(part, Group)}
-    for place, group in groups.items():
-        single = {key: member for key, member in group.members.items() if isinstance(member, Dataset)
-                  and member.data.shape == (1,) and member.data.dtype.kind in "fiu"}
-        rows = [(key, float(member.data[0]), float(single[f"{key}_error"].data[0]) if f"{key}_error" in single else "",
-                 member.units, member.description) for key, member in single.items() if key.removesuffix("_error") not in single
-                or not key.endswith("_error")]
-        if rows:
-            head = ("figure", "value", "standard error", "unit", "what it is")
-            files[f"{place.replace('/', '_')}_figures.csv"] = csv_text(list(zip(head, zip(*rows, strict=True), strict=True)))
-            told |= {f"{place}/{key}" for key in single}
-        table, names = _by_radius(root, grains, group)
-        if table:
-            files[f"{place.replace('/', '_')}_by_radius.csv"] = csv_text(table)
-            told |= {f"{place}/by_radius/{name}" for name in names}
-    return files, told
-
-
-def _by_radius(root: Group, grains: Group, part: Group) -> tuple[list, list[str]]:
-    """Columns of a component's figures by size (S, L): one a figure and wavelength; and their names."""
-    sized, radius, um = part.members.get("by_radius"), grains.members.get("radius"), root["wavelength"].data
-    if not isinstance(sized, Group) or not isinstance(radius, Dataset):
-        return [], []
-    names = [name for name, member in sized.members.items() if isinstance(member, Dataset)
-             and member.data.shape == (radius.data.size, um.size)]
-    columns = [(f"radius [{radius.units}]", radius.data)]
-    columns += [(f"{name} at {x:g} um [{sized[name].units}]", sized[name].data[:, k]) for name in names for k, x in enumerate(um)]
-    return columns if names else [], names
 
 
 def _remarks(root: Group, grain: Exemplar) -> list[str]:

@@ -84,7 +84,8 @@ def droplet_diameter(root: Group) -> float | None:
 
 def hg_files(root: Group, name: str, rows: list[Row]) -> dict[str, str | bytes]:
     """File names (without the asset's) and contents: all as JSON, a table as CSV, a picture at about 0.55 um."""
-    from bakery.report.figures import drawn, title_of
+    from bakery.draw.picture import drawn
+    from bakery.report.figures import title_of
 
     middle = int(np.argmin([abs(row.wavelength - 0.55) for row in rows]))
     rest = scattering_of(root["medium"])

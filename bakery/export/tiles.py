@@ -1,4 +1,4 @@
-"""Packed tiles for other software: PLY and extended XYZ, one file a tile, and their tables as CSV.
+"""Packed tiles for other software: PLY and extended XYZ, one file a tile.
 
 Every number has all its digits; lengths are in mean radii.
 """
@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.draw.files import csv_text
 from bakery.errors import AssetError
-from bakery.stages.packing.pictures import tiles_of
+from bakery.stages.packing.view import tiles
 from bakery.store import ply
-from bakery.store.tree import Dataset, Group
+from bakery.store.tree import Group
 
 
 def ply_files(root: Group) -> dict[str, str]:
@@ -46,39 +45,10 @@ def xyz_files(root: Group) -> dict[str, str]:
     return files
 
 
-def csv_tables(root: Group) -> dict[str, str]:
-    """File name -> text for the group `packing`: spheres, pair correlation, chords and single figures of each tile."""
-    files = {}
-    for name, tile in tiles_of(root["packing"]).items():
-        prefix = f"packing_{name}_" if name else "packing_"
-        centers, radii, _ = _form(tile)
-        axes = [(f"{axis} [mean radius]", centers[:, k]) for k, axis in enumerate("xyz")]
-        files[f"{prefix}spheres.csv"] = csv_text([*axes, ("radius [mean radius]", radii)])
-        for group, length in (("pair_correlation", "r"), ("chord_length", "")):
-            if group in tile.members:
-                files[f"{prefix}{group}.csv"] = csv_text(_bins(tile[group], length))
-        single = [(path, member) for path, member in tile.walk() if isinstance(member, Dataset)
-                  and (member.data.shape == (1,) or path == "cell")]
-        rows = [(path + ("" if member.data.size == 1 else f" {'xyz'[i]}"), float(value), member.description)
-                for path, member in single for i, value in enumerate(member.data)]
-        columns = zip(("figure", "value", "what it is"), zip(*rows, strict=True), strict=True)
-        files[f"{prefix}figures.csv"] = csv_text(list(columns))
-    return files
-
-
-def _bins(group: Group, middle: str) -> list:
-    """The columns of a table over bins: lower edge, upper edge, then what has one value a bin."""
-    edges = group["edges"].data
-    columns = [("from [mean radius]", edges[:-1]), ("to [mean radius]", edges[1:])]
-    return columns + [(f"{name} [mean radius]" if name == middle else f"{name} [1]", member.data) for name, member in
-                      group.members.items() if isinstance(member, Dataset) and member.data.shape == (edges.size - 1,)
-                      and name != "edges"]
-
-
 def _tiles(root: Group) -> dict[str, Group]:
     """End of file name -> tile."""
     packing = root.members.get("packing")
-    found = tiles_of(packing) if isinstance(packing, Group) else {}
+    found = tiles(packing) if isinstance(packing, Group) else {}
     if not found:
         raise AssetError(f"{root.attributes.get('name')}: holds no stage `packing`; bake it from a recipe with `packing`")
     return {f"_{name}" if name else "": tile for name, tile in found.items()}

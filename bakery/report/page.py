@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Sequence
+from functools import partial
 from html import escape
 
 from bakery.asset.axes import axes
 from bakery.asset.summary import describe
 from bakery.draw.files import as_jpeg
-from bakery.report.figures import drawn, pictures, title_of
+from bakery.draw.picture import drawn
+from bakery.draw.table import Table
+from bakery.report.figures import pictures, title_of
+from bakery.stages.conform import stages_of
 from bakery.store.tree import Dataset, Group, read_text
 
-MOST_COLUMNS = 11  # of a table, side by side
 HEAVY = 150_000  # bytes of a drawing from which on shades may be lossy: a page is to stay below 2 MB
 LONG = 30  # characters of a cell that gets a width of its own
 # The policy keeps the page from fetching or running anything, should a text ever slip through unescaped.
@@ -71,9 +74,11 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     if description:
         parts.append(f'<p class="what">{escape(description)}</p>\n')
     parts += [f'<p class="lead">{escape(lead)}</p>\n', *(_missed(stage) for stage in summary["stages"] if stage["missed"])]
-    parts.append(_rendered(picture, name, source) if {"medium", "grains"} & root.members.keys() else "")
-    parts += _section("Medium", _by_wavelength(root))
-    parts += _section("Grains", _grains(root))
+    stages = stages_of(root)
+    parts.append(_rendered(picture, name, source) if any(stage.rendered for stage in stages) else "")
+    for stage in reversed(stages):  # what renderers take first, then what it came from
+        for table in stage.tables(root, partial(axes, root)):
+            parts += _section(table.title, _told(table))
     figures = [_figure(picture, title_of(root)) for picture in pictures(root)]
     parts += _section("Pictures", figures)
     parts += _section("Stages", [_stages(summary), *(f"<p>{escape(key)} {escape(text)}.</p>\n"
@@ -89,6 +94,11 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
 def _section(title: str, parts: Iterable[str]) -> list[str]:
     parts = [part for part in parts if part]
     return [f"<h2>{escape(title)}</h2>\n", *parts] if parts else []
+
+
+def _told(table: Table) -> list[str]:
+    note = f"<p>{escape(table.note)}</p>\n" if table.note else ""
+    return [_table(table.header, table.rows, numbers=range(table.words, len(table.header))), note]
 
 
 def _missed(stage: dict) -> str:
@@ -119,42 +129,6 @@ def _figure(picture, of: str) -> str:
     data, caption = base64.b64encode(image).decode(), escape(picture.caption)
     return (f'<figure class="drawing"><div><img alt="{escape(picture.title)}. {caption}" src="data:{_kind(image)};base64,{data}">'
             f"</div><figcaption><strong>{escape(picture.title)}.</strong> {caption}</figcaption></figure>\n")
-
-
-def _by_wavelength(root: Group) -> list[str]:
-    """Every value a wavelength of the medium, one row a wavelength."""
-    medium, wavelength = root.members.get("medium"), root.members.get("wavelength")
-    if not isinstance(medium, Group) or not isinstance(wavelength, Dataset):
-        return []
-    columns = {name: member for name, member in medium.members.items()
-               if isinstance(member, Dataset) and axes(root, f"medium/{name}") == ("L",)}
-    errors = {name: columns[f"{name}_error"].data for name in columns if f"{name}_error" in columns}
-    columns = {name: member for name, member in columns.items()
-               if not (name.endswith("_error") and name.removesuffix("_error") in errors)}
-    units = [f" ({member.units})" if member.units != "1" else "" for member in columns.values()]
-    header = ["", *(f"{um:g} um" for um in wavelength.data)]
-    rows = [[name + unit, *(_with_error(x, errors[name][i] if name in errors else 0.0) for i, x in enumerate(member.data))]
-            for (name, member), unit in zip(columns.items(), units, strict=True)]
-    if len(columns) > MOST_COLUMNS:  # what would be too wide stands below each other
-        return [_table(header, rows, numbers=range(1, len(header)))]
-    turned = [[f"{um:g}", *(row[1 + i] for row in rows)] for i, um in enumerate(wavelength.data)]
-    header = ["wavelength (um)", *(row[0] for row in rows)]
-    return [_table(header, turned, numbers=range(len(header)))]
-
-
-def _with_error(value, error) -> str:
-    return f"{value:.6g}" + (f" ± {error:.2g}" if error > 0 else "")
-
-
-def _grains(root: Group) -> list[str]:
-    """The figures of each exemplar grain, one row a wavelength."""
-    from bakery.stages.grains import pictures as grains
-
-    packed, wavelength = root.members.get("grains"), root.members.get("wavelength")
-    if not isinstance(packed, Group) or not isinstance(wavelength, Dataset):
-        return []
-    header, rows = grains.table(packed, wavelength.data)
-    return [_table(header, rows, numbers=range(1, len(header))), f"<p>{escape(grains.legend())}.</p>\n"] if rows else []
 
 
 def _stages(summary: dict) -> str:

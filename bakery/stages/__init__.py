@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 from functools import cache
+from importlib import import_module
 
 from bakery.stages.declaration import Stage
+
+STAGES = (
+    "bakery.stages.optics.stage:STAGE",
+    "bakery.stages.packing.stage:STAGE",
+    "bakery.stages.grains.stage:STAGE",
+    "bakery.stages.medium.stage:OF_PARTICLES",
+    "bakery.stages.medium.stage:OF_COEFFICIENTS",
+    "bakery.stages.effective.stage:OF_GRAINS",
+    "bakery.stages.multiple.stage:STAGE",
+    "bakery.stages.beam.stage:STAGE",
+)
 
 
 @cache
 def all_stages() -> tuple[Stage, ...]:
     """Every declared stage, upstream ones first."""
-    from bakery.stages.beam import stage as beam
-    from bakery.stages.effective import stage as effective
-    from bakery.stages.grains import stage as grains
-    from bakery.stages.medium import stage as medium
-    from bakery.stages.multiple import stage as multiple
-    from bakery.stages.optics import stage as optics
-    from bakery.stages.packing import stage as packing
+    places = (place.partition(":") for place in STAGES)
+    return tuple(getattr(import_module(module), name) for module, _, name in places)
 
-    return (optics.STAGE, packing.STAGE, grains.STAGE, medium.OF_PARTICLES, medium.OF_COEFFICIENTS, effective.OF_GRAINS,
-            multiple.STAGE, beam.STAGE)
+
+def sections_for(name: str) -> tuple[tuple[str, ...], ...]:
+    """Recipe sections that make a bake write a group, one tuple for each way of writing it; () for a name that is no stage's.
+
+    A stage without a section of its own runs where those that it needs do; defaults fill a section that stands beside another.
+    """
+    found = []
+    for stage in all_stages():
+        if stage.name == name:
+            own = tuple(section.name for section in stage.sections if not section.beside)
+            found.append(own or tuple(each for need in stage.needs for each in sections_for(need)[0]))
+    return tuple(found)

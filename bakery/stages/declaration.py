@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
@@ -82,6 +83,66 @@ class RecipeSection:
     scatters: bool = False
     alone: bool = False
     beside: str = ""
+
+
+def later(place: str) -> Callable:
+    """The function at a place, `bakery.stages.beam.pictures:pictures`, whose module is imported when it is first called."""
+    module, _, name = place.partition(":")
+
+    def called(*arguments):
+        return getattr(import_module(module), name)(*arguments)
+
+    return called
+
+
+def _nothing(*_) -> tuple:
+    return ()
+
+
+@dataclass(frozen=True)
+class Remark:
+    """How a value that was asked for came about: a sentence, and the same as plain values for machines."""
+
+    text: str
+    values: tuple[Mapping[str, Any], ...] = ()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A value that was asked for.
+
+    Attributes
+    ----------
+    values : (...,) in `units`; one axis less for each argument that was a single value
+    axes : (name, unit, coordinates) of each axis that is left; a position where there is no coordinate
+    error : like `values`, absolute, where the asset has an error of this array
+    remarks : how the values came about
+    """
+
+    path: str
+    units: str
+    values: np.ndarray
+    axes: tuple[tuple[str, str, np.ndarray], ...]
+    error: np.ndarray | None
+    remarks: tuple[Remark, ...] = ()
+
+
+@dataclass(frozen=True)
+class Query:
+    """A path of an asset that `bake query` answers with more than the array that is stored there.
+
+    Attributes
+    ----------
+    path : `multiple/point`
+    arguments : name -> kind of its unit (`bakery.grammar.units`)
+    example : arguments as one would write them
+    answer : (what `bakery.open` gives, path, arguments) -> Answer; UsageError where an argument is missing or has no effect
+    """
+
+    path: str
+    arguments: Mapping[str, Any]
+    example: str
+    answer: Callable[[Any, str, Mapping[str, Any]], Answer]
 
 
 @dataclass(frozen=True)
@@ -191,6 +252,14 @@ class Stage:
     check : group -> broken rules, in words (normalisation, energy, ranges); `verify` and the store run it
     sound : group as declared -> broken rules that its readers count on (order, indices, room that a table takes), in words; quick
         and without heavy imports, for every `bakery.open` runs it
+    view : root -> what `bakery.open` gives for the group; None: its members, as they are stored
+    pictures : root -> `bakery.draw.picture.Picture` of all that is worth drawing
+    tables : (root, path -> letters of the axes there) -> `bakery.draw.table.Table` for the page
+    files : root -> (file name -> text, paths that these files tell): what `bake export --to csv` writes in a form of its own
+    queries : paths that can be asked with arguments
+    remarks : (root, path, letters of its axes, arguments) -> how a value there came about, as far as this stage knows: it is
+        asked of every path
+    rendered : whether `bake render` shows an asset by this group
     measures : (group, converged group) -> true errors by name, the one that settings are ranked by first; None where settings
         cannot be compared.  Errors are finite and in the unit of the tolerance
     reference : recipe key -> text: where the knobs stand for a converged group, besides the tolerance
@@ -215,7 +284,14 @@ class Stage:
     reference: Mapping[str, str] = field(default_factory=dict, hash=False)
     tolerance_key: str = "tolerance"
     sections: tuple[RecipeSection, ...] = ()
-    sound: Callable[[Group], Iterable[str]] = lambda group: ()
+    sound: Callable[[Group], Iterable[str]] = _nothing
+    view: Callable[[Group], Any] | None = None
+    pictures: Callable[[Group], Iterable] = _nothing
+    tables: Callable[[Group, Callable[[str], tuple[str, ...]]], Iterable] = _nothing
+    files: Callable[[Group], tuple[Mapping[str, str], Iterable[str]]] = lambda root: ({}, ())
+    queries: tuple[Query, ...] = field(default=(), hash=False)
+    remarks: Callable[[Group, str, tuple[str, ...], Mapping[str, Any]], Iterable[Remark]] = _nothing
+    rendered: bool = False
 
     def tolerance(self, recipe) -> float:
         """The error that the stage has to reach."""

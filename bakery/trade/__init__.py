@@ -120,7 +120,7 @@ def _with_knobs(recipe, names: Sequence[str]) -> list:
 def _written(trade: Trade) -> Trade:
     """The same with its files written."""
     from bakery.draw.files import csv_text
-    from bakery.report.figures import drawn
+    from bakery.draw.picture import drawn
     from bakery.store.put import put
     from bakery.trade.picture import picture
     from bakery.trade.tables import columns

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from bakery.draw.axes import plain_decades
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.report.figures import Picture, _plain_decades
 
 _BOLD, _MARK = NEUTRAL[2], NEUTRAL[1]
 _PRESETS = {"draft": "v", "preview": "D", "final": "s"}
@@ -94,7 +95,7 @@ def _limits(axes, seconds, error) -> None:
         low, high = np.log10(values.min()), np.log10(values.max())
         room = max(0.08 * (high - low), 0.12)
         put(10 ** (low - room), 10 ** (high + room))
-        _plain_decades(axis)
+        plain_decades(axis)
 
 
 def _numbers(axes, points) -> None:

@@ -10,11 +10,12 @@ import pytest
 
 import bakery
 from bakery.draw import _meshes
+from bakery.draw.picture import drawn
 from bakery.export import scattering_of
 from bakery.physics.medium.phase import integral, mean_cosine
 from bakery.physics.shapes.build import build
 from bakery.physics.shapes.files import triangles
-from bakery.report.figures import drawn, pictures
+from bakery.report.figures import pictures
 from bakery.stages.grains.pictures import concise
 from bakery.store.tree import Dataset
 from bakery.store.write import write

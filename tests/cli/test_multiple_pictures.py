@@ -10,8 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from bakery.cli import status_of
+from bakery.draw.picture import drawn
 from bakery.physics.multiple import point
-from bakery.report.figures import drawn, title_of
+from bakery.report.figures import title_of
 from bakery.stages.multiple import pictures as multiple
 from bakery.stages.multiple.stage import tables_of
 from bakery.store.read import read

@@ -9,8 +9,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from bakery.draw.picture import drawn
 from bakery.draw.style import colours
-from bakery.report.figures import drawn, pictures
+from bakery.report.figures import pictures
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
 from tests.samples import small_asset, with_member
@@ -111,7 +112,7 @@ def test_where_rays_take_over_is_drawn():
 
 def test_the_size_distribution_integrates_to_one():
     """From nodes that crowd in one place: neither the sum nor the shape may show them."""
-    from bakery.report.figures import _density
+    from bakery.stages.optics.pictures import _density
 
     at = np.sort(np.concatenate([np.linspace(-3, 3, 2000), np.linspace(0, 0.5, 3000)]))
     cell = np.gradient(at)
@@ -178,7 +179,7 @@ def test_figures_name_their_asset(monkeypatch):
     from bakery.report.figures import title_of
 
     said = []
-    monkeypatch.setattr("bakery.report.figures.saved", lambda figure, form: said.append(
+    monkeypatch.setattr("bakery.draw.picture.saved", lambda figure, form: said.append(
         [text.get_text() for text in figure.findobj(match=lambda artist: hasattr(artist, "get_text"))]) or b"")
     root = Group(small_asset().members, {"name": "fog", "content_hash": "abcdef" * 10})
     assert title_of(root) == "fog  ·  abcdefabcdef"

@@ -117,7 +117,7 @@ def with_rays(root, switch=(340.0, 340.0), error=(0.006, 0.004)):
 
 
 def remarks(root, path, **arguments):
-    return lookup(root, path, arguments).remarks
+    return tuple(remark.text for remark in lookup(root, path, arguments).remarks)
 
 
 def test_queries_say_where_rays_took_over(call, root, tmp_path):

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -16,15 +19,15 @@ MAY = {
     "grammar": set(),
     "physics": {"rng", "system.llvm"},
     "store": set(),
-    "draw": {"physics.medium", "store.tree"},
-    "stages": {"asset.axes", "asset.lookup", "draw", "grammar", "physics", "report.figures", "rng", "store", "system.terminal"},
+    "draw": set(),
+    "stages": {"draw", "grammar", "physics", "rng", "store"},
     "recipe": {"grammar", "physics", "stages"},
-    "plan": {"recipe", "stages", "store.tree"},
+    "plan": {"stages"},
     "asset": {"physics.medium", "stages", "store"},
-    "report": {"__version__", "asset", "draw", "physics.medium", "stages", "store", "system.terminal"},
-    "export": {"asset", "draw", "physics", "report", "stages", "store", "system.terminal"},
-    "run": {"__version__", "plan", "recipe", "stages", "store", "system"},
-    "trade": {"draw", "plan", "recipe", "report", "run", "stages", "store", "system"},
+    "report": {"asset", "draw", "stages", "store", "system.terminal"},
+    "export": {"asset", "draw", "physics", "report", "stages", "store"},
+    "run": {"plan", "recipe", "stages", "store", "system"},
+    "trade": {"draw", "plan", "recipe", "run", "stages", "store", "system"},
 }
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
            "array", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys", "threading",
@@ -41,28 +44,135 @@ SHARED = {"camera": set(), "colour": set(), "inputs": set(), "progress": set(), 
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"images", "mitsuba", "progress", "scene"}}
 
 
+# imports that close a circle and are about to go
+CLOSING = {("bakery.physics.multiple.lookup", "bakery.physics.multiple.table"),
+           ("bakery.stages.multiple.pictures", "bakery.stages.multiple.stage")}
+LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for
+
+
 def modules(folder: str):
     return sorted((ROOT / folder).rglob("*.py"))
 
 
-def imports(path):
-    tree = ast.parse(path.read_text())
-    # for type checkers alone
-    unseen = {inner for node in ast.walk(tree) if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"
-              for inner in ast.walk(node)}
-    for node in ast.walk(tree):
-        if node in unseen:
+@cache
+def tree(path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
+def imports(path) -> tuple[str, ...]:
+    """What a module imports: `package.module`, and `module.name` of `from module import name`; not for type checkers alone."""
+    return tuple(_imports(path, tree(path)))
+
+
+def _imports(path, node):
+    for inner in ast.iter_child_nodes(node):
+        if isinstance(inner, ast.If) and getattr(inner.test, "id", "") == "TYPE_CHECKING":
             continue
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            for alias in node.names:
-                yield f"{node.module}.{alias.name}"
+        if isinstance(inner, ast.Import):
+            yield from (alias.name for alias in inner.names)
+        elif isinstance(inner, ast.ImportFrom):
+            assert inner.level == 0, f"{path}: relative import"
+            yield from (f"{inner.module}.{alias.name}" for alias in inner.names)
+        elif isinstance(inner, ast.Constant) and isinstance(inner.value, str) and (place := LATER.fullmatch(inner.value)):
+            yield place[1]
+        else:
+            yield from _imports(path, inner)
 
 
 def below(name: str, allowed) -> bool:
     return any(name == top or name.startswith(top + ".") for top in allowed)
+
+
+def graph(root: Path, folders) -> dict[str, set[str]]:
+    """Module -> the modules that it imports, in functions too; a package stands for its `__init__`."""
+    paths = {".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
+             for folder in folders for path in (root / folder).rglob("*.py")}
+    # `from package import name` is the module package.name, where there is one, or else the package itself
+    return {module: {found for name in imports(path) if (found := name if name in paths else name.rpartition(".")[0]) in paths}
+            - {module} for module, path in paths.items()}
+
+
+def circles(edges) -> list[list[str]]:
+    """Modules that import each other, over any number of others (Tarjan's strongly connected components of several)."""
+    number, lowest, waiting, found = {}, {}, [], []
+
+    def visit(module):
+        number[module] = lowest[module] = len(number)
+        waiting.append(module)
+        for other in edges[module]:
+            if other not in number:
+                visit(other)
+                lowest[module] = min(lowest[module], lowest[other])
+            elif other in waiting:
+                lowest[module] = min(lowest[module], number[other])
+        if lowest[module] == number[module]:
+            at = waiting.index(module)
+            found.append(sorted(waiting[at:]))
+            del waiting[at:]
+
+    for module in edges:
+        if module not in number:
+            visit(module)
+    return [each for each in found if len(each) > 1]
+
+
+def test_no_modules_import_each_other():
+    edges = graph(ROOT, ("bakery", "renderers"))
+    assert len(edges) > 200
+    for module, other in CLOSING:
+        edges[module].discard(other)
+    assert circles(edges) == []
+
+
+@pytest.mark.parametrize("text, found", [
+    ("from bakery.far import end\n", True),
+    ("def f():\n    import bakery.far.end\n", True),
+    ("f = later('bakery.far.end:f')\n", True),
+    ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from bakery.far import end\n", False),
+])
+def test_a_circle_is_found(tmp_path, text, found):
+    for name, content in {"near": text, "far/__init__": "", "far/middle": "from bakery import near\n",
+                          "far/end": "from bakery.far.middle import near\n"}.items():
+        path = tmp_path / "bakery" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    assert circles(graph(tmp_path, ["bakery"])) == [["bakery.far.end", "bakery.far.middle", "bakery.near"]] * found
+
+
+def places():
+    """(module, name) of everything that is imported when it is asked for."""
+    for path in modules("bakery"):
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and LATER.fullmatch(node.value):
+                yield node.value.split(":")
+
+
+def test_places_hold_what_is_asked_for():
+    found = list(places())
+    assert ["bakery.stages.beam.stage", "STAGE"] in found and ["bakery.stages.beam.pictures", "pictures"] in found
+    for module, name in found:
+        file = ROOT / Path(*module.split("."))
+        body = tree(file / "__init__.py" if file.is_dir() else file.with_suffix(".py")).body
+        held = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+        held |= {getattr(target, "id", "") for node in body if isinstance(node, ast.Assign) for target in node.targets}
+        assert name in held, f"{module} has no {name}"
+
+
+@pytest.mark.parametrize("place", [
+    "asset", "plan", "recipe", "report", "run", "trade",
+    "cli/diff.py", "cli/inspect.py", "cli/offers.py", "cli/options.py", "cli/plot.py", "cli/query.py", "cli/report.py",
+    "cli/schema.py", "cli/trade.py", "cli/verify.py"])
+def test_no_command_lists_stages(place):
+    """Only the common currency of all renderers may be asked for by name."""
+    from bakery.stages import all_stages
+
+    names = {stage.name for stage in all_stages()} - {"medium"}
+    path = ROOT / "bakery" / place
+    for file in modules(f"bakery/{place}") if path.is_dir() else [path]:
+        for node in ast.walk(tree(file)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                assert node.value.partition("/")[0] not in names, f"{file}:{node.lineno}: {node.value!r}"
 
 
 @pytest.mark.parametrize("folder", sorted(MAY))

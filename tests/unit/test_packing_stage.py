@@ -359,9 +359,9 @@ def test_a_sphere_covers_its_disc():
 def test_pictures_of_a_tile_and_of_a_dictionary(two):
     from bakery.stages.packing.pictures import pictures
 
-    many = {picture.name: picture for picture in pictures(two.tree["packing"])}
+    many = {picture.name: picture for picture in pictures(two.tree)}
     assert list(many) == ["tiles", "pair_correlation", "chord_length"]
-    one = {picture.name: picture for picture in pictures(two.tree["packing/f40"])}
+    one = {picture.name: picture for picture in pictures(Group({"packing": two.tree["packing/f40"]}))}
     assert list(one) == ["tile", "pair_correlation", "chord_length"]
     for picture in (*many.values(), *one.values()):
         assert len({len(values) for _, values in picture.columns}) == 1
@@ -371,11 +371,11 @@ def test_pictures_of_a_tile_and_of_a_dictionary(two):
 
 @pytest.mark.parametrize("name", ["tile", "chord_length"])
 def test_a_picture_is_the_same_twice(two, name):
-    from bakery.report.figures import drawn
+    from bakery.draw.picture import drawn
     from bakery.stages.packing.pictures import pictures
 
     def draw():
-        return drawn(next(p for p in pictures(two.tree["packing/f40"]) if p.name == name), ("png",))["png"]
+        return drawn(next(p for p in pictures(Group({"packing": two.tree["packing/f40"]})) if p.name == name), ("png",))["png"]
 
     assert draw() == draw()
 

@@ -178,8 +178,8 @@ def test_a_torn_mesh_is_repaired_where_the_recipe_says_so(tmp_path, monkeypatch)
     with pytest.raises(StageError, match="its holes take more than 10% of the surface"):  # it was asked, and obeys our limits
         grains_of(path)
     monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    monkeypatch.setattr(exemplars, "traces", None)  # told before anything is made or traced
-    with pytest.raises(UsageError, match="pip install 'bakery"):
+    monkeypatch.setattr(traces, "traces", None)  # told before anything is made or traced
+    with pytest.raises(UsageError, match=r"pip install \"\.\[repair\]\""):
         grains_of(path)
 
 

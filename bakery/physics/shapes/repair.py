@@ -29,7 +29,8 @@ def require():
     try:
         import pymeshlab
     except ImportError as error:
-        raise UsageError(f"repair: pymeshlab: {error}; get it by: pip install 'bakery[repair]', or leave the key out") from None
+        raise UsageError(f"repair: pymeshlab: {error}; get it by: pip install \".[repair]\" in the folder of bakery's "
+                         "sources, or leave the key out") from None
     return pymeshlab
 
 

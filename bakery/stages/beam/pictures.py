@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.physics.beam import named, photons, single
-from bakery.stages.beam import stage
+from bakery.stages.beam.view import kernels_of
 from bakery.store.tree import Group
 
 _FARTHEST, _CELLS, _EVERY = 5.0, 50, 5  # mfp; planes, and rings, of a map; every fifth plane is one of errors
@@ -60,7 +61,7 @@ def pictures(root: Group) -> Iterator:
             or not {"depth", "ratio", "model", "gaussian_b", *named.TABLES} <= group.members.keys():
         return
     um = root["wavelength"].data
-    sets = stage.kernels_of(group, medium)
+    sets = kernels_of(group, medium)
     lit = [int(k) for k in np.argsort(um, kind="stable") if sets[k].albedo > 0]
     if not lit:
         return
@@ -87,8 +88,6 @@ def counted(um: float, kernels: named.Kernels, planes: int) -> Shown:
 
 def maps(shown: Shown):
     """2 pi r Psi over depth and distance from the axis: photons, and kernels in the same colours."""
-    from bakery.report.figures import Picture
-
     at = shown.counted
     ring = 2 * np.pi * at.radius
     seen = {"photons": ring * at.fluence} | {name: ring * shown.rings(name) for name in _MAPS}
@@ -129,8 +128,6 @@ def maps(shown: Shown):
 
 def sections(shown: Shown):
     """2 pi r Psi against r at three depths, with counted photons."""
-    from bakery.report.figures import Picture
-
     at, names = shown.counted, list(SHOWN)
     ring = 2 * np.pi * at.radius
     rows = [len(at.depth) // 5 - 1, len(at.depth) // 2 - 1, len(at.depth) - 1]
@@ -166,8 +163,6 @@ def sections(shown: Shown):
 
 def errors(all_shown: list[Shown], drawn: float):
     """Root mean square difference from photons: of each plane at one wavelength, and over all planes at each."""
-    from bakery.report.figures import Picture
-
     every = [(one.um, name, measure, *_planes(one, name, measure)[1])
              for one in all_shown for name in SHOWN for measure in ("fluence", "flux")]
     names = {name: " or ".join(dict.fromkeys(one.label(name) for one in all_shown)) for name in SHOWN}

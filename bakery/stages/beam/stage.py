@@ -11,7 +11,8 @@ from bakery.physics.beam import predicted
 from bakery.physics.beam.kinds import MEASURES, MODELS
 from bakery.stages import rules
 from bakery.stages.beam.section import BEAM
-from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.beam.view import tables_of
+from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.store.tree import Group
 
 _SAID = {"fluence": "scattered light of all directions", "forward": "of the directions that go on forward",
@@ -78,27 +79,6 @@ def compute(inputs: dict, context) -> Result:
     why = f"the tables miss counted photons by {error[worst]:.2g}, and the photons have a noise of {noise[worst]:.2g}"
     missed = (f"{why}; a larger beam.tolerance" + (" or more beam.photons" if noise[worst] > error[worst] else "") + " would do",)
     return Result(dict(datasets(OUTPUTS, values)), reached, tuple(notes), missed if reached > context.tolerance else ())
-
-
-def tables_of(group: Group, name: str) -> list:
-    """Tables of a `beam` group by the name of their dataset, one a wavelength, as `bakery.physics.beam.table.Table`."""
-    from bakery.physics.beam.table import Table
-
-    depth, ratio = (np.asarray(group[path].data, float) for path in ("depth", "ratio"))
-    return [Table(depth, ratio, np.asarray(value, float)) for value in group[name].data]
-
-
-def kernels_of(group: Group, medium: Group) -> list:
-    """All kernels of a `beam` group by name, one set a wavelength, as `bakery.physics.beam.named.Kernels`."""
-    from functools import cache
-
-    from bakery.physics.beam.named import Kernels
-
-    held = cache(lambda name: tables_of(group, name))
-    theta, phase = (np.asarray(medium[name].data, float) for name in ("theta", "phase"))
-    transport = group["model"].data == MODELS.index("transport")
-    return [Kernels(float(albedo), theta, phase[k], float(group["gaussian_b"].data[k]), bool(transport[k]),
-                    lambda name, k=k: held(name)[k]) for k, albedo in enumerate(medium["albedo"].data)]
 
 
 # ---- rules and plan
@@ -177,4 +157,6 @@ STAGE = Stage(
     sound=sound,
     knobs=(Knob("photons", "beam.photons", "auto", "photons that measure the error", ("20000", "200000")),),
     measures=measures,
+    view=later("bakery.stages.beam.view:view"),
+    pictures=later("bakery.stages.beam.pictures:pictures"),
 )

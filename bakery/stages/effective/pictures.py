@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterator
 
 import numpy as np
 
+from bakery.draw.picture import Picture
 from bakery.draw.style import NEUTRAL, QUIET, colours
 from bakery.stages.grains.pictures import concise, whole
+from bakery.stages.medium import pictures as medium_pictures
 from bakery.store.tree import Dataset, Group
 
 WAYS = {"mean_flight": "mean flight (Eq. 4)", "second_moment": "second moment", "random_walk": "walk through grains"}
 
 
+def pictures(root: Group) -> Iterator[Picture]:
+    """The extinction of packed grains, where the medium is theirs, then the pictures of any medium."""
+    if {"sigma_t", "sigma_t_mean_flight"} <= root["medium"].members.keys():
+        yield extinction(root["medium"], root["wavelength"].data)
+    yield from medium_pictures.pictures(root)
+
+
 def extinction(medium: Group, um):
     """sigma_t of packed grains: by the mean flight (Eq. 4), by the second moment, by a walk through explicit grains."""
-    from bakery.report.figures import Picture
-
     ways = {said: _stored(medium, f"sigma_t_{name}") for name, said in WAYS.items() if f"sigma_t_{name}" in medium.members}
     used = medium["sigma_t"].data
     taken = [name for name, (value, _) in ways.items() if np.allclose(value, used, rtol=1e-6)]

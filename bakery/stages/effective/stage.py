@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
-from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.effective.section import EFFECTIVE
 from bakery.stages.grains import stage as grain_stage
 from bakery.stages.measures import integrated_difference
@@ -97,7 +97,8 @@ def inputs(recipe, upstream) -> dict:
 
 def _tile(packing: Group, fraction: float):
     """Centres, radii and cell in mean radii of the nearest denser tile, widened; the densest where none is as dense."""
-    from bakery.stages.packing.stage import nearest_denser, tiles
+    from bakery.stages.packing.stage import nearest_denser
+    from bakery.stages.packing.view import tiles
 
     try:
         return nearest_denser(packing, fraction)[:3]
@@ -270,4 +271,7 @@ OF_GRAINS = Stage(
     measures=measures,
     knobs=(Knob("sigma_t", "effective_medium.sigma_t", "auto", "what sigma_t matches", CHOICES),
            Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),
+    pictures=later("bakery.stages.effective.pictures:pictures"),
+    tables=later("bakery.stages.medium.pictures:tables"),
+    rendered=True,
 )

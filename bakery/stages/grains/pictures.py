@@ -9,9 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bakery.draw.axes import labels, legend_beside
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
+from bakery.draw.table import Table
 from bakery.errors import AssetError
 from bakery.physics.medium.phase import integral
+from bakery.stages.medium.pictures import lobe, phase_function
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 # figure -> symbol, what it is in a few words, range that its column shows (None: from 0 to what is found)
@@ -70,8 +74,9 @@ def exemplar(name: str, component: Group) -> Exemplar:
     return Exemplar(vertices, faces, shape.get("type") == "sphere", shape, _json(component, "surface"))
 
 
-def pictures(grains: Group, um) -> Iterator:
+def pictures(root: Group) -> Iterator:
     """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
+    grains, um = root["grains"], root["wavelength"].data
     found = components_of(grains)
     meshes = {name: exemplar(name, part) for name, part in found.items() if {"vertices", "faces"} <= part.members.keys()}
     if meshes:
@@ -88,8 +93,6 @@ def pictures(grains: Group, um) -> Iterator:
 
 def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: Group):
     """Each component's grain in its bounding sphere, with a scale bar."""
-    from bakery.report.figures import Picture
-
     across = min(len(meshes), max(3, round(math.sqrt(1.4 * len(meshes)))))
     down = -(-len(meshes) // across)
     pixels = 560 if len(meshes) <= 2 else 420
@@ -127,8 +130,6 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
 
 def statistics(parts: Mapping[str, Group], um):
     """A table of dots with errors: one row a component and wavelength, one column a figure."""
-    from bakery.report.figures import Picture
-
     names = _shown(parts)
     ink = colours(um)
     rows = [(name, part, k) for name, part in parts.items() for k in range(len(um))]
@@ -182,8 +183,6 @@ def statistics(parts: Mapping[str, Group], um):
 
 def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
     """The phase function of one component: over the angle with its error, and as a lobe."""
-    from bakery.report import figures
-
     view = Group({"theta": theta} | {key: part[key] for key in ("phase", "phase_error") if key in part.members})
     said = []
     if "phase_error" in part.members:
@@ -195,14 +194,12 @@ def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
         said.append(f"{', '.join(shares)} of the light leaves unchanged: that peak at 0° is not part of the curves")
     remarks = [f"{name}: {text}" for text in said]
     whose = {"prefix": f"{name}_", "of": f" of {name}"}
-    yield figures.phase_function(view, um, remarks, **whose)
-    yield figures.lobe(view, um, **whose)
+    yield phase_function(view, um, remarks, **whose)
+    yield lobe(view, um, **whose)
 
 
 def by_radius(parts: Mapping[str, Group], radius, um):
     """Albedo, mean cosine and way against the size of the grain, one row a component."""
-    from bakery.report.figures import Picture, _labels, _legend_beside
-
     size = radius.size, um.size
     names = [name for name in ("albedo", "g", "lambda_s", "forward_delta")
              if all(name in part.members and part[name].data.shape == size for part in parts.values())
@@ -214,14 +211,14 @@ def by_radius(parts: Mapping[str, Group], radius, um):
         panels = figure.subplots(len(parts), len(names), sharex=True, squeeze=False)
         for row, (component, part) in zip(panels, parts.items(), strict=True):
             for axes, name in zip(row, names, strict=True):
-                for k, label in enumerate(_labels(um)):
+                for k, label in enumerate(labels(um)):
                     axes.plot(1e3 * radius[order], part[name].data[order, k], color=ink[k], marker="o", markersize=3.5,
                               label=label)
                 axes.set_title(f"{component}: {FIGURES[name][1]} {FIGURES[name][0]}")
                 axes.ticklabel_format(axis="y", useOffset=False)
         for axes in panels[-1]:
             axes.set_xlabel("radius R (mm)")
-        _legend_beside(figure, panels[0, 0])
+        legend_beside(figure, panels[0, 0])
 
     table = [("radius [m]", radius[order])]
     for component, part in parts.items():
@@ -256,6 +253,13 @@ def table(grains: Group, um) -> tuple[list[str], list[list[str]]]:
             found = [_value(part, name, k) for name in names]
             rows.append([component, f"{x:g}", *("" if value is None else concise(value, error) for value, error in found)])
     return head, rows
+
+
+def tables(root: Group, axes) -> Iterator[Table]:
+    """The figures of each exemplar grain, one row a wavelength."""
+    header, rows = table(root["grains"], root["wavelength"].data)
+    if rows:
+        yield Table("Grains", header, rows, words=1, note=f"{legend()}.")
 
 
 def legend() -> str:

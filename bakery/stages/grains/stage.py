@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
-from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.grains.section import GRAINS, SCATTEROMETER, absorption, shape_keys
 from bakery.stages.measures import integrated_difference
 from bakery.stages.packing.section import radii_law
@@ -461,4 +461,8 @@ STAGE = Stage(
     ),
     measures=measures,
     reference={"scatterometer.paths": "auto", "scatterometer.depth": "100000"},
+    pictures=later("bakery.stages.grains.pictures:pictures"),
+    tables=later("bakery.stages.grains.pictures:tables"),
+    files=later("bakery.stages.grains.files:csv_figures"),
+    rendered=True,
 )

@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
-from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
 from bakery.store.tree import Dataset, Group
@@ -189,6 +189,8 @@ def check(group: Group) -> Iterable[str]:
         yield "s11 is not phase"
 
 
+_PICTURES = later("bakery.stages.effective.pictures:pictures")  # in an asset without their tile grains' medium is told by members
+
 OF_PARTICLES = Stage(
     name="medium",
     version=3,
@@ -205,6 +207,9 @@ OF_PARTICLES = Stage(
     compute=_compute_of_particles,
     check=check,
     sound=sound,
+    pictures=_PICTURES,
+    tables=later("bakery.stages.medium.pictures:tables"),
+    rendered=True,
 )
 
 OF_COEFFICIENTS = Stage(
@@ -223,4 +228,7 @@ OF_COEFFICIENTS = Stage(
     check=check,
     sections=(MEDIUM,),
     sound=sound,
+    pictures=_PICTURES,
+    tables=later("bakery.stages.medium.pictures:tables"),
+    rendered=True,
 )

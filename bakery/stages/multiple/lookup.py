@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bakery.asset.lookup import Answer
 from bakery.errors import UsageError
-from bakery.physics.multiple.kinds import KINDS
+from bakery.grammar.units import ANGLE, NUMBER_ONLY
+from bakery.stages.declaration import Answer, Query, Remark
 
-PATHS = tuple(f"multiple/{kind}" for kind in KINDS)
 UNITS = {"rho": "mfp", "z": "mfp", "theta": "rad", "phi": "rad", "length": "mfp"}
 _NEEDED = ("rho", "z", "theta")
+_TOLD = Remark("light of the third and later scattering events, per unit power")
 
 
 def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
@@ -21,7 +21,7 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     Parameters
     ----------
     asset : from `bakery.open`
-    path : one of `PATHS`
+    path : of a kind of source
     arguments : rho, z and length in mean free paths, theta and phi (0 if not given) in rad; one of them may be several
 
     Raises
@@ -47,4 +47,11 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     values = getattr(asset.multiple, kind)(**given)
     axes = (("wavelength", "um", asset.wavelength),)
     axes += tuple((name, UNITS[name], given[name]) for name in several)
-    return Answer(path, "mfp^-3 sr^-1", values, axes, None, ("light of the third and later scattering events, per unit power",))
+    return Answer(path, "mfp^-3 sr^-1", values, axes, None, (_TOLD,))
+
+
+_OF_POINT = {"rho": NUMBER_ONLY, "z": NUMBER_ONLY, "theta": ANGLE, "phi": ANGLE}
+QUERIES = (
+    Query("multiple/point", _OF_POINT, "rho=1, z=2, theta=10deg, phi=0deg", looked_up),
+    Query("multiple/segment", _OF_POINT | {"length": NUMBER_ONLY}, "rho=1, z=2, theta=10deg, phi=0deg, length=2", looked_up),
+)

@@ -12,10 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.physics.multiple import build, choice, frame, lookup, photons, table
 from bakery.physics.multiple.kinds import KINDS
-from bakery.stages.multiple import stage
+from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Dataset, Group
 
 _PIXELS, _ROUGH = 128, (24, 13)  # of the plane's height; directions that are summed for each, 1 % at worst
@@ -90,7 +91,7 @@ def pictures(root: Group) -> Iterator:
     for kind in KINDS:
         if kind not in group.members:
             continue
-        tables = stage.tables_of(group, kind)
+        tables = tables_of(group, kind)
         lit = [k for k in np.argsort(um, kind="stable") if not tables[k].empty]
         if not lit:
             continue
@@ -118,8 +119,6 @@ def _orders(root: Group) -> int | None:
 
 def plane(shown: Shown):
     """False colour over (z, rho) near and far; cells of the quadtree above the axis, lobes below it."""
-    from bakery.report.figures import Picture
-
     extent, middle = shown.table.extent, shown.middle
     sizes = (min(middle + 2.5, 0.4 * extent), 1.08 * (extent + (middle if extent < 3 * middle else 0)))
     images = [_image(shown, size) for size in sizes]
@@ -208,8 +207,6 @@ def _lobes(shown: Shown, size: float):
 
 def sections(shown: Shown):
     """The table along three lines from the middle of the source, against photons that know nothing of it."""
-    from bakery.report.figures import Picture
-
     edges, at, tally, names = *_counted(shown), ("mean over directions", "away from the source", "towards the source")
     z = shown.middle + np.concatenate([-edges[::-1], edges])
     curves, columns = [], []
@@ -316,8 +313,6 @@ def _followed(shown: Shown):
 
 def error_map(shown: Shown):
     """Lobes of the table against the solver's own between the corners."""
-    from bakery.report.figures import Picture
-
     made, solved = shown.table, shown.solved.medium
     count = _MAP if solved.order <= _DEAR else _FEW
     u, v = (np.linspace(0, 1, n + 1) for n in count)

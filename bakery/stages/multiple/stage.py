@@ -11,8 +11,10 @@ from bakery import rng
 from bakery.errors import StageError
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages import rules
-from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
+from bakery.stages.multiple.lookup import QUERIES
 from bakery.stages.multiple.section import MULTIPLE
+from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Dataset, Group, text
 
 _TEXTS = (("coordinates", "map from the position to the unit square that the quadtree divides"),
@@ -182,21 +184,6 @@ def compute(inputs: dict, context) -> Result:
     return Result(members, reached, tuple(dict.fromkeys(notes)), missed)
 
 
-def tables_of(group: Group, kind: str) -> list:
-    """The tables of a `multiple` group, one a wavelength, as `bakery.physics.multiple.table.Table`."""
-    from bakery.physics.multiple import table
-
-    made = []
-    for k in range(len(group["wavelength"].data)):
-        place = group[f"{kind}/w{k}"]
-        made.append(table.from_arrays(
-            {name: place[name].data for name in table.ARRAYS}, kind=KINDS.index(kind),
-            length=float(group["length"].data[0]) if kind == "segment" else 0.0, extent=float(group["extent"].data[k]),
-            k0=float(group["k0"].data[k]), error=float(place["error"].data[0]),
-            error_with_solver=float(place["error_with_solver"].data[0]), worst=float(place["error_worst"].data[0])))
-    return made
-
-
 # ---- rules and plan
 
 
@@ -325,4 +312,7 @@ STAGE = Stage(
     knobs=(Knob("tolerance", "multiple_scattering.tolerance", 0.01, "error of the tables", ("10%", "3%", "1%", "0.3%", "0.1%")),
            Knob("orders", "multiple_scattering.orders", "auto", "Legendre orders that are solved", ("16", "32", "64", "96"))),
     reference={"multiple_scattering.orders": "auto"},
+    view=later("bakery.stages.multiple.view:view"),
+    pictures=later("bakery.stages.multiple.pictures:pictures"),
+    queries=QUERIES,
 )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from bakery.asset.axes import axes
+from bakery.stages.coordinates import coordinate
+from bakery.stages.declaration import Remark
 from bakery.store.tree import Dataset, Group
 
 RAYS = "goa"
@@ -86,7 +87,37 @@ def sentence(found: Sequence[Boundary], some: bool) -> str:
     return f"{found[0].component}{where}: {head}{differ}"
 
 
-def concerned(root: Group, path: str, wanted=None) -> list[list[Boundary]]:
+def remarks(root: Group, path: str, letters: Sequence[str], arguments: Mapping) -> list[Remark]:
+    """How values at a path were computed: the methods of the spheres that were asked for, or where rays stood in."""
+    if "L" not in letters or root[path].choices:
+        return []
+    wanted = arguments.get("wavelength")
+    if "radius" in arguments:
+        return _of_nodes(root, path, arguments["radius"], wanted)
+    um = root["wavelength"].data
+    return [Remark(sentence(each, len(each) < len(rows(um, wanted))), tuple(boundary.as_dict() for boundary in each))
+            for each in concerned(root, path, letters, wanted)]
+
+
+def sentences_of(root: Group, path: str, letters: Sequence[str]) -> list[str]:
+    """The same of all wavelengths, in words alone."""
+    return [remark.text for remark in remarks(root, path, letters, {})]
+
+
+def _of_nodes(root: Group, path: str, radius, wanted) -> list[Remark]:
+    """How the spheres nearest to radii (um) were computed, where `path` holds a figure of single spheres."""
+    try:
+        method = root[path.rpartition("/")[0] + "/method"]
+    except KeyError:
+        return []
+    if not method.choices or method.data.shape != root[path].data.shape:
+        return []
+    index = np.argmin(np.abs(coordinate(root, path, "R")[1].data - np.atleast_1d(radius)[:, None]), axis=-1)
+    taken = method.data[np.ix_(rows(root["wavelength"].data, wanted), index)]
+    return [Remark(of_spheres(np.array(method.choices)[taken.reshape(-1).astype(int)].tolist()))]
+
+
+def concerned(root: Group, path: str, letters: Sequence[str], wanted=None) -> list[list[Boundary]]:
     """The boundaries behind a dataset, by component: those of all components for `medium`, of its own below `optics`.
 
     Only what depends on how light is spread over the angles has any.  `wanted`: wavelengths (um) that were asked for; the stored
@@ -95,7 +126,7 @@ def concerned(root: Group, path: str, wanted=None) -> list[list[Boundary]]:
     group, _, rest = path.partition("/")
     wavelength = root.members.get("wavelength")
     if group not in ("medium", "optics") or not isinstance(wavelength, Dataset) \
-            or not (axes(root, path) == ("L", "A") or path.rpartition("/")[2] in _BY_LIGHT):
+            or not (tuple(letters) == ("L", "A") or path.rpartition("/")[2] in _BY_LIGHT):
         return []
     um = wavelength.data
     near = set(um[rows(um, wanted)].tolist())
@@ -103,11 +134,6 @@ def concerned(root: Group, path: str, wanted=None) -> list[list[Boundary]]:
              if group == "medium" or rest.startswith(f"{name}/")]
     chosen = [[b for b in each if b.wavelength in near] for each in found]
     return [each for each in chosen if each]
-
-
-def remarks(root: Group, path: str, wanted=None) -> list[str]:
-    """A line for each component with rays in it."""
-    return [sentence(each, len(each) < len(rows(root["wavelength"].data, wanted))) for each in concerned(root, path, wanted)]
 
 
 def of_spheres(methods: Iterable[str]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import declaration, measures, rules
-from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.optics.section import PARTICLES, PHASE, sizes
 from bakery.store.tree import Dataset, Group, read_text, text
 
@@ -332,4 +332,6 @@ STAGE = Stage(
     sections=(PARTICLES, PHASE),
     reference={"measure": "pointwise", "phase.method": "mie", "phase.radii": "auto", "phase.angles": "auto",
                "phase.switch": "auto"},
+    pictures=later("bakery.stages.optics.pictures:pictures"),
+    remarks=later("bakery.stages.optics.methods:remarks"),
 )

@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.draw.view import looking_from, srgb
 from bakery.physics.packing import theory
+from bakery.stages.packing.view import tiles
 from bakery.store.tree import Group
 
 EQUAL = 1e-9  # relative spread below which radii count as equal
@@ -16,23 +18,16 @@ _SAND, _PALE = np.array([0.80, 0.33, 0.06]), np.array([0.68, 0.74, 0.82])
 _SMALL, _LARGE = np.array([0.04, 0.30, 0.42]), np.array([0.85, 0.36, 0.07])
 
 
-def tiles_of(packing: Group) -> dict[str, Group]:
-    """The tiles of a `packing` group by name: one named "" where the group is a tile itself."""
-    if "centers" in packing.members:
-        return {"": packing}
-    return {name: member for name, member in packing.members.items() if isinstance(member, Group) and "centers" in member.members}
-
-
-def pictures(packing: Group) -> Iterator:
+def pictures(root: Group) -> Iterator:
     """Every picture of a `packing` group: three of a tile, three of all tiles of a dictionary together."""
-    tiles = list(tiles_of(packing).values())
-    if len(tiles) == 1:
-        yield spheres(tiles[0])
-        if "pair_correlation" in tiles[0].members:
-            yield pair_correlation(tiles[0])
-        yield chord_length(tiles[0])
-    elif tiles:
-        yield from dictionary(tiles)
+    found = list(tiles(root["packing"]).values())
+    if len(found) == 1:
+        yield spheres(found[0])
+        if "pair_correlation" in found[0].members:
+            yield pair_correlation(found[0])
+        yield chord_length(found[0])
+    elif found:
+        yield from dictionary(found)
 
 
 def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
@@ -94,8 +89,6 @@ def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tupl
 
 def spheres(tile: Group):
     """The tile as it would look in the light of sun and sky."""
-    from bakery.report.figures import Picture
-
     centers, radii, fraction = tile["centers"].data, tile["radii"].data, _fraction(tile)
 
     def draw(figure):
@@ -111,8 +104,6 @@ def spheres(tile: Group):
 
 def pair_correlation(tile: Group):
     """g2 with its error, and the fluid's where the spheres are one."""
-    from bakery.report.figures import Picture
-
     group, fraction, fluid = tile["pair_correlation"], _fraction(tile), _fluid(tile)
     columns = [(heading, group[name].data) for heading, name in
                (("r [mean radius]", "r"), ("g [1]", "g"), ("standard error of g [1]", "g_error"))]
@@ -135,8 +126,6 @@ def pair_correlation(tile: Group):
 
 def chord_length(tile: Group):
     """Chords between spheres against Dixmier's law."""
-    from bakery.report.figures import Picture
-
     group, radii, fraction = tile["chord_length"], tile["radii"].data, _fraction(tile)
     edges, density, error = (group[name].data for name in ("edges", "density", "density_error"))
     mean = float(theory.mean_chord(fraction, radii))
@@ -175,8 +164,6 @@ def chord_length(tile: Group):
 def dictionary(tiles: list[Group]) -> Iterator:
     """A sheet of all tiles, their pair correlations and their chords, one colour a fraction."""
     from matplotlib import colormaps
-
-    from bakery.report.figures import Picture
 
     fractions = np.array([_fraction(tile) for tile in tiles])
     colours = colormaps["viridis"](0.9 * (1 - np.arange(len(tiles)) / max(len(tiles) - 1, 1)))

@@ -14,8 +14,9 @@ import numpy as np
 from bakery import rng
 from bakery.errors import StageError
 from bakery.stages import rules
-from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets
+from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.packing.section import PACKING, radii_law
+from bakery.stages.packing.view import tiles
 from bakery.store.tree import Dataset, Group
 
 LEAST_GAP = -1e-9  # of the mean diameter: less is rounding, more an overlap
@@ -63,13 +64,6 @@ _REQUIRED = tuple(output.path for output in _TILE if not output.optional)
 def tile_name(fraction: float) -> str:
     """Name of a tile in a dictionary: its wished fraction in percent, `f60`, `f62_5`."""
     return f"f{100 * fraction:g}".replace(".", "_")
-
-
-def tiles(group: Group) -> dict[str, Group]:
-    """The tiles of a `packing` group by name: one named "" where the group is a tile itself."""
-    if "centers" in group.members:
-        return {"": group}
-    return {name: member for name, member in group.members.items() if isinstance(member, Group)}
 
 
 def nearest_denser(group: Group, fraction: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
@@ -465,4 +459,6 @@ STAGE = Stage(
     ),
     measures=measures,
     reference={"packing.count": "8000", "packing.growth": "auto", "packing.equilibration": "auto"},
+    pictures=later("bakery.stages.packing.pictures:pictures"),
+    files=later("bakery.stages.packing.files:csv_tables"),
 )

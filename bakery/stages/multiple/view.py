@@ -1,4 +1,4 @@
-"""What an asset's tables of light can be asked: kernels of narrow beams, multiple scattering around a source."""
+"""What the group `multiple` can be asked: light scattered three times and more around a source."""
 
 from __future__ import annotations
 
@@ -6,59 +6,14 @@ import numpy as np
 
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.members import Members, MissingStage
-from bakery.store.tree import Group
+from bakery.store.tree import Dataset, Group
 
 
-class Beam(Members):
-    """The group `beam`: kernels of a narrow beam, by name."""
-
-    def __init__(self, group: Group, medium: Group | None):
-        super().__init__(group, "beam")
-        self._medium = medium
-
-    def kernel(self, depth, r, measure: str = "fluence") -> np.ndarray:
-        """How a narrow beam of unit power spreads, (L, ...) mfp^-2, scattered light only.
-
-        Parameters
-        ----------
-        depth, r : mean free paths, 0 or more; broadcast
-        measure : fluence (all directions), forward, flux (power through a surface across the beam): the best ones.  For
-            comparison single, small_angle, small_angle_absorbing, erf, path_integral, and elek, which is approximate
-
-        Raises
-        ------
-        ValueError : another measure, deeper than the tables, negative
-
-        Notes
-        -----
-        0 at depth 0; infinite on the axis (but for path_integral and elek).
-        """
-        return np.stack([one.kernel(depth, r, measure) for one in self._ready()])
-
-    def layered(self, thickness, density, r, measure: str = "forward") -> np.ndarray:
-        """The kernel behind layers of unequal density, (L, *r.shape), per square of the unit of length.
-
-        Parameters
-        ----------
-        thickness, density : (N,) of the layers, from where the beam enters to the plane; the unit of length is the mean free path
-            at density 1
-        r : > 0
-        measure : forward, flux; for comparison single, small_angle and erf
-
-        Raises
-        ------
-        ValueError : another measure, an optical depth beyond the tables, no layers
-        """
-        return np.stack([one.layered(thickness, density, r, measure) for one in self._ready()])
-
-    def _ready(self) -> list:
-        if "_kernels" not in self.__dict__:
-            if self._medium is None:
-                raise MissingStage("kernels of a beam need the group medium, which is missing; bake the recipe again")
-            from bakery.stages.beam.stage import kernels_of
-
-            self._kernels = kernels_of(self._group, self._medium)
-        return self._kernels
+def view(root: Group) -> Multiple:
+    """The group as `bakery.open` gives it; its phase functions stand over the angles of the medium."""
+    medium = root.members.get("medium")
+    theta = medium.members.get("theta") if isinstance(medium, Group) else None
+    return Multiple(root["multiple"], theta.data if isinstance(theta, Dataset) else None)
 
 
 class Multiple(Members):
@@ -163,7 +118,6 @@ class Source:
         """Of each wavelength the point table, that of this source, and the mean free paths of both in one of the medium's."""
         if self._tables is None:
             from bakery.physics.multiple import lookup
-            from bakery.stages.multiple.stage import tables_of
 
             made = {}
             for kind in ("point", self.kind):
@@ -177,3 +131,18 @@ class Source:
 
     def __repr__(self) -> str:
         return f"{self.kind}(rho, z, theta, phi{', length=None' * (self.kind == 'segment')}) mfp^-3 sr^-1"
+
+
+def tables_of(group: Group, kind: str) -> list:
+    """The tables of a `multiple` group, one a wavelength, as `bakery.physics.multiple.table.Table`."""
+    from bakery.physics.multiple import table
+
+    made = []
+    for k in range(len(group["wavelength"].data)):
+        place = group[f"{kind}/w{k}"]
+        made.append(table.from_arrays(
+            {name: place[name].data for name in table.ARRAYS}, kind=KINDS.index(kind),
+            length=float(group["length"].data[0]) if kind == "segment" else 0.0, extent=float(group["extent"].data[k]),
+            k0=float(group["k0"].data[k]), error=float(place["error"].data[0]),
+            error_with_solver=float(place["error_with_solver"].data[0]), worst=float(place["error_worst"].data[0])))
+    return made

@@ -1,0 +1,63 @@
+"""Axes, legends and sentences that pictures have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+_WAVELENGTH = "wavelength"
+_LITTLE = 10.0  # ratio of the largest to the smallest below which an axis is linear
+
+
+def labels(um) -> list[str]:
+    return [f"{x:g} µm" for x in um]
+
+
+def legend_beside(figure, axes) -> None:
+    """One line a wavelength, beside the axes: inside, eight of them would cover the curves."""
+    figure.legend(*axes.get_legend_handles_labels(), title=_WAVELENGTH, title_fontsize=9, loc="outside right upper")
+
+
+def wavelength_axis(axes, um) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_xlabel("wavelength (µm)")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlim(um[0] - 0.06 * np.ptp(um), um[-1] + 0.06 * np.ptp(um))
+
+
+def plain_decades(axis) -> None:
+    """Ticks of a logarithmic axis as 0.1, 0.2, 0.5, 1, ...; decades only where those would crowd."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,), numticks=30))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def positive_axis(axes, values) -> None:
+    """A logarithmic axis for positive values, a linear one where they differ by so little that it would have next to no ticks."""
+    values = values[values > 0]
+    if values.size and values.max() > _LITTLE * values.min():
+        axes.set_yscale("log")
+    else:
+        plain_numbers(axes)
+
+
+def plain_numbers(axes) -> None:
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def power(exponent: float) -> str:
+    return f"$10^{{{int(exponent)}}}$"
+
+
+def positive(row):
+    """A logarithmic axis has no zero: gaps instead."""
+    return np.where(row > 0, row, np.nan)
+
+
+def sentences(remarks: Sequence[str]) -> str:
+    return "".join(f"  {remark}." for remark in remarks)

@@ -1,0 +1,47 @@
+"""One figure: what it shows, and the numbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.draw.style import QUIET, look, saved
+
+_HEAD = 0.24  # inches above a picture for the asset's name
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure.
+
+    Attributes
+    ----------
+    name : end of the file name
+    title, caption : what is seen, in words
+    size : inches
+    draw : takes an empty matplotlib Figure
+    columns : (heading with unit, values (N,)) of the data shown
+    """
+
+    name: str
+    title: str
+    caption: str
+    size: tuple[float, float]
+    draw: Callable
+    columns: tuple[tuple[str, np.ndarray], ...]
+
+
+def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg"), of: str = "") -> dict[str, bytes]:
+    """A picture in each form; the same bytes on every run with the same packages.  `of` (the asset) stands above it."""
+    from matplotlib.figure import Figure
+
+    with look(picture.name):
+        wide, high = picture.size
+        figure = Figure(figsize=(wide, high + _HEAD if of else high))
+        if of:
+            head, body = figure.subfigures(2, 1, height_ratios=(_HEAD, high))
+            head.text(0.08 / wide, 0.45, of, va="center", color=QUIET, fontsize=8.5, parse_math=False)
+        picture.draw(body if of else figure)
+        return {form: saved(figure, form) for form in forms}

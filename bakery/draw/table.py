@@ -1,0 +1,25 @@
+"""A table of text, for pages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells that are ready to be read.
+
+    Attributes
+    ----------
+    title : what stands above
+    header, rows : one text a column
+    words : how many of the first columns hold words; the others hold numbers
+    note : a sentence below
+    """
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: int = 0
+    note: str = ""

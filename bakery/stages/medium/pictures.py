@@ -1,0 +1,219 @@
+"""Pictures and the table of a medium: phase functions, polarisation, coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from bakery.draw.axes import (
+    labels,
+    legend_beside,
+    plain_decades,
+    plain_numbers,
+    positive,
+    positive_axis,
+    power,
+    sentences,
+    wavelength_axis,
+)
+from bakery.draw.picture import Picture
+from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET, colours
+from bakery.draw.table import Table
+from bakery.physics.medium.phase import evaluate
+from bakery.stages.optics import methods
+from bakery.store.tree import Dataset, Group
+
+_BESIDE = np.radians(2)  # a lobe shows what lies beyond, a narrower forward peak is cut
+_LOBE_DECADES, _HOLE = 5, 0.15  # most decades of a lobe; its inner circle, in shares of what is outside of it
+MOST_COLUMNS = 11  # of a table, side by side
+_SEEN = 0.02  # a relative error below this is thinner than a line on a scale of decades
+
+
+def pictures(root: Group) -> Iterator[Picture]:
+    """Every picture that the group `medium` allows."""
+    medium, um = root["medium"], root["wavelength"].data
+    if {"theta", "phase"} <= medium.members.keys():
+        yield phase_function(medium, um, methods.sentences_of(root, "medium/phase", ("L", "A")))
+        yield lobe(medium, um)
+        if {"s11", "s12"} <= medium.members.keys():
+            yield polarisation(medium, um)
+    if {"sigma_t", "albedo", "g"} <= medium.members.keys() and um.size > 1:
+        yield coefficients(medium, um)
+
+
+def tables(root: Group, axes: Callable[[str], tuple[str, ...]]) -> Iterator[Table]:
+    """Every value a wavelength, one row a wavelength."""
+    medium, um = root["medium"], root["wavelength"].data
+    columns = {name: member for name, member in medium.members.items()
+               if isinstance(member, Dataset) and axes(f"medium/{name}") == ("L",)}
+    errors = {name: columns[f"{name}_error"].data for name in columns if f"{name}_error" in columns}
+    columns = {name: member for name, member in columns.items()
+               if not (name.endswith("_error") and name.removesuffix("_error") in errors)}
+    units = [f" ({member.units})" if member.units != "1" else "" for member in columns.values()]
+    rows = [[name + unit, *(_with_error(x, errors[name][i] if name in errors else 0.0) for i, x in enumerate(member.data))]
+            for (name, member), unit in zip(columns.items(), units, strict=True)]
+    if len(columns) > MOST_COLUMNS:  # what would be too wide stands below each other
+        yield Table("Medium", ("", *(f"{x:g} um" for x in um)), rows, words=1)
+        return
+    turned = [[f"{x:g}", *(row[1 + i] for row in rows)] for i, x in enumerate(um)]
+    yield Table("Medium", ("wavelength (um)", *(row[0] for row in rows)), turned)
+
+
+def _with_error(value, error) -> str:
+    return f"{value:.6g}" + (f" ± {error:.2g}" if error > 0 else "")
+
+
+def phase_function(medium: Group, um, remarks: Sequence[str] = (), prefix: str = "", of: str = "") -> Picture:
+    """Phase functions on a logarithmic scale: all angles, and the forward peak on a logarithmic angle.
+
+    `remarks` (where rays took part, what the curves leave out) stand below the axes; `prefix` goes before the picture's name,
+    `of` behind its title.
+    """
+    theta, phase = np.degrees(medium["theta"].data), medium["phase"].data
+    stated = medium.members.get("phase_error")
+    error = stated.data if stated else phase * float(medium.attributes.get("achieved_error", 0.0))
+    largest = float(np.max(np.divide(error, phase, out=np.zeros_like(phase), where=phase > 0)))
+
+    left = _start_of_zoom(theta, phase)
+    near = np.union1d(np.geomspace(left, 30, 300), theta[(theta > left) & (theta < 30)])
+
+    def draw(figure):
+        wide, zoom = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
+        for axes, at in ((wide, theta), (zoom, near)):
+            rows, bands = (evaluate(medium["theta"].data, values, np.minimum(np.radians(at), np.pi)) for values in (phase, error))
+            for row, band, colour, label in zip(rows, bands, colours(um), labels(um), strict=True):
+                row = positive(row)
+                if largest > _SEEN:
+                    axes.fill_between(at, np.maximum(row - band, 1e-3 * row), row + band, color=colour, alpha=0.22, linewidth=0)
+                axes.plot(at, row, color=colour, label=label)
+        wide.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
+        if largest > _SEEN:  # the curves, not the error of an angle where next to nothing was found, say what is shown
+            wide.set_ylim(0.4 * phase[phase > 0].min(), 2.5 * phase.max())
+        wide.set_xticks(range(0, 181, 30))
+        wide.axhline(1 / (4 * np.pi), color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+        wide.annotate("isotropic", (0.5, 1 / (4 * np.pi)), xycoords=("axes fraction", "data"), xytext=(0, 3),
+                      textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
+        wide.set_title("All angles")
+        zoom.set(xscale="log", xlim=(left, 30), xlabel="θ (°), logarithmic")
+        zoom.set_title("Forward peak")
+        plain_decades(zoom.xaxis)
+        legend_beside(figure, wide)
+        if remarks:
+            figure.supxlabel("\n".join(remarks), x=0.01, ha="left", fontsize=8.5, color=QUIET)
+
+    band = f"  Largest error: {100 * largest:.2g} %" + (", the band." if largest > _SEEN else ", less than a line is wide.")
+    return Picture(f"{prefix}phase", f"Phase function{of}", "Light scattered by the angle between the directions of travel; "
+                   f"2π times the integral over cos θ is 1.{band}{sentences(remarks)}", (10.4, 4.3 + 0.2 * len(remarks)), draw,
+                   _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+
+
+def lobe(medium: Group, um, prefix: str = "", of: str = "") -> Picture:
+    """The phase function as a polar diagram whose radius is logarithmic.
+
+    The forward peak is cut where it would press all else into the middle, and small values end on an inner circle.
+    """
+    theta, phase = medium["theta"].data, medium["phase"].data
+    beside = phase[:, theta >= min(_BESIDE, theta[-1])]
+    top = float(np.ceil(np.log10(beside.max())))
+    bottom = np.floor(np.log10(max(np.percentile(beside[beside > 0], 0.5), 10 ** (top - _LOBE_DECADES))))
+    bottom = float(min(bottom, top - 1))
+    cut = phase.max() > 10**top
+
+    def draw(figure):
+        axes = figure.add_subplot(projection="polar")
+        for row, colour, label in zip(phase, colours(um), labels(um), strict=True):
+            radius = np.log10(np.clip(row, 10**bottom, 10**top))
+            axes.plot(np.concatenate([theta, 2 * np.pi - theta[::-1]]), np.concatenate([radius, radius[::-1]]), color=colour,
+                      label=label, linewidth=1.3)
+        decades = np.arange(bottom, top + 1)
+        axes.set_rlim(bottom, top)
+        axes.set_rorigin(bottom - _HOLE * (top - bottom))
+        axes.set_rgrids(decades, [power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
+        axes.set_thetagrids(range(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
+        axes.spines["polar"].set_color(FAINT)
+        axes.spines["inner"].set_color(QUIET)
+        axes.annotate("light", (0.17, 0.06), xytext=(0.0, 0.06), xycoords="axes fraction", va="center", fontsize=9,
+                      arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 4})
+        if cut:
+            axes.annotate(f"peak cut, to {phase.max():.2g}", (0, top), xytext=(-6, 5), textcoords="offset points", ha="right",
+                          fontsize=8, color=QUIET, annotation_clip=False)
+        axes.set_title("Phase function (1/sr), logarithmic radius", pad=16)
+        legend_beside(figure, axes)
+
+    said = "The same phase function around the particle; light travels to the right, 0° is straight on."
+    said += f"  The inner circle stands for {10**bottom:g} and less" + (
+        f", the outer one for {10**top:g} and more: the forward peak rises to {phase.max():.2g}." if cut else ".")
+    return Picture(f"{prefix}lobe", f"Lobe{of}", said, (6.4, 5.2), draw,
+                   _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+
+
+def polarisation(medium: Group, um) -> Picture:
+    """Degree of linear polarisation of light that was unpolarised before a single scattering."""
+    theta = medium["theta"].data
+    s11, s12 = medium["s11"].data, medium["s12"].data
+    degree = -np.divide(s12, s11, out=np.zeros_like(s12), where=s11 > 0)
+
+    def draw(figure):
+        axes = figure.subplots()
+        axes.axhline(0, color=QUIET, linewidth=0.8)
+        for row, colour, label in zip(degree, colours(um), labels(um), strict=True):
+            axes.plot(np.degrees(theta), 100 * row, color=colour, label=label)
+        axes.set(xlim=(0, 180), ylim=(-104 if (degree < -0.05).any() else -10, 104), xlabel="scattering angle θ (°)",
+                 ylabel="degree of linear polarisation (%)")
+        axes.set_xticks(range(0, 181, 30))
+        axes.set_title("Above 0: across the scattering plane; below: in it")
+        legend_beside(figure, axes)
+
+    return Picture("polarisation", "Polarisation", "-s12 / s11 for a single scattering of unpolarised light.", (7.2, 4.0), draw,
+                   _by_angle(medium, um, "-s12/s11 at {:g} um [1]", degree))
+
+
+def coefficients(medium: Group, um) -> Picture:
+    """Extinction, scattering and absorption, albedo and mean cosine against wavelength."""
+    order = np.argsort(um)
+    names = [name for name in ("sigma_t", "sigma_s", "sigma_a") if name in medium.members]
+    said = {"sigma_t": "extinction σt", "sigma_s": "scattering σs", "sigma_a": "absorption σa"}
+    style = {"sigma_t": "-", "sigma_s": (0, (5, 2.5)), "sigma_a": "-"}
+
+    absorbed = medium.members.get("sigma_a")  # 1 - albedo has lost its digits where little is absorbed
+    lost = (absorbed.data / medium["sigma_t"].data if absorbed else 1 - medium["albedo"].data)[order]
+    absorbs = bool((lost > 0).any())
+
+    def draw(figure):
+        first, *others = figure.subplots(1, 2 + absorbs, width_ratios=(1.25, *[1] * (1 + absorbs)))
+        for name, ink in zip(names, NEUTRAL, strict=False):
+            values = medium[name].data[order]
+            if (values > 0).any():
+                first.plot(um[order], positive(values), color=ink, linestyle=style[name], marker="o", markersize=4,
+                           label=said[name])
+        positive_axis(first, np.concatenate([medium[name].data for name in names]))
+        first.set_title("Coefficients (1/m)")
+        first.legend(loc="best")
+        if absorbs:
+            others[0].plot(um[order], positive(lost), color=INK, marker="o", markersize=4)
+            positive_axis(others[0], lost)
+            others[0].set_title("1 − albedo")
+        others[-1].plot(um[order], medium["g"].data[order], color=INK, marker="o", markersize=4)
+        others[-1].set_title("Mean cosine g")
+        plain_numbers(others[-1])
+        for axes in (first, *others):
+            wavelength_axis(axes, um[order])
+
+    shown = [*names, "albedo", "g"]
+    columns = [(f"{name} [{medium[name].units}]", medium[name].data[order]) for name in shown]
+    said_of_zeros = "zeros are left out." if absorbs else "nothing is absorbed."
+    return Picture("coefficients", "Coefficients", f"Of the medium, against the wavelength in vacuum; {said_of_zeros}",
+                   (9.6 if absorbs else 7.0, 3.4), draw, (("wavelength [um]", um[order]), *columns))
+
+
+def _by_angle(medium: Group, um, heading: str, rows) -> tuple:
+    """Columns of a picture over the scattering angle: one a wavelength."""
+    return (("theta [rad]", medium["theta"].data), *((heading.format(x), row) for x, row in zip(um, rows, strict=True)))
+
+
+def _start_of_zoom(theta, phase) -> float:
+    """An angle (degrees) inside the plateau of the sharpest peak: a fifth of where it has fallen to a half, in whole decades."""
+    halves = [theta[np.argmax(row < 0.5 * row[0])] for row in phase if (row < 0.5 * row[0]).any()]
+    sharpest = min(halves, default=30.0)
+    return float(10 ** np.floor(np.log10(min(max(sharpest / 5, 1e-5), 1.0))))
