@@ -44,8 +44,9 @@ def _rendered(asset) -> bytes:
     from tempfile import TemporaryDirectory
 
     from bakery.draw.files import preview_beside
+    from bakery.stages.conform import stages_of
 
-    if not {"medium", "grains"} & asset.stages.keys() or find_spec("mitsuba") is None:
+    if not any(stage.rendered for stage in stages_of(asset.tree)) or find_spec("mitsuba") is None:
         return b""
     from renderers.preview import preview
 
