@@ -246,7 +246,7 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
         with progress.during(f"reading {stage.name} from the cache"):
-            entry = None if step.action == RUN and "--force" in step.why else cache.get(stage.name, step.input_hash)
+            entry = None if step.force else cache.get(stage.name, step.input_hash)
         if entry:
             progress.done(stage.name, "from the cache")
             return *entry, _report(step, "from the cache", 0.0, entry[0])
