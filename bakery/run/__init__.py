@@ -227,7 +227,8 @@ def bake(
 
     Examples
     --------
-    >>> bakery.bake("recipes/fog.yaml", output="fog.h5")
+    >>> print(bakery.bake("fog.yaml", output="fog.h5"))
+    fog.h5
     """
     cache = Cache(say=progress.say if progress else lambda text: None)
     plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
