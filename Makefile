@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: bake test setup lint bench soak fuzz pictures scenes clean help
+.PHONY: bake test setup lint docs bench soak fuzz pictures scenes clean help
 
 help:
 	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
@@ -17,6 +17,7 @@ help:
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
+	@echo "make docs      bring the tables of docs/asset-format.md up to date"
 
 bake: $(VENV)/.ready
 	@mkdir -p build
@@ -79,9 +80,11 @@ scenes: $(VENV)/.ready
 figures-goa: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.figures_goa $(if $(CLAIM),--only $(CLAIM))
 
-lint:
-	$(BIN)/python -m pip install --quiet ruff
+lint: $(VENV)/.ready-test
 	$(BIN)/ruff check bakery renderers tests benchmarks
+
+docs: $(VENV)/.ready
+	$(BIN)/python -m bakery.asset.tables docs/asset-format.md
 
 clean:
 	rm -rf build

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -86,6 +88,24 @@ def command():
                               capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})}, **more)
 
     return run
+
+
+@contextmanager
+def a_users_folder():
+    """An empty folder in which rights bind: root, whom they do not bind, is another user meanwhile.
+
+    That user may not be able to import anything; call what is tested once before.
+    """
+    root, nobody = os.geteuid() == 0, 65534
+    with tempfile.TemporaryDirectory() as folder:
+        if root:
+            os.chown(folder, nobody, -1)
+            os.setresuid(nobody, nobody, 0)
+        try:
+            yield Path(folder)
+        finally:
+            if root:
+                os.setresuid(0, 0, 0)
 
 
 def pytest_addoption(parser):

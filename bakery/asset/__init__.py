@@ -34,7 +34,8 @@ def open(path: str | os.PathLike) -> Asset:
     Examples
     --------
     >>> asset = bakery.open("fog.h5")
-    >>> asset.medium.phase(np.radians([0, 90, 180]))      # (L, 3) 1/sr
+    >>> asset.medium.phase(np.radians([0, 90, 180])).shape      # (L, 3) 1/sr
+    (3, 3)
     """
     return Asset(read_checked(path), os.fspath(path))
 

@@ -19,7 +19,10 @@ FRAME = 12_000  # bytes of an asset besides its stages' arrays: names, attribute
 
 @dataclass(frozen=True)
 class Step:
-    """One stage of a plan.  `action` is "run" or "reuse"; `why` gives the reasons, in words."""
+    """One stage of a plan.
+
+    `action` is "run" or "reuse"; `why` gives the reasons, in words; `force` says that it runs whatever the cache holds.
+    """
 
     stage: Stage
     input_hash: str
@@ -27,6 +30,7 @@ class Step:
     action: str
     why: tuple[str, ...]
     cost: Cost
+    force: bool
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
@@ -137,6 +141,6 @@ def make(
             why = differences(before, found) if before else []
             if not why:
                 why = [f"not in {output}" if previous is not None else f"no {output} yet", "not in the cache"]
-        steps.append(Step(stage, key, found, action, tuple(why), price(stage, key, stage.cost(recipe))))
+        steps.append(Step(stage, key, found, action, tuple(why), price(stage, key, stage.cost(recipe)), force))
     held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
     return Plan(recipe, output, tuple(steps), write=not held, loaded=loaded)

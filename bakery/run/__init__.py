@@ -227,7 +227,8 @@ def bake(
 
     Examples
     --------
-    >>> bakery.bake("recipes/fog.yaml", output="fog.h5")
+    >>> print(bakery.bake("fog.yaml", output="fog.h5"))
+    fog.h5
     """
     cache = Cache(say=progress.say if progress else lambda text: None)
     plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
@@ -246,7 +247,7 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
         with progress.during(f"reading {stage.name} from the cache"):
-            entry = None if step.action == RUN and "--force" in step.why else cache.get(stage.name, step.input_hash)
+            entry = None if step.force else cache.get(stage.name, step.input_hash)
         if entry:
             progress.done(stage.name, "from the cache")
             return *entry, _report(step, "from the cache", 0.0, entry[0])

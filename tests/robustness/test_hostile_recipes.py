@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from bakery.errors import RecipeError, UsageError
 from bakery.recipe import load
-from tests.conftest import ROOT
+from tests.conftest import ROOT, a_users_folder
 
 CORPUS = Path(__file__).parent / "recipes"
 FOG, SAND = ((ROOT / "recipes" / f"{name}.yaml").read_text(encoding="utf-8") for name in ("fog", "sand"))
@@ -162,16 +162,21 @@ def test_tables_from_elsewhere(write, tmp_path):
         assert recipe.files[-1].key == "particles.components[0].material.file"
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
-def test_unreadable_files(write, tmp_path):
-    path = write(FOG)
-    path.chmod(0)
-    with pytest.raises(UsageError, match="cannot be read"):
-        load(path)
-    table = write("0.3,1.3\n0.9,1.3\n", "own.csv")
-    table.chmod(0)
-    with pytest.raises(RecipeError, match="cannot be read"):
-        load(write(FOG.replace("material: water", "material: {file: own.csv}"), "other.yaml"))
+def test_unreadable_files(write):
+    text = FOG.replace("material: water", "material: {file: own.csv}")
+    write("0.3,1.3\n0.9,1.3\n", "own.csv")
+    load(write(text))
+    with a_users_folder() as folder:
+        recipe, table = folder / "fog.yaml", folder / "own.csv"
+        recipe.write_text(text)
+        table.write_text("0.3,1.3\n0.9,1.3\n")
+        load(recipe)
+        table.chmod(0)
+        with pytest.raises(RecipeError, match="cannot be read"):
+            load(recipe)
+        recipe.chmod(0)
+        with pytest.raises(UsageError, match="cannot be read"):
+            load(recipe)
 
 
 # ---- anything at all

@@ -95,6 +95,7 @@ def test_actions(two_stages):
     assert planning.make(recipe(), Path("fog.h5"), current=hashes, same_recipe=False).write
     forced = planning.make(recipe(), Path("fog.h5"), current=hashes, same_recipe=True, force=True)
     assert forced.write and [step.action for step in forced.steps] == ["run", "run"]
+    assert all(step.force for step in forced.steps) and not any(step.force for step in (*fresh.steps, *held.steps))
     cached = planning.make(recipe(), Path("fog.h5"), in_cache=lambda name, key: name == "dig")
     assert [step.action for step in cached.steps] == ["reuse", "run"]
 

@@ -241,6 +241,23 @@ def test_rules_find_what_is_wrong(tmp_path):
     assert "faces do not name vertices" in broken("faces", lambda x: x + 100)
     assert "weights add up to 0.5" in broken("weight", lambda x: 0.5 * x)
 
+    def said(weights, faulty):
+        """Two components, of which one lacks its chord or its weight."""
+        parts = {}
+        for name, weight in zip("ab", weights, strict=True):
+            part = dict(group["glass"].members)
+            part["weight"] = Dataset(np.array([weight]), "1", "share")
+            part = {key: member for key, member in part.items() if key != faulty.get(name)}
+            parts[name] = Group(part)
+        others = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
+        return list(grains.check(Group(others | parts)))
+
+    # weights are judged whichever component has another fault, and not where one of them is missing
+    for name in "ab":
+        assert said((0.5, 0.5), {name: "chord"}) == [f"{name}: chord missing"]
+        assert said((0.5, 0.4), {name: "chord"}) == [f"{name}: chord missing", "weights add up to 0.9, not 1"]
+        assert said((0.5, 0.5), {name: "weight"}) == [f"{name}: weight missing"]
+
 
 def test_errors_against_converged_values(tmp_path):
     coarse, _ = grains_of(recipe(tmp_path, component(CUBE), more="scatterometer: {paths: 16384}"))

@@ -121,8 +121,13 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
 
     Examples
     --------
-    >>> glass = measure(Mesh(vertices, faces), dielectric(1.5), seed=1)
-    >>> glass.lambda_s, glass.lambda_s_error
+    >>> from bakery.physics.grains.bvh import Mesh
+    >>> from bakery.physics.grains.surface import dielectric
+    >>> from bakery.physics.shapes.build import build
+    >>> cube = build({"type": "box", "size": [1, 1, 1]})
+    >>> glass = measure(Mesh(cube.vertices, cube.faces), dielectric(1.5), seed=1, tolerance=0.05)
+    >>> bool(abs(glass.hit_probability - 2 / np.pi) < 5 * glass.errors["hit_probability"])  # Cauchy: a quarter of the surface
+    True
     """
     mu, edges = _checked(surface, mu, tolerance, asked, edges)
     tracer = tracer or Walker(mesh, surface, mu)

@@ -64,6 +64,7 @@ def ball(surface: Surface, mu=0.0, edges=None, radius=1.0, polarised=False) -> B
 
     Examples
     --------
+    >>> from bakery.physics.grains.surface import dielectric
     >>> glass = ball(dielectric(1.5))
     >>> round(float(glass.lambda_s[0]), 8), round(float(glass.g[0]), 8)
     (1.4243548, 0.65008941)

@@ -41,8 +41,8 @@ def efficiencies(m, x):
     Examples
     --------
     >>> q_ext, q_sca, q_back, g = efficiencies(1.33, 10.0)
-    >>> round(q_ext, 12)
-    2.206548710184
+    >>> round(q_ext, 10)
+    2.2065487102
     """
     q_ext, q_sca, _, q_back, g = _all_efficiencies(m, x)
     return q_ext, q_sca, q_back, g

@@ -306,14 +306,12 @@ def check(group: Group) -> Iterable[str]:
     parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
     if not parts:
         yield "holds no grain"
-    weights = 0.0
     for name, part in parts.items():
-        faults = list(_check_component(part, v["theta"]))
-        yield from (f"{name}: {fault}" for fault in faults)
-        if not faults:
-            weights += float(part["weight"].data[0])
-    if parts and not faults and abs(weights - 1) > 1e-6:
-        yield f"weights add up to {weights:.9g}, not 1"
+        yield from (f"{name}: {fault}" for fault in _check_component(part, v["theta"]))
+    # of all components or not at all: a component without one has been named, and what is left of the sum says nothing
+    weights = [float(part.members["weight"].data[0]) for part in parts.values() if "weight" in part.members]
+    if parts and len(weights) == len(parts) and abs(math.fsum(weights) - 1) > 1e-6:
+        yield f"weights add up to {math.fsum(weights):.9g}, not 1"
 
 
 def _check_component(part: Group, theta) -> Iterable[str]:
