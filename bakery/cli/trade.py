@@ -45,7 +45,7 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
 
     progress = choose(quiet)
     try:
-        found = trade(recipe, output, stages=stage, quality=quality,
+        result = trade(recipe, output, stages=stage, quality=quality,
                       settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
                       budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
@@ -53,10 +53,10 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
     finally:
         progress.close()
     if as_json:
-        print_json(found.as_dict() | {"files": [str(file) for file in found.files]})
+        print_json(result.as_dict() | {"files": [str(file) for file in result.files]})
         return
-    for sweep in found.as_dict()["stages"]:
+    for sweep in result.as_dict()["stages"]:
         for line in report(sweep, recipe):
             say(line)
-    for file in found.files:
+    for file in result.files:
         say(str(file))

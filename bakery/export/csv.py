@@ -23,11 +23,11 @@ def csv_files(root: Group) -> dict[str, str]:
     packed = isinstance(root.members.get("packing"), Group) and bool(tiles_of(root["packing"]))
     if packed:
         files |= csv_tables(root)
-    single, told = csv_figures(root)
+    single, exported = csv_figures(root)
     files |= single
     tables: dict[str, list] = {}
     for path, member in root.walk():
-        if not isinstance(member, Dataset) or path in told \
+        if not isinstance(member, Dataset) or path in exported \
                 or path.split("/")[0] in ("provenance", "recipe", "wavelength", *["packing"] * packed):
             continue
         group = path.rpartition("/")[0].replace("/", "_")

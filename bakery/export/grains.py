@@ -39,11 +39,11 @@ def obj_meshes(root: Group) -> dict[str, str]:
     ------
     AssetError : there is no grain
     """
-    found = meshes_of(root)
-    if not found:
+    meshes = meshes_of(root)
+    if not meshes:
         raise AssetError(f"{root.attributes.get('name')}: holds no stage `grains`; bake it from a recipe with `grains`")
     files = {}
-    for name, grain in found.items():
+    for name, grain in meshes.items():
         lines = [f"# {line}" for line in _remarks(root, grain)] + [f"o {name}"]
         lines += ["v " + " ".join(map(repr, row)) for row in grain.vertices.astype(float).tolist()]
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in grain.faces.tolist()]
@@ -52,11 +52,11 @@ def obj_meshes(root: Group) -> dict[str, str]:
 
 
 def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
-    """File name -> text of the single figures of grains and of their medium, and of figures by size; the paths told by them."""
-    files, told = {}, set()
+    """File name -> text of the single figures of grains and of their medium, and of figures by size; the paths that they hold."""
+    files, exported = {}, set()
     grains, medium = root.members.get("grains"), root.members.get("medium")
     if not isinstance(grains, Group):
-        return files, told
+        return files, exported
     groups = {f"grains/{name}": part for name, part in components_of(grains).items()}
     if isinstance(medium, Group):
         groups["medium"] = medium
@@ -70,12 +70,12 @@ def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
         if rows:
             head = ("figure", "value", "standard error", "unit", "what it is")
             files[f"{place.replace('/', '_')}_figures.csv"] = csv_text(list(zip(head, zip(*rows, strict=True), strict=True)))
-            told |= {f"{place}/{key}" for key in single}
+            exported |= {f"{place}/{key}" for key in single}
         table, names = _by_radius(root, grains, group)
         if table:
             files[f"{place.replace('/', '_')}_by_radius.csv"] = csv_text(table)
-            told |= {f"{place}/by_radius/{name}" for name in names}
-    return files, told
+            exported |= {f"{place}/by_radius/{name}" for name in names}
+    return files, exported
 
 
 def _by_radius(root: Group, grains: Group, part: Group) -> tuple[list, list[str]]:
@@ -92,8 +92,8 @@ def _by_radius(root: Group, grains: Group, part: Group) -> tuple[list, list[str]
 
 def _remarks(root: Group, grain: Exemplar) -> list[str]:
     radius = root["grains"].members.get("radius")
-    said = ["lengths in radii of the bounding sphere, which is the unit sphere"]
+    remarks = ["lengths in radii of the bounding sphere, which is the unit sphere"]
     if isinstance(radius, Dataset) and radius.data.size:
         low, high = float(radius.data.min()), float(radius.data.max())
-        said.append(f"radius {low!r} m" if low == high else f"radius {low!r} to {high!r} m")
-    return said + (["exactly the unit ball: these triangles stand for it in pictures only"] if grain.ball else [])
+        remarks.append(f"radius {low!r} m" if low == high else f"radius {low!r} to {high!r} m")
+    return remarks + (["exactly the unit ball: these triangles stand for it in pictures only"] if grain.ball else [])

@@ -78,10 +78,10 @@ def _bins(group: Group, middle: str) -> list:
 def _tiles(root: Group) -> dict[str, Group]:
     """End of file name -> tile."""
     packing = root.members.get("packing")
-    found = tiles_of(packing) if isinstance(packing, Group) else {}
-    if not found:
+    tiles = tiles_of(packing) if isinstance(packing, Group) else {}
+    if not tiles:
         raise AssetError(f"{root.attributes.get('name')}: holds no stage `packing`; bake it from a recipe with `packing`")
-    return {f"_{name}" if name else "": tile for name, tile in found.items()}
+    return {f"_{name}" if name else "": tile for name, tile in tiles.items()}
 
 
 def _form(tile: Group):

@@ -98,8 +98,8 @@ class Range:
         )
 
     def schema(self) -> dict:
-        found = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below, "maximum": self.most}
-        return {name: value for name, value in found.items() if value is not None}
+        limits = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below, "maximum": self.most}
+        return {name: value for name, value in limits.items() if value is not None}
 
     def __str__(self) -> str:
         low = f"above {self.above:g}" if self.above is not None else f"at least {self.least:g}" if self.least is not None else ""
@@ -115,9 +115,9 @@ def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, word
         raise Wrong(f"found the quoted number {show(text)}, which is text", f"expected {text.strip()} without quotes")
     if not bounds.holds(value):
         unit = "" if quantity.base == "1" else f" {quantity.base}"
-        what = one_of([*(words or ()), f"{quantity.one} {bounds}{unit}"])
-        more = hint(value) if hint else _percent(text, [value], quantity, bounds)
-        raise Wrong(f"found {show(text)}", f"expected {what}{more}")
+        expected = one_of([*(words or ()), f"{quantity.one} {bounds}{unit}"])
+        hint_text = hint(value) if hint else _percent(text, [value], quantity, bounds)
+        raise Wrong(f"found {show(text)}", f"expected {expected}{hint_text}")
     return value
 
 
@@ -142,14 +142,14 @@ def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
 def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Callable[[float], str] | None = None, **bounds):
     """One value of a quantity, or one of a few words that stand for values; `hint` as in `one`."""
     limits = Range(**bounds)
-    what = one_of([*(words or ()), units.example(quantity)])
+    expected = one_of([*(words or ()), units.example(quantity)])
 
     def read(node):
-        node = scalar(node, what)
+        node = scalar(node, expected)
         if words and node.text in words:
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()):
-            raise Wrong(f"found {show(node.text)}", f"expected {what}" + nearest(node.text, words))
+            raise Wrong(f"found {show(node.text)}", f"expected {expected}" + nearest(node.text, words))
         return one(node.text, quantity, limits, node.quoted, words, hint)
 
     return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
@@ -260,16 +260,16 @@ def _read_flag(node):
 def whole(least: int, most: int, words: dict | None = None):
     """A whole number, or one of a few words that stand for values."""
     limit = f"{most:,}" if most < 2**53 else "2^53"
-    what = one_of([*(words or ()), f"a whole number from {least:,} to {limit}"])
+    expected = one_of([*(words or ()), f"a whole number from {least:,} to {limit}"])
 
     def read(node):
-        text = scalar(node, what if words else "a whole number").text
+        text = scalar(node, expected if words else "a whole number").text
         if words and text in words:
             return words[text]
         # 20 digits hold every whole number in question, however many digits the text has
         if node.quoted or not re.fullmatch(r"[-+]?\d{1,20}", text, re.ASCII) or not least <= int(text) <= most:
             near = nearest(text, words) if words else ""
-            raise Wrong(f"found {show(text)}", f"expected {what}" + (" without quotes" if node.quoted else "") + near)
+            raise Wrong(f"found {show(text)}", f"expected {expected}" + (" without quotes" if node.quoted else "") + near)
         return int(text)
 
     number = {"type": "integer", "minimum": least, "maximum": most}
@@ -295,8 +295,8 @@ Format = leaf(_read_format, {"const": FORMAT})
 
 
 def _geometric(value: float) -> str:
-    meant = f"; exp({value:g}) = {math.exp(value):.4g} where {value:g} is that of ln r" if 0 < value < 1 else ""
-    return f", the geometric standard deviation{meant}"
+    hint = f"; exp({value:g}) = {math.exp(value):.4g} where {value:g} is that of ln r" if 0 < value < 1 else ""
+    return f", the geometric standard deviation{hint}"
 
 
 GeometricDeviation = number(above=1, most=10, hint=_geometric)

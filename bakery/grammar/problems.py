@@ -21,8 +21,8 @@ def translate(error: dict) -> Iterator[Problem]:
     if kind == "told" or node.broken and kind != "extra_forbidden":
         return
     if kind == "wrong":
-        said = error["ctx"]
-        yield node.place.problem(said["found"], said["expected"], said["offset"])
+        context = error["ctx"]
+        yield node.place.problem(context["found"], context["expected"], context["offset"])
     elif kind == "missing":
         name = str(error["loc"][-1])
         if name in meant(node):

@@ -33,10 +33,10 @@ SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts h
 
 def likely(section: Mapping, name: str) -> str:
     """The key that an unknown one seems to stand for, among those that the mapping lacks; "" where there is none."""
-    known = [field for field in section.model.model_fields if field not in section] if section.model else []
+    names = [field for field in section.model.model_fields if field not in section] if section.model else []
     if name in SHARES:
-        return next((field for field in known if field in SHARES), "")
-    return closest(name, known)
+        return next((field for field in names if field in SHARES), "")
+    return closest(name, names)
 
 
 def meant(section: Mapping) -> set[str]:

@@ -170,21 +170,21 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
-        held = standing or Group()  # gone since the plan was made: nothing is known of it
-        steps = tuple(_report(step, "unchanged", 0.0, held.members.get(step.stage.name)) for step in plan.steps)
-        return Baked(plan.output, False, steps, files, _missed(held), plan.recipe.warnings)
+        existing = standing or Group()  # gone since the plan was made: nothing is known of it
+        steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
+        return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings)
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
-    with ExitStack() as kept:
+    with ExitStack() as stack:
         with progress.during(f"calling {address}" if address else "starting workers"):
-            running = kept.enter_context(pool)
-        kept.enter_context(remembering(cache))
+            running = stack.enter_context(pool)
+        stack.enter_context(remembering(cache))
         for step in plan.steps:
             group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress,
-                                                here=not (executor or address))
+                                                in_process=not (executor or address))
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
     root = _assemble(plan, groups, provenances)
@@ -238,11 +238,11 @@ def bake(
     return baked.output
 
 
-def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, here: bool):
-    """One stage: taken from the asset that stands, from the cache, or computed (`here`: by this process)."""
+def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, in_process: bool):
+    """One stage: taken from the asset that stands, from the cache, or computed (`in_process`: by this process)."""
     stage = step.stage
-    if step.action == REUSE and (held := _held(standing, stage.name, step.input_hash)):
-        return *held, _report(step, "unchanged", 0.0, held[0])
+    if step.action == REUSE and (reused := _held(standing, stage.name, step.input_hash)):
+        return *reused, _report(step, "unchanged", 0.0, reused[0])
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
         with progress.during(f"reading {stage.name} from the cache"):
@@ -254,7 +254,7 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
         with progress.during(f"writing {stage.name} to the cache"):
             cache.put(stage.name, step.input_hash, group, provenance)
     # other machines say nothing of this one; nor does a bake that compiled for most of its time: that slows the rest as well
-    if here and compiled < 0.5 * seconds:
+    if in_process and compiled < 0.5 * seconds:
         cost = stage.cost(plan.recipe)
         cache.note_speed(_kind(stage, cost), step.input_hash, _work(cost, workers), seconds - compiled)
     return group, provenance, _report(step, "computed", seconds, group)
@@ -345,8 +345,8 @@ def _versions() -> dict[str, str]:
     from importlib.metadata import version
     from platform import machine, python_version
 
-    found = {f"{name}_version": version(name) for name in ("h5py", "numba", "numpy", "scipy")}
-    return found | {"python_version": python_version(), "machine": machine()}
+    versions = {f"{name}_version": version(name) for name in ("h5py", "numba", "numpy", "scipy")}
+    return versions | {"python_version": python_version(), "machine": machine()}
 
 
 def _now() -> str:

@@ -104,11 +104,11 @@ class State:
         if since is not None:
             return f"compiling kernels, once ({duration(self._compiled + self._clock() - since)})"
         left = self.left()
-        told = "" if left is None else f"about {duration(left)}" if not self._fraction else f"{duration(left)} left"
+        remaining = "" if left is None else f"about {duration(left)}" if not self._fraction else f"{duration(left)} left"
         allowed = f" of {self._tolerance:.2g}" if self._tolerance else ""
         error = "" if self._error is None else f"error {self._error:.2g}{allowed}"
         share = f"{100 * self._fraction:.0f} %" if self._fraction else ""
-        return ", ".join(word for word in (share, error, self._state, told) if word) or f"{duration(self._worked())} so far"
+        return ", ".join(word for word in (share, error, self._state, remaining) if word) or f"{duration(self._worked())} so far"
 
 
 class Lines(Progress):

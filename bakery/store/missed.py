@@ -14,9 +14,9 @@ def missed(root: Group) -> dict[str, str]:
     lines = {}
     for name, group in root.members.items():
         if isinstance(group, Group):
-            said = [*_error(group.attributes), *_wishes(root, name)]
-            if said:
-                lines[name] = "; ".join(said)
+            misses = [*_error(group.attributes), *_wishes(root, name)]
+            if misses:
+                lines[name] = "; ".join(misses)
     return lines
 
 
@@ -34,7 +34,7 @@ def _error(attributes) -> list[str]:
 
 def _wishes(root: Group, name: str) -> list[str]:
     try:
-        held = root[f"provenance/{name}/missed"]
+        stored = root[f"provenance/{name}/missed"]
     except KeyError:
         return []
-    return held.data.tobytes().decode(errors="replace").splitlines() if is_text(held) else []
+    return stored.data.tobytes().decode(errors="replace").splitlines() if is_text(stored) else []

@@ -21,8 +21,8 @@ ASSET, PAGE, DEPFILE = "asset", "HTML page", "depfile"
 
 def _text(pattern: str):
     """Whether a file begins as text in which a pattern is found."""
-    known = re.compile(pattern.encode(), re.MULTILINE)
-    return lambda head: b"\0" not in head and known.search(head) is not None
+    expression = re.compile(pattern.encode(), re.MULTILINE)
+    return lambda head: b"\0" not in head and expression.search(head) is not None
 
 
 # kind -> whether a file that begins so is one.  A damaged asset is an asset: it may be baked again.

@@ -89,16 +89,16 @@ class Sweep:
         alike: dict[str, list[list[float]]] = {}
         for i in self.good:
             alike.setdefault(self.runs[i].content, []).append(list(self.runs[i].ratios))
-        found = []
+        points = []
         for i in self.good:
             ratios, others = self.runs[i].ratios, alike[self.runs[i].content]
             limit = ALIKE * min(median(other) for other in others)
             if median(ratios) <= limit:
                 ratios = [ratio for other in others if median(other) <= limit for ratio in other]
-            own = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
+            spread = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
             seconds = median(ratios) * self.baseline_seconds
-            found.append(Point(seconds, self.runs[i].error, standard_error(max(self.noise, own), len(ratios))))
-        return found
+            points.append(Point(seconds, self.runs[i].error, standard_error(max(self.noise, spread), len(ratios))))
+        return points
 
     def seconds(self, index: int) -> tuple[float, float, float, float]:
         """Median, median absolute deviation, least and largest corrected time of a run."""
@@ -129,13 +129,13 @@ class Sweep:
         if any(self.runs[index].content == self.runs[i].content and self.point(index) == self.point(i) for i in self.front):
             return None
         on = [self.good.index(i) for i in self.front]
-        found = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
-        return None if found is None else self.good[found]
+        place = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
+        return None if place is None else self.good[place]
 
     def recommended(self, tolerance: float) -> int | None:
         """The run on the front with the least time whose true error meets a tolerance."""
-        found = fronts.cheapest([self.point(i) for i in self.front], tolerance)
-        return None if found is None else self.front[found]
+        place = fronts.cheapest([self.point(i) for i in self.front], tolerance)
+        return None if place is None else self.front[place]
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`, trade.json)."""

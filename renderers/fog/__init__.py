@@ -209,15 +209,15 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
         return np.zeros(rays.shape)
 
     def phase(theta):
-        found = asset.medium.phase(theta)
-        return found[np.argsort(-np.asarray(asset.wavelength))] if len(found) == 3 else np.repeat(found, 3, axis=0)
+        values = asset.medium.phase(theta)
+        return values[np.argsort(-np.asarray(asset.wavelength))] if len(values) == 3 else np.repeat(values, 3, axis=0)
 
     try:
-        found = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
+        values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
                                    _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
-    return found.reshape(rays.shape)
+    return values.reshape(rays.shape)
 
 
 def _display(section, rgb):

@@ -37,9 +37,9 @@ def moments(phase):
     x, w = np.polynomial.legendre.leggauss(4)
     theta = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x).ravel()
     weight = (0.5 * np.diff(edges)[:, None] * w).ravel() * 2 * np.pi * np.sin(theta) * np.asarray(phase(theta), float)
-    one, g, second = (np.sum(weight * P, axis=-1) for P in (1, np.cos(theta), 1.5 * np.cos(theta) ** 2 - 0.5))
-    if (np.abs(one - 1) > 0.02).any():
-        raise ValueError(f"the integral of a phase function over the sphere is 1, not {one}")
+    integral, g, second = (np.sum(weight * P, axis=-1) for P in (1, np.cos(theta), 1.5 * np.cos(theta) ** 2 - 0.5))
+    if (np.abs(integral - 1) > 0.02).any():
+        raise ValueError(f"the integral of a phase function over the sphere is 1, not {integral}")
     return g, np.clip(second, 0, np.minimum(np.maximum(g, 0), 1 - 1e-9))
 
 
@@ -153,10 +153,10 @@ def column(albedo, g, tau, total, mu, irradiance):
     # what must enter through the faces for nothing to come in, in waves that leave by the other face; all times 2 e^{-k total}
     b0, b1 = -incident / 2, -leaving
     x, y = total - tau, tau
-    one, both = math.exp(-2 * k * x), math.exp(-2 * k * y)
+    decay, decay_back = math.exp(-2 * k * x), math.exp(-2 * k * y)
     falling, rising = math.exp(-k * y), math.exp(-k * x)
-    cosh0, sinh0 = falling * (1 + one), falling * 2 * x * _mean(2 * k * x)  # cosh k(total - tau), sinh/k
-    cosh1, sinh1 = rising * (1 + both), rising * 2 * y * _mean(2 * k * y)
+    cosh0, sinh0 = falling * (1 + decay), falling * 2 * x * _mean(2 * k * x)  # cosh k(total - tau), sinh/k
+    cosh1, sinh1 = rising * (1 + decay_back), rising * 2 * y * _mean(2 * k * y)
     end = math.exp(-2 * k * total)
     s = 2 * total * _mean(2 * k * total)
     N = D * (1 + end) + s * (0.25 + (D * k) ** 2)
@@ -174,17 +174,17 @@ def _fill(albedo, g, tau, total, mu, irradiance, phi, flux):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_slabs(albedo, g, peak, tau, passed, reflected, crossing):
     for n in range(len(passed)):
-        held = min(max(tau[n], _THIN), _DEEPEST)
-        left, asymmetry, factor = scaled(albedo[n], g[n], peak[n])
-        phi, flux = column(left, asymmetry, held * factor, held * factor, 1.0, 1.0)
+        depth = min(max(tau[n], _THIN), _DEEPEST)
+        reduced, asymmetry, factor = scaled(albedo[n], g[n], peak[n])
+        phi, flux = column(reduced, asymmetry, depth * factor, depth * factor, 1.0, 1.0)
         # what the peak has scattered is nearly parallel still
-        straight = -math.exp(-held * factor) * math.expm1(held * (factor - 1))
-        thin = min(tau[n] / held, 1.0)
-        passed[n] = thin * (straight + phi / 4 + flux / 2)
-        phi, flux = column(left, asymmetry, 0.0, held * factor, 1.0, 1.0)
+        forward = -math.exp(-depth * factor) * math.expm1(depth * (factor - 1))
+        thin = min(tau[n] / depth, 1.0)
+        passed[n] = thin * (forward + phi / 4 + flux / 2)
+        phi, flux = column(reduced, asymmetry, 0.0, depth * factor, 1.0, 1.0)
         reflected[n] = thin * (phi / 4 - flux / 2)
-        phi, flux = column(left, asymmetry, held * factor, _DEEPEST, 1.0, 1.0)
-        crossing[n] = thin * (straight + phi / 4 + flux / 2)
+        phi, flux = column(reduced, asymmetry, depth * factor, _DEEPEST, 1.0, 1.0)
+        crossing[n] = thin * (forward + phi / 4 + flux / 2)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

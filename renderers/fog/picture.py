@@ -141,18 +141,18 @@ def read_color(path, layer=None):
 def _layer(path, channels, layer):
     """Red, green and blue of a layer; of the only one, or the nameless one, where none is named."""
     prefix = "" if layer is None else f"{layer}."
-    found = [layer or ""] if all(prefix + c in channels for c in "RGB") else []
-    if layer is None and not found:
-        found = [name.removesuffix(".R") for name in channels if name.endswith(".R")
+    layers = [layer or ""] if all(prefix + c in channels for c in "RGB") else []
+    if layer is None and not layers:
+        layers = [name.removesuffix(".R") for name in channels if name.endswith(".R")
                  and all(f"{name[:-1]}{c}" in channels for c in "GB")]
-    if len(found) == 1:
-        prefix = f"{found[0]}." if found[0] else ""
+    if len(layers) == 1:
+        prefix = f"{layers[0]}." if layers[0] else ""
         return np.stack([channels[prefix + c] for c in "RGB"], axis=2)
     grey = f"{prefix}Y"
-    if not found and grey in channels:
+    if not layers and grey in channels:
         return np.repeat(channels[grey][..., None], 3, axis=2)
-    wanted = "the name of one as `layer:`" if found else f"{prefix}R, {prefix}G and {prefix}B, or {grey},"
-    raise UsageError(f"{path}: found the channels {_listed(channels)}; {wanted} would do")
+    expected = "the name of one as `layer:`" if layers else f"{prefix}R, {prefix}G and {prefix}B, or {grey},"
+    raise UsageError(f"{path}: found the channels {_listed(channels)}; {expected} would do")
 
 
 def read_depth(path, channel=None):
@@ -271,9 +271,9 @@ def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None,
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed, progress=progress)
     distance = _distances(mi, scene, sensor, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
-    made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
+    origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise}
-    return Picture(picture.rgb, distance * unit, camera, made)
+    return Picture(picture.rgb, distance * unit, camera, origin)
 
 
 def _sensor_camera(mi, sensor, path, width, height):
@@ -283,11 +283,11 @@ def _sensor_camera(mi, sensor, path, width, height):
     plane = []
     for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
         ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
-        start, way = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
-        if np.linalg.norm(np.cross(start, way)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not way @ ahead > 0:
+        start, along = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
+        if np.linalg.norm(np.cross(start, along)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not along @ ahead > 0:
             plane = []
             break
-        plane.append(way / (way @ ahead))
+        plane.append(along / (along @ ahead))
     if not plane or np.abs(plane[1] + plane[2] - plane[0] - plane[3]).max() > 1e-4 * np.abs(plane[3] - plane[0]).max():
         raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; a perspective camera would do")
     return Camera(origin, plane[0], (plane[1] - plane[0]) / width, (plane[2] - plane[0]) / height)
@@ -301,17 +301,17 @@ def _distances(mi, scene, sensor, camera, height, width):
     slant = _length(camera.points(height, width)).reshape(-1)  # distance over z
     near, far = sensor.near_clip() * slant, sensor.far_clip() * slant
     start = camera.origin + near[:, None] * directions
-    found = np.full(len(directions), np.inf)
+    depths = np.full(len(directions), np.inf)
     if dr.is_jit_v(mi.Float):
         ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(directions.T))
         ray.maxt = mi.Float(far - near)
         hit = scene.ray_intersect_preliminary(ray, coherent=True)
-        found = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
+        depths = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
     else:
-        for i, (begin, way, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
-            ray = mi.Ray3f(begin, way)
+        for i, (begin, ray_direction, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
+            ray = mi.Ray3f(begin, ray_direction)
             ray.maxt = limit
             hit = scene.ray_intersect_preliminary(ray, coherent=True)
             if hit.is_valid():
-                found[i] = hit.t
-    return (found + near).reshape(height, width)
+                depths[i] = hit.t
+    return (depths + near).reshape(height, width)
