@@ -1,4 +1,4 @@
-"""`bake export ASSET --to FORMAT`: hands an asset to other software and says what was lost."""
+"""`bake export ASSET --to FORMAT`: exports an asset to other software and reports the losses."""
 
 from __future__ import annotations
 

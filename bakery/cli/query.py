@@ -179,5 +179,5 @@ def _rows(answer):
 
 
 def _digits(value) -> str:
-    """Every digit that tells a float from its neighbours."""
+    """As many digits as distinguish a float from its neighbours."""
     return str(value.item() if hasattr(value, "item") else value)

@@ -35,8 +35,8 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
             verbose):
     """Measure true error against time over the knobs of each stage of RECIPE.
 
-    Prints the settings that are worth their time, the cheapest one for the wished tolerance, and where draft, preview and final
-    lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where it was.
+    Prints the settings that are worth their time, the cheapest one for the requested tolerance, and where draft, preview and
+    final lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where it was.
     """
     from bakery.run.progress import choose
     from bakery.system.terminal import say

@@ -2,7 +2,7 @@
 
 Each is a pydantic type that takes a `Scalar` of the tree (or, for lists, a `Sequence`), returns the value in base units, and
 carries the JSON Schema that an editor needs.  A value that is well formed is also noted under its dotted key in the validation
-context, so that the checks between keys (`checks.py`) can run even where another part of the recipe is wrong.
+context, so that the checks between keys (`recipe.checker`) can run even where another part of the recipe is wrong.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def is_null(node: Any) -> bool:
 
 def scalar(node: Any, expected: str) -> Scalar:
     if node.broken:
-        raise PydanticCustomError("told", "told")
+        raise PydanticCustomError("reported", "reported")
     if not isinstance(node, Scalar) or is_null(node):
         _raise(f"found {describe(node)}", f"expected {expected}")
     return node
@@ -57,7 +57,7 @@ def scalar(node: Any, expected: str) -> Scalar:
 class Leaf:
     """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function.
 
-    `quantity` and `bounds` of a number tell tests its smallest and its largest value.
+    `quantity` and `bounds` of a number give tests its smallest and its largest value.
     """
 
     def __init__(self, read: Callable, json: dict, quantity: Quantity | None = None, bounds: Range | None = None):

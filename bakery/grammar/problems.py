@@ -18,7 +18,7 @@ def distinct(problems: list[Problem]) -> list[Problem]:
 def translate(error: dict) -> Iterator[Problem]:
     """One of pydantic's errors in our words."""
     node, kind = error["input"], error["type"]
-    if kind == "told" or node.broken and kind != "extra_forbidden":
+    if kind == "reported" or node.broken and kind != "extra_forbidden":
         return
     if kind == "wrong":
         context = error["ctx"]

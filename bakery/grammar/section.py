@@ -14,7 +14,7 @@ class Section(BaseModel):
 
     # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-    named: ClassVar[dict[str, type]] = {}  # every mapping of known keys: pydantic's errors tell names of classes
+    named: ClassVar[dict[str, type]] = {}  # every mapping of known keys: pydantic's errors give names of classes
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)

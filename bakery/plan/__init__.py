@@ -40,8 +40,8 @@ class Step:
 class Plan:
     """The ordered steps of a bake.
 
-    `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses a wish;
-    `loaded` is the memory of the process before any stage, in bytes.
+    `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses its
+    tolerance or another target; `loaded` is the memory of the process before any stage, in bytes.
     """
 
     recipe: object

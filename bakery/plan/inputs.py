@@ -1,7 +1,7 @@
 """What a stage depends on, by name, and the hash over it.
 
 The parts of a stage's input are the recipe's leaves that match its `reads`, the digests of the data files that those keys name,
-the stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts tell,
+the stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts say,
 key by key, why a stage has to run again.
 """
 

@@ -42,7 +42,7 @@ COMPILER = 1e8  # bytes that compiling takes
 @dataclass(frozen=True)
 class Baked:
     """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, a line for each
-    stage that misses its tolerance or another wish, and what the recipe says that is probably not meant."""
+    stage that misses its tolerance or another target, and what the recipe says that is probably not meant."""
 
     output: Path
     written: bool
@@ -75,7 +75,7 @@ def overrides(
 
 
 def target_of(output: str | os.PathLike | None, name: str) -> Path:
-    """The asset's path: NAME.h5 in the current folder unless told; a folder is told by its closing slash."""
+    """The asset's path: NAME.h5 in the current folder by default; a closing slash marks a folder."""
     if output is None:
         return Path(f"{name}.h5")
     text = os.fspath(output)
@@ -153,7 +153,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     plan : from `prepare`
     cache : of finished stages
     jobs : threads, unless `executor` (any `concurrent.futures` executor) or `address` (a Dask scheduler) is given
-    progress : is told what happens
+    progress : receives the progress
     """
     from bakery.store.write import sweep, write
 
@@ -223,7 +223,7 @@ def bake(
     Raises
     ------
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
-        not meet its tolerance or another wish, saying which
+        not meet its tolerance or another target, saying which
 
     Examples
     --------
@@ -285,7 +285,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         "achieved_error": result.achieved_error, "error_measure": stage.error_measure})
     broken = list(stage.check(group))
     if broken:
-        # a bug of ours, told as such: nothing that breaks physics is stored
+        # a bug of ours, reported as such: nothing that breaks physics is stored
         raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
@@ -297,14 +297,14 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     provenance = Group(
         {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
         | ({"notes": text("\n".join(result.notes), "remarks of the stage")} if result.notes else {})
-        | ({"missed": text("\n".join(result.missed), "wishes that were not met")} if result.missed else {}),
+        | ({"missed": text("\n".join(result.missed), "targets that were missed")} if result.missed else {}),
         {"seconds": seconds, "peak_memory": peak, "workers": workers, "bakery_version": bakery.__version__,
          "finished": _now()})
     return group, provenance, seconds, clock.seconds
 
 
 def _missed(root: Group) -> tuple[str, ...]:
-    """The stages that miss their tolerance or a wish, whether computed just now or earlier."""
+    """The stages that miss their tolerance or a target, whether computed just now or earlier."""
     from bakery.store.missed import missed
 
     return tuple(f"{name}: {line}" for name, line in missed(root).items())

@@ -21,7 +21,7 @@ from bakery.store.tree import Group
 ENTRY, BAD = ".h5", ".bad"
 SPEED = "speed.json"  # what stages took here, for the next plan
 KEEP = 16  # bakes kept of a kind of work
-SHORT = 12  # digits of an input hash that tell bakes apart there
+SHORT = 12  # digits of an input hash that distinguish bakes there
 SMALL = 0.3  # modelled seconds up to which a bake says nothing of the machine
 OWN = 0.5  # weight of the model among bakes
 
@@ -141,7 +141,7 @@ class Cache:
     # what stages took on this machine
 
     def speed(self, kind: str, key: str, work: float) -> tuple[float, int]:
-        """Time on this machine over the modelled time, and how many bakes say so (0: none that tells, the model stands).
+        """Time on this machine over the modelled time, and how many bakes say so (0: none, the model alone counts).
 
         Parameters
         ----------

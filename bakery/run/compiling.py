@@ -51,7 +51,7 @@ def _compiled(module: str) -> bool:
 
 
 class Clock:
-    """Seconds that went into compiling; `tell` hears when it begins and ends.
+    """Seconds that went into compiling; `tell` is called when it begins and ends.
 
     numba compiles under a lock of the process: one kernel at a time, and within it those that it calls.
     """

@@ -90,7 +90,7 @@ class State:
         return (self._clock() if since is None else since) - self._started - self._compiled
 
     def left(self) -> float | None:
-        """Seconds that are left; None where neither the plan nor the progress so far tells."""
+        """Seconds that are left; None where neither the plan nor the progress so far gives an estimate."""
         share = PRIOR if self._planned else 0.0
         if not self._fraction - self._first[1] + share:
             return None

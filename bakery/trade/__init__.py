@@ -26,7 +26,7 @@ BUDGET = 5.0  # minutes
 
 @dataclass(frozen=True)
 class Trade:
-    """What was measured: a sweep for each stage, and the files that tell of them."""
+    """What was measured: a sweep for each stage, and the files that hold it."""
 
     recipe: str
     folder: Path
@@ -49,10 +49,10 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     recipe : path
     output : folder, NAME.trade by default; a second call with it goes on where the first ended
     stages : names, all that have knobs by default
-    quality, tolerance, seed, settings : override recipe values as for a bake; the tolerance is the one wished
+    quality, tolerance, seed, settings : override recipe values as for a bake; the tolerance is the requested one
     measure : name of the error that ranks settings and meets tolerances; the first of each stage by default
     budget : minutes, for all stages together
-    progress, verbose : who is told what happens, and whether of each run
+    progress, verbose : receives the progress, and whether that of each run
     overwrite : replace also files of other kinds that stand where the results go
 
     Raises

@@ -33,7 +33,7 @@ def front(points: Sequence[Point], floor: float = 0.0) -> list[int]:
     Parameters
     ----------
     points : in the order of preference among equals
-    floor : error below which settings cannot be told apart
+    floor : error below which settings cannot be distinguished
 
     Notes
     -----

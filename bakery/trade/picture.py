@@ -50,10 +50,11 @@ def picture(stage: Mapping) -> Picture:
             axes.plot(*shown[stage["knee"]], "o", color="none", markeredgecolor=_MARK, markeredgewidth=2.2, markersize=22,
                       zorder=4, label="knee")
         axes.axhline(stage["tolerance"], color=INK, linewidth=1.0, linestyle=(0, (5, 3)), zorder=1,
-                     label=f"tolerance wished, {100 * stage['tolerance']:.3g} %")
+                     label=f"tolerance requested, {100 * stage['tolerance']:.3g} %")
         _limits(axes, seconds, np.append(height, stage["tolerance"]))
         if floor > axes.get_ylim()[0]:
-            axes.axhspan(axes.get_ylim()[0], floor, color=FAINT, alpha=0.6, linewidth=0, zorder=0, label="below: not told apart")
+            axes.axhspan(axes.get_ylim()[0], floor, color=FAINT, alpha=0.6, linewidth=0, zorder=0,
+                         label="below: not distinguished")
         _numbers(axes, [shown[i] for i in stage["front"]])
         axes.set_title(f"{stage['stage']}: error against time")
         handles, labels = axes.get_legend_handles_labels()

@@ -23,14 +23,14 @@ class Sweep:
     Attributes
     ----------
     stage : its declaration
-    tolerance : wished
+    tolerance : requested
     wishes : name of each preset -> its tolerance
     runs : every setting that was run, in that order; failed ones too
     start : index of the recipe as it stands
     presets : name -> index into `runs`
     inert : keys of knobs that changed nothing
     reference : of the converged values: `setting`, `input_hash`, `seconds`, `achieved` (the error that they claim), `check`
-    floor : by name of error, how far two converged groups are apart: smaller errors are not told apart
+    floor : by name of error, how far two converged groups are apart: smaller errors are not distinguished
     baseline : overrides of the setting that was run around every other
     refused : (overrides, message) that the recipe does not allow
     untried : overrides for which the time did not suffice; nothing there means that no further run can change the recommendations
@@ -156,7 +156,7 @@ class Sweep:
 
     @property
     def tolerances(self) -> list[float]:
-        """The tolerances for which a setting is recommended: the wish first, then those of the presets."""
+        """The tolerances for which a setting is recommended: the requested one first, then those of the presets."""
         return list(dict.fromkeys([self.tolerance, *self.wishes.values()]))
 
     def _run(self, i: int) -> dict:

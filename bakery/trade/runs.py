@@ -61,7 +61,7 @@ class Run:
         return next(iter(self.errors.values()))
 
     def with_repeat(self, repeat: Mapping) -> Run:
-        """The same with one more repeat, as the worker tells it."""
+        """The same with one more repeat, as the worker reports it."""
         values = {name: (*getattr(self, name), float(repeat[name])) for name in ("seconds", "wall", "baseline")}
         if not self.seconds:
             values |= {name: repeat[name] for name in ("memory", "errors", "achieved", "content")}

@@ -1,8 +1,8 @@
-"""Which setting to run next: each knob alone, then combinations near the front, until none can move it for a wished tolerance.
+"""Which setting to run next: each knob alone, then combinations near the front, until none can move it for a requested tolerance.
 
 The second part is a Pareto local search (L. Paquete, M. Chiarandini and T. Stützle, Lecture Notes in Economics and Mathematical
 Systems 535, 177 (2004)): neighbours of settings on the front are tried.  Here a neighbour is left out when even a hopeful guess,
-from what the same step did elsewhere, does not beat the cheapest setting known for any wished tolerance.
+from what the same step did elsewhere, does not beat the cheapest setting known for any requested tolerance.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from bakery.trade.front import Point, cheapest, front
 
 Setting = tuple[int, ...]  # one index into each ladder
 
-USELESS = 3.0  # times the largest tolerance wished: errors beyond that end a row of ever cheaper values
-ENOUGH = 1 / 3  # of the smallest tolerance wished: errors below that end a row of ever dearer values
+USELESS = 3.0  # times the largest tolerance requested: errors beyond that end a row of ever cheaper values
+ENOUGH = 1 / 3  # of the smallest tolerance requested: errors below that end a row of ever dearer values
 HOPE = 0.8  # a combination may be faster, and more accurate, than its parts say by this factor
 GAIN = 0.97  # time relative to the best known above which nothing is gained
 
@@ -35,7 +35,7 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Seen:
-    """What is known of a setting; `content` tells whether two settings gave the very same values."""
+    """What is known of a setting; `content` shows whether two settings gave the very same values."""
 
     seconds: float
     error: float
@@ -49,7 +49,7 @@ def start_of(ladders: Sequence[Ladder]) -> Setting:
 
 def proposals(ladders: Sequence[Ladder], first: Sequence[Setting], tolerances: Sequence[float],
               seen: Mapping[Setting, Seen | None], floor: float = 0.0) -> list[Setting]:
-    """Settings to run, the most telling first; empty when no further run can change what is recommended.
+    """Settings to run, the most informative first; empty when no further run can change what is recommended.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def proposals(ladders: Sequence[Ladder], first: Sequence[Setting], tolerances: S
     first : settings that have to be known in any case
     tolerances : tolerances for which the cheapest setting is wanted
     seen : what has been run; None for a setting that failed
-    floor : error below which settings cannot be told apart
+    floor : error below which settings cannot be distinguished
     """
     missing = [setting for setting in dict.fromkeys((start_of(ladders), *first)) if setting not in seen]
     if missing:

@@ -17,7 +17,7 @@ from bakery.trade.search import Seen, Setting, proposals, start_of
 from bakery.trade.settings import Job, Settings
 from bakery.trade.times import least_repeats, repeat_again
 
-TIGHTER = (4.0, 2.0, 1.0)  # converged values have the tightest tolerance wished over one of these: the first that is in reach
+TIGHTER = (4.0, 2.0, 1.0)  # converged values have the tightest tolerance requested over one of these: the first that is in reach
 CHECK = 3.0  # times that tolerance: second converged values, whose distance from the first bounds the error of the first
 SHARE = 0.5  # of the budget that the converged values may take
 HOPELESS = 2.0  # times slower than a more accurate setting: then its time need not be known better
@@ -32,10 +32,10 @@ class Sweeper:
     ----------
     job : what
     budget : seconds
-    progress : is told what happens
+    progress : receives the progress
     bench : `Worker`, or what answers like it
     now : seconds, for the budget
-    verbose : tell of each run
+    verbose : report each run
     rank : name of the error that ranks; the stage's first by default
     """
 

@@ -106,7 +106,7 @@ def _remarks(stage: Mapping) -> Iterable[str]:
     reference, baseline = stage["reference"], stage["baseline"]
     name, floor = next(iter(reference["floor"].items()))
     yield (f"{name}: against converged values ({said(reference['setting'])}, {duration(reference['seconds'])}, which claim "
-           f"{reference['achieved']:.1g}); below {floor:.1g} it is not told apart")
+           f"{reference['achieved']:.1g}); below {floor:.1g} errors are not distinguished")
     yield (f"times: of one core, medians relative to {said(baseline['setting'])}, which took {duration(baseline['seconds'])} "
            f"and drifted between {baseline['least']:.2f} and {baseline['largest']:.2f} of that; "
            f"noise of a run {100 * stage['noise']:.1f} %")

@@ -36,7 +36,7 @@ class Bench:
     folder : of the converged values and the values upstream
     stages : `module:function` that returns all stages
     clock, wall : seconds of the processor and of the wall
-    share : is told the share done of a run, 0 to 1
+    share : receives the share done of a run, 0 to 1
     """
 
     def __init__(self, recipe: str, stage: str, base: Mapping[str, str], upstream: Mapping[str, str], baseline: Mapping[str, str],
@@ -99,7 +99,7 @@ class Bench:
         kind = json.dumps({key: text for key, text in setting.items() if key not in self._loosest})
         if kind in self._warm:
             return
-        with suppress(BakeryError):  # the run itself will tell
+        with suppress(BakeryError):  # the run itself will raise it
             self._compute({**setting, **self._loosest}, None)
         self._burst = None
         self._warm.add(kind)

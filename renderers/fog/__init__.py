@@ -79,7 +79,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                                   progress=progress and (lambda done: progress(0.5 + 0.4 * done, None)))
     through = np.exp(-depth)
     if ambient.any():
-        # where nearer things absorb less than a pixel's own way the sum is too small: no less than what comes straight
+        # where nearer things absorb less than a pixel's own path the sum is too small: no less than the unscattered light
         result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
     clock("filter")
     if progress:

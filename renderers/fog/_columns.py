@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-_LARGEST_G = 1 - 1e-9  # at 1 nothing is scattered out of its way and D is infinite
+_LARGEST_G = 1 - 1e-9  # at 1 nothing is deflected and D is infinite
 _DEEPEST = 1e8  # optical depth; more is dark
 _THIN = 1e-6  # optical depth of a slab below which what it scatters goes with it; 1e-10 is lost to rounding here
 
@@ -27,7 +27,7 @@ def moments(phase):
     Returns
     -------
     g : (C,) 1, mean cosine
-    peak : (C,) 1, share that goes on nearly straight: the second Legendre moment, between 0 and g
+    peak : (C,) 1, share in the forward peak: the second Legendre moment, between 0 and g
 
     Raises
     ------
@@ -101,7 +101,7 @@ def _each(loop, results, *arguments):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scaled(albedo, g, peak):
-    """Delta scaling: a share `peak` of what is scattered goes on as if nothing had happened.
+    """Delta scaling: a share `peak` of what is scattered counts as unscattered.
 
     Parameters
     ----------
@@ -199,7 +199,8 @@ def source(before, behind, single, turn, cosine, sigma_t, albedo, g, peak, mu, i
 
     before, behind : (M,) m, density integrated along the column to its lit face, to its other face
     single : (M, C) phase function towards the camera times irradiance
-    turn, cosine : (M,) 1, of the angle between the parallel light and the way to the camera, between the column and that way
+    turn, cosine : (M,) 1, of the angle between the parallel light and the direction to the camera, between the
+        column and that direction
     sigma_t : (C,) 1/m;  albedo, g : (C,) 1;  peak : (C,) 1, see `scaled`;  mu : 1;  irradiance : (C,)
     diffuse : whether light that was scattered before is added
     out : (M, C)
@@ -218,7 +219,7 @@ def source(before, behind, single, turn, cosine, sigma_t, albedo, g, peak, mu, i
                 tau = true * factor
                 phi, flux = column(albedo_left, g_left, tau, tau + min(behind[i] * sigma_t[c], _DEEPEST) * factor, mu,
                                    irradiance[c])
-                # P1 is linear in the direction and may fall below 0 where light goes one way
+                # P1 is linear in the direction and may fall below 0 where light is nearly parallel
                 light += max(phi + 3 * g[c] * cosine[i] * flux, 0.0) / (4 * math.pi)
                 m = albedo[c] * peak[c] * true / mu
                 if m > 0 and irradiance[c] > 0:

@@ -4,7 +4,7 @@ Along a viewing ray L = integral of e^{-tau(t)} J(t) dtau(t).  J, what a collisi
 
     albedo [ p(theta) E e^{-tau_light}  +  p'(theta) E (e^{-tau'} - e^{-tau_light})  +  (phi + 3 g w.F)/(4 pi) ]
 
-the sun's light that comes straight, with the whole phase function; what its peak has scattered on the way, still nearly
+the sun's unscattered light, with the whole phase function; what its peak has scattered before, still nearly
 parallel (delta scaling: a share f, the second Legendre moment, goes on, so tau' = (1 - albedo f) tau_light); and diffuse light
 of the two-stream method in a column (`_columns`): along the vertical where density depends on height only, along the sun's
 direction where fog fills a box.  Without diffuse light the first term alone: single scattering, exact.

@@ -1,4 +1,4 @@
-"""Light that fog scatters on its way from a picture's surfaces to the camera: a blur whose kernel differs from pixel to pixel.
+"""Light that fog scatters between a picture's surfaces and the camera: a blur whose kernel differs from pixel to pixel.
 
 A viewing ray spreads like a narrow beam that starts at the camera (`kernels`).  A pixel p shows
 
@@ -7,7 +7,7 @@ A viewing ray spreads like a narrow beam that starts at the camera (`kernels`). 
     far:  what the beam has left after those, P (1 - q/s), times the mean of col over the other pixels, weighted by k_p(d);
           s = 1 - e^-tau_s is scattered, nearer pixels take q = sum of s' k_p'(d) of it,
 
-so a nearer thing is blurred by its own, shorter way (Shinya et al. 2016, section 5), each pair of pixels counts once, and a
+so a nearer thing is blurred by its own, shorter path (Shinya et al. 2016, section 5), each pair of pixels counts once, and a
 constant picture without absorption stays constant for any distances.
 
 The sums go over all pixels.  `direct` does so; `fogged` takes near pixels one by one and others in blocks of 2, 4, 8 ... pixels,

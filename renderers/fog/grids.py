@@ -74,7 +74,7 @@ def _hdf5(path, dataset):
         if not isinstance(where, h5py.Dataset):
             raise UsageError(f'{path}: found "{dataset}", a group; the name of a dataset would do')
         if where.is_virtual or where.external or where.compression not in _FILTERS:
-            raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a way that is known here')
+            raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a layout that is known here')
         _check_shape(path, where.shape or (), where.dtype)
         # what a bomb of zeros unpacks to; 1100 is the most that deflate can save
         if where.chunks and where.size * where.dtype.itemsize > 1100 * where.id.get_storage_size() + (1 << 20):

@@ -1,6 +1,6 @@
 """From which size on rays stand for series: decided by the measured error of rays, and by whether they save time.
 
-The metric is what a renderer feels: the integrated difference of the size-averaged phase functions, over the integral (twice
+The metric is what matters to a renderer: the integrated difference of the size-averaged phase functions, over the integral (twice
 the share of light that goes elsewhere).  Cross sections always come from series, which without angles cost next to nothing.
 The error is measured on sample spheres drawn evenly from the distribution's own nodes.  Errors of single spheres partly
 cancel in an average; fewer samples cancel less, so the figure errs on the safe side.  No clock takes part: the choice depends on

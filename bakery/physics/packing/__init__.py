@@ -56,7 +56,7 @@ class Packing:
     Attributes
     ----------
     centers : (N, 3) in [0, cell);  radii : (N,) in the caller's order, mean 1;  cell : (3,)
-    fraction : volume of the spheres over that of the cell, as reached;  wished : as asked
+    fraction : volume of the spheres over that of the cell, as reached;  wished : as requested
     reached : whether they agree;  status : "reached", "jammed", "budget" or "crystal";  reason : in words, "" if reached
     pressure : Z = PV/NkT over the last window; nan for one sphere
     order : bond order Q6 over all bonds; nan where it is not looked at (below fraction 0.48 or 64 spheres)
@@ -100,8 +100,8 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
     Returns
     -------
     Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the spheres jam
-        short of the wish (tried again with slower growth) or order themselves (tried again from another start), `reached` is
-        False and the densest disordered attempt is returned
+        short of the requested fraction (tried again with slower growth) or order themselves (tried again from another start),
+        `reached` is False and the densest disordered attempt is returned
 
     Raises
     ------
@@ -145,7 +145,7 @@ def predicted(fraction, count, spread=0.0, schedule="final") -> float:
 
     Parameters
     ----------
-    fraction : wished
+    fraction : requested
     count : spheres
     spread : standard deviation over mean of the radii
     schedule : as for `pack`

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-_MONODISPERSE = 1e-9  # relative width below which sizes cannot be told apart: phases change by < 1e-3 even at x = 1e6
+_MONODISPERSE = 1e-9  # relative width below which sizes cannot be distinguished: phases change by < 1e-3 even at x = 1e6
 _NOTHING = 1e-30  # share of a law between min and max below which nothing is said to be left
 _GAUSS, _GAUSS_WEIGHT = np.polynomial.legendre.leggauss(5)  # exact to degree 9
 
