@@ -36,7 +36,8 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
     """Measure true error against time over the knobs of each stage of RECIPE.
 
     Prints the settings that are worth their time, the cheapest one for the requested tolerance, and where draft, preview and
-    final lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where it was.
+    final lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where
+    it stopped.
     """
     from bakery.run.progress import choose
     from bakery.system.terminal import say

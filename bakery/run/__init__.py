@@ -241,7 +241,7 @@ def bake(
 def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, in_process: bool):
     """One stage: taken from the asset that stands, from the cache, or computed (`in_process`: by this process)."""
     stage = step.stage
-    if step.action == REUSE and (reused := _held(standing, stage.name, step.input_hash)):
+    if step.action == REUSE and (reused := _reusable(standing, stage.name, step.input_hash)):
         return *reused, _report(step, "unchanged", 0.0, reused[0])
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
@@ -387,7 +387,7 @@ def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
     return previous, current, same
 
 
-def _held(standing: Group | None, name: str, key: str) -> tuple[Group, Group] | None:
+def _reusable(standing: Group | None, name: str, key: str) -> tuple[Group, Group] | None:
     """A stage of the standing asset, if it is the one wanted."""
     group = standing.members.get(name) if standing else None
     if not isinstance(group, Group) or group.attributes.get("input_hash") != key:

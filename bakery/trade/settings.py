@@ -81,7 +81,7 @@ class Settings:
     def _ladder(self, knob) -> Ladder:
         current = self.recipe.leaves.get(knob.key, knob.default)
         rungs: list[tuple] = []  # value as the recipe holds it, text
-        preset_values = [(preset.get(knob.key), self._held(preset, knob.key)) for preset in self.job.presets.values()]
+        preset_values = [(preset.get(knob.key), self._effective(preset, knob.key)) for preset in self.job.presets.values()]
         for text in (*knob.values, *(written or text_of(value) for written, value in preset_values if value is not None)):
             try:
                 value = self._value(knob.key, text)
@@ -119,11 +119,11 @@ class Settings:
 
     def preset(self, name: str) -> Setting:
         """Where a preset lies on the ladders."""
-        values = {ladder.key: self._held(self.job.presets[name], ladder.key) for ladder in self.ladders}
+        values = {ladder.key: self._effective(self.job.presets[name], ladder.key) for ladder in self.ladders}
         return tuple(next((i for i, text in enumerate(ladder.texts) if self._value(ladder.key, text) == values[ladder.key]),
                           ladder.start) for ladder in self.ladders)
 
-    def _held(self, overrides: Mapping[str, str], key: str):
+    def _effective(self, overrides: Mapping[str, str], key: str):
         """The value of a key under overrides, set by them or following from what they set; None where they change nothing."""
         value = self.load(overrides).leaves.get(key)
         return None if value == self.recipe.leaves.get(key) else value

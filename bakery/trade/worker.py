@@ -70,7 +70,7 @@ class Bench:
 
     def compare(self, found: str, reference: str) -> dict[str, float]:
         """True errors of kept values against other kept values."""
-        return self._errors(self._held(found), self._held(reference))
+        return self._errors(self._kept_group(found), self._kept_group(reference))
 
     def run(self, setting: Mapping[str, str], expected: str, reference: str | None) -> dict:
         """One timed run; with the key of a reference also errors and memory, which do not depend on the run."""
@@ -80,7 +80,7 @@ class Bench:
         self._load_kernels(setting)
         before = self._burst or self._around()
         if reference is not None:
-            true = self._held(reference)
+            true = self._kept_group(reference)
             gc.collect()
             _return_memory()
             resident = resources.resident_memory()
@@ -167,7 +167,7 @@ class Bench:
             self._hashes = hashes
         return self._hashes
 
-    def _held(self, key: str) -> Group:
+    def _kept_group(self, key: str) -> Group:
         if self._reference is None or self._reference[0] != key:
             entry = self._cache.get(self._name, key)
             if entry is None:

@@ -67,7 +67,7 @@ def _hdf5(path, dataset):
         for step in (step for step in dataset.split("/") if step):
             link = where.get(step, getlink=True) if isinstance(where, h5py.Group) and step in where else None
             if link is None:
-                raise UsageError(f'{path}: found no dataset "{dataset}"; the file holds {_held(file)}')
+                raise UsageError(f'{path}: found no dataset "{dataset}"; the file holds {_datasets(file)}')
             if not isinstance(link, h5py.HardLink):
                 raise UsageError(f'{path}: found "{dataset}", a link to another place; a dataset in the file itself would do')
             where = where[step]
@@ -82,7 +82,7 @@ def _hdf5(path, dataset):
         return (_floats(where[()]),)
 
 
-def _held(file):
+def _datasets(file):
     """The names of datasets, some of them where there are many."""
     import h5py
 

@@ -1,7 +1,8 @@
 """Angular sums over the nodes, refined angle by angle until the quadrature has converged.
 
 Angles stop being computed when they have converged, and only the slowly converging ones (the glory, where spheres without
-absorption converge like 1/nodes) go on.  Sums of blocks are formed in their order, so values do not depend on where the blocks were run.
+absorption converge like 1/nodes) go on.  Sums of blocks are formed in their order, so values do not depend on where the
+blocks were run.
 """
 
 from __future__ import annotations
