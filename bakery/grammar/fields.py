@@ -107,7 +107,7 @@ class Range:
         return " and ".join(part for part in (low, high) if part)
 
 
-def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None,
+def in_bounds(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None,
         hint: Callable[[float], str] | None = None) -> float:
     """The value of a text within bounds; `hint` says of a value out of bounds what it may mean."""
     value = units.parse(text, quantity)
@@ -140,7 +140,7 @@ def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
 
 
 def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Callable[[float], str] | None = None, **bounds):
-    """One value of a quantity, or one of a few words that stand for values; `hint` as in `one`."""
+    """One value of a quantity, or one of a few words that stand for values; `hint` as in `in_bounds`."""
     limits = Range(**bounds)
     expected = one_of([*(words or ()), units.example(quantity)])
 
@@ -150,7 +150,7 @@ def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Ca
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()):
             raise Wrong(f"found {show(node.text)}", f"expected {expected}" + nearest(node.text, words))
-        return one(node.text, quantity, limits, node.quoted, words, hint)
+        return in_bounds(node.text, quantity, limits, node.quoted, words, hint)
 
     return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
 
@@ -169,7 +169,7 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
                 f"expected {one_of(list(words))}, or a list in {quantity.base}" + nearest(node.text, words),
             )
         if not units.is_list(node.text):
-            return (one(node.text, quantity, limits, node.quoted),)
+            return (in_bounds(node.text, quantity, limits, node.quoted),)
         values = units.parse_list(node.text, quantity)
         if len(values) > most_entries:
             raise Wrong(f"found {len(values):,} entries", f"expected at most {most_entries:,}")

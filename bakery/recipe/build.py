@@ -40,7 +40,7 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
         parsed = schema.recipe_file().model_validate(tree.root, context=values)
     except ValidationError as error:
         parsed = None
-        problems += (problem for one in error.errors(include_url=False) for problem in translate(one))
+        problems += (problem for error_entry in error.errors(include_url=False) for problem in translate(error_entry))
     checker = Checker(tree.root, values, Folder(path.parent), schema.sections())
     checker.run()
     problems = distinct(problems + checker.problems)

@@ -24,7 +24,7 @@ class Sweep:
     ----------
     stage : its declaration
     tolerance : requested
-    wishes : name of each preset -> its tolerance
+    preset_tolerances : name of each preset -> its tolerance
     runs : every setting that was run, in that order; failed ones too
     start : index of the recipe as it stands
     presets : name -> index into `runs`
@@ -39,7 +39,7 @@ class Sweep:
 
     stage: object
     tolerance: float
-    wishes: Mapping[str, float]
+    preset_tolerances: Mapping[str, float]
     runs: Sequence[Run]
     start: int
     presets: Mapping[str, int]
@@ -143,7 +143,7 @@ class Sweep:
         return {
             "stage": self.stage.name, "version": self.stage.version, "title": self.stage.title, "tolerance": self.tolerance,
             "errors": list(self.floor), "front": self.front, "knee": self.knee, "start": self.start,
-            "presets": {name: {"run": i, "tolerance": self.wishes[name], "dominated_by": self.dominating(i)}
+            "presets": {name: {"run": i, "tolerance": self.preset_tolerances[name], "dominated_by": self.dominating(i)}
                         for name, i in self.presets.items() if i in self.good},
             "recommended": [{"tolerance": tolerance, "run": self.recommended(tolerance)} for tolerance in self.tolerances],
             "runs": [self._run(i) for i in range(len(self.runs))],
@@ -157,7 +157,7 @@ class Sweep:
     @property
     def tolerances(self) -> list[float]:
         """The tolerances for which a setting is recommended: the requested one first, then those of the presets."""
-        return list(dict.fromkeys([self.tolerance, *self.wishes.values()]))
+        return list(dict.fromkeys([self.tolerance, *self.preset_tolerances.values()]))
 
     def _run(self, i: int) -> dict:
         run = self.runs[i]

@@ -71,8 +71,8 @@ class Sweeper:
         """
         settings, stage = self.settings, self.settings.stage
         presets = {name: settings.preset(name) for name in self.job.presets}
-        wishes = {name: stage.tolerance(settings.load(overrides)) for name, overrides in self.job.presets.items()}
-        limits = sorted({stage.tolerance(settings.recipe), *wishes.values()})
+        preset_tolerances = {name: stage.tolerance(settings.load(overrides)) for name, overrides in self.job.presets.items()}
+        limits = sorted({stage.tolerance(settings.recipe), *preset_tolerances.values()})
         self.progress.stage(stage.name, stage.title, 0.0, self._budget)
         reference, floor = self._reference(limits[0])
         self._began = self._now()
@@ -92,7 +92,7 @@ class Sweeper:
                 too_long.add(proposed[0])
             else:
                 self._measured[proposed[0]] = run
-        return self._result(presets, wishes, reference, floor, too_long)
+        return self._result(presets, preset_tolerances, reference, floor, too_long)
 
     # ---- converged values
 
@@ -219,13 +219,13 @@ class Sweeper:
         """How far it is: the values of each knob alone are still to come, at the pace so far, or what is left of the budget."""
         if proposed:
             alone = sum(len(ladder.texts) - 1 for ladder in self.settings.ladders)
-            done = len(self._measured) - self._reused
-            pace = (self._now() - self._began) / done if done else self._budget
+            finished = len(self._measured) - self._reused
+            pace = (self._now() - self._began) / finished if finished else self._budget
             self._coming = pace * max(alone - len(self._measured), len(proposed), 1)
         spent = self._now() - self._started
         self.progress.update(spent / (spent + max(min(self._coming, self.left), 0.1)))
 
-    def _result(self, presets, wishes, reference, floor, too_long) -> Sweep:
+    def _result(self, presets, preset_tolerances, reference, floor, too_long) -> Sweep:
         settings = list(self._measured)
         if start_of(self.settings.ladders) not in settings:
             raise UsageError(f"{self.job.recipe}: {self.settings.stage.name}: the time did not suffice for the recipe as it "
@@ -235,7 +235,8 @@ class Sweeper:
         self.progress.done(self.settings.stage.name, f"{len(settings)} settings, {self._reused} of them kept from before")
         stage = self.settings.stage
         return Sweep.of(
-            stage=stage, tolerance=stage.tolerance(self.settings.recipe), wishes=wishes, ladders=self.settings.ladders,
+            stage=stage, tolerance=stage.tolerance(self.settings.recipe), preset_tolerances=preset_tolerances,
+            ladders=self.settings.ladders,
             measured=self._measured, presets={name: settings.index(at) for name, at in presets.items() if at in settings},
             reference=reference, floor=floor, baseline=self._baseline, refused=self.settings.refused,
             untried=[self.settings.overrides(setting) for setting in sorted(too_long)], reused=self._reused)

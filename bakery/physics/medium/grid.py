@@ -107,7 +107,7 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, most=math.inf,
+def refine(theta, evaluate, tolerance, crest=None, earlier=None, limit=LIMIT, finest=0.0, most=math.inf,
            integrated=False):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
@@ -119,7 +119,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     tolerance : the interpolation error plus the value's own error, over the reference value, stays below it
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself
-    known : values, error, tag at theta, from an earlier call
+    earlier : values, error, tag at theta, from an earlier call
     integrated : what the interpolant misses beyond the values' own errors, summed over all cells, stays below the tolerance as a
         share of the integral over the sphere, instead of each cell below it
     most : of the values' own error, as much as counts where a cell is judged: more angles do not lower what is beyond it
@@ -134,7 +134,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     Few sizes leave ripples of single spheres, which are errors of the values and no structure of their average.  Resolving them
     took 11,896 angles for hail (0.5 to 3 mm) at 3 % of the light; bisecting only what exceeds them takes 504.
     """
-    values, error, tag = evaluate(theta, None) if known is None else known
+    values, error, tag = evaluate(theta, None) if earlier is None else earlier
     channels = values.shape[0]
     reach = np.zeros(channels) if crest is None else np.asarray(crest, float)
     cells = len(theta) - 1

@@ -58,7 +58,7 @@ def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
     """
     search = _Search(theta, phase)
     g = float(np.clip(mean_cosine(theta, phase), NARROWEST - 1, 1 - NARROWEST))
-    same, hg = Lobes((1.0,), (g,), (0.0,)), search.one()
+    same, hg = Lobes((1.0,), (g,), (0.0,)), search.one_hg()
     draine_one = search.one_draine(hg)
     two, two_g = search.two([hg], None), search.two([same], g)
     mixtures = {"hg_g": same, "hg": hg, "draine": draine_one, "hg2_moments": matched(theta, phase), "hg2": two, "hg2_g": two_g,
@@ -112,7 +112,7 @@ class _Search:
         self.grid = np.linspace(-_STEEPEST, _STEEPEST, 2 * math.ceil(_STEEPEST / _SCAN) + 1)
         self.rows = np.array([draine(self.at, *_shape(u)) for u in self.grid])
 
-    def one(self) -> Lobes:
+    def one_hg(self) -> Lobes:
         """The best single HG lobe."""
         return _single(_shape(_bounded(lambda u: self._misdirected(draine(self.at, *_shape(u))),
                                        np.linspace(-_STEEPEST, _STEEPEST, 4 * len(self.grid) + 1))))

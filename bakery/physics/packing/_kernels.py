@@ -495,11 +495,11 @@ def run(st, stop, collisions, events):
                 return FULL
         else:
             st.tally[CHECKS] += 1
-        one, two = i, other
+        first_changed, second_changed = i, other
         while i >= 0:  # one call of `predict` in the code, for it is compiled in place
             predict(st, i, t)
             i, other = other, -1
         if deep:
-            while one >= 0:
-                call_ahead(st, one)
-                one, two = two, -1
+            while first_changed >= 0:
+                call_ahead(st, first_changed)
+                first_changed, second_changed = second_changed, -1

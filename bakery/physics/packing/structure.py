@@ -278,7 +278,7 @@ def chord_edges(mean: float) -> np.ndarray:
     return np.concatenate([[0.0], -mean * np.log(survival), [9 * mean]])
 
 
-def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, each: Callable | None = None,
+def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, map_tasks: Callable | None = None,
                   most: int = 1 << 26) -> Chords:
     """Distribution of the chords between spheres along isotropic uniform lines.
 
@@ -287,7 +287,7 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, each
     centers : (N, 3), radii : (N,), cell : (3,), one unit of length
     tolerance : relative standard error of the mean and of every bin that holds at least 1/64 of the chords
     stream : task index -> numpy Generator; a task draws its lines from its own
-    each : `[function(*task) for task in tasks]`, in order, on any workers; one by one if not given
+    map_tasks : `[function(*task) for task in tasks]`, in order, on any workers; one by one if not given
     most : chords at most; beyond, the errors say what was reached
 
     Notes
@@ -303,11 +303,11 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, each
     m = np.maximum(np.floor(cell / (0.8 * (np.prod(cell) / len(radii)) ** (1 / 3))), 1).astype(np.int64)
     share = np.cumsum(radii**2) / np.sum(radii**2)
     grid = (centers, radii, share, cell, m, *_chords.lists(centers, radii, cell, m), edges, limit)
-    each = each or (lambda function, tasks: [function(*task) for task in tasks])
+    map_tasks = map_tasks or (lambda function, tasks: [function(*task) for task in tasks])
     counts, sums, longest, cut, tasks = np.zeros(edges.size - 1, np.int64), np.zeros(_chords.MOMENTS), 0.0, 0, 0
     target = 8
     while tasks < target:
-        for block in each(_block, [(stream, index, grid) for index in range(tasks, target)]):
+        for block in map_tasks(_block, [(stream, index, grid) for index in range(tasks, target)]):
             counts, sums, longest, cut = counts + block[0], sums + block[1], max(longest, block[2]), cut + block[3]
         tasks = target
         lines = int(counts.sum())
