@@ -10,7 +10,8 @@ import os
 from types import MappingProxyType
 
 from bakery.errors import AssetError
-from bakery.stages.members import Members, MissingStage, headline, in_words, summary, with_units
+from bakery.stages.members import Members, MissingStage, headline, in_words, with_units
+from bakery.stages.members import summary as in_short  # `summary` is also a module of this package
 from bakery.stages.sources import Beam, Multiple
 from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
@@ -101,5 +102,5 @@ class Asset:
     def __repr__(self) -> str:
         lines = [f"asset {self.name!r}, wavelength {in_words(self.wavelength, self.wavelength.units)}, "
                  f"content {self.content_hash[:12]}"]
-        lines += [f"  {name}{summary(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
+        lines += [f"  {name}{in_short(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
         return "\n".join(lines)
