@@ -58,7 +58,7 @@ class Fragment:
         """The losses for machines (`--json`)."""
         return {"values": self.values, "unchanged": self.delta, "straight": self.peak, "within": self.within,
                 "useless": self.useless(), "resampling": asdict(self.resampling),
-                "wavelengths": [{"wavelength_um": um} | asdict(loss_here) for um, loss_here in self.colour.items()]}
+                "wavelengths": [{"wavelength_um": um} | asdict(misfit) for um, misfit in self.colour.items()]}
 
 
 def fragments(root: Group, name: str, bands, each_wavelength: bool = False) -> list[Fragment]:
@@ -125,12 +125,12 @@ def _xml(name, sigma_t, sigma_s, values, fragment: Fragment) -> str:
     albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
     table = ",".join(f"{value:.9g}" for value in values.tolist())  # 9 digits: every float32 comes back
     lost = ("\n     The unscattered (delta) transmission of the grains (up to "
-               f"{100 * fragment.delta:.3g} % of what they scatter) is not in it:\n     sigma_t is smaller than the asset's "
-               "by that, which is the same medium." if fragment.delta else "")
+            f"{100 * fragment.delta:.3g} % of what they scatter) is not in it:\n     sigma_t is smaller than the asset's "
+            "by that, which is the same medium." if fragment.delta else "")
     if fragment.peak:
         lost += (f"\n     Of the rest, up to {100 * fragment.peak:.3g} % is deflected by less than "
-                    f"{math.degrees(fragment.within):.3g} degrees.  It counts as unscattered:\n     sigma_t is "
-                    "smaller by that as well.")
+                 f"{math.degrees(fragment.within):.3g} degrees.  It counts as unscattered:\n     sigma_t is "
+                 "smaller by that as well.")
     misfit = fragment.resampling
     medium_id = quoteattr(re.sub(r"[^A-Za-z0-9_]", "_", name))
     return f"""<?xml version="1.0" encoding="utf-8"?>
