@@ -47,8 +47,8 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
     progress = choose(quiet)
     try:
         result = trade(recipe, output, stages=stage, quality=quality,
-                      settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
-                      budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
+                       settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
+                       budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
     finally:

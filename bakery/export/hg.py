@@ -100,8 +100,8 @@ def useless(rows: list[Row]) -> list[str]:
     poor = {key: share for key, share in worst.items() if share > USELESS}
     best = min(worst, key=worst.get)
     warnings = [f"of little use, up to {100 * max(poor.values()):.2g} % of the light goes to another angle: "
-            + "; ".join(LABELS[key] for key in poor)] if poor else []
-    off = max((row.fits[best].misfit for row in rows), key=lambda lost: abs(math.log(lost.factor)))
+                + "; ".join(LABELS[key] for key in poor)] if poor else []
+    off = max((row.fits[best].misfit for row in rows), key=lambda misfit: abs(math.log(misfit.factor)))
     if far_off(off):
         warnings.append(f"even the best, {LABELS[best]}, is {ratio(off)}")
     return warnings
@@ -146,7 +146,7 @@ def _json(root: Group, name: str, rows: list[Row]) -> str:
 def _fit(fit: Fit) -> dict:
     lobes = fit.lobes
     entry = {"lobes": [dict(zip(("weight", "g", "alpha"), lobe, strict=True))
-                      for lobe in zip(lobes.weight, lobes.g, lobes.alpha, strict=True)], "error": asdict(fit.misfit)}
+                       for lobe in zip(lobes.weight, lobes.g, lobes.alpha, strict=True)], "error": asdict(fit.misfit)}
     scene = mitsuba(lobes)
     return entry | ({"diameter": fit.diameter} if fit.diameter else {}) | ({"mitsuba": scene} if scene else {})
 

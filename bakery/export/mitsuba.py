@@ -94,7 +94,7 @@ def _fragment(name, suffix, um, medium, bands) -> Fragment:
     values, resampling = adaptive_table(medium.theta, _mean(medium), LIMIT, largest=LONGEST)
     colour = {x: loss(medium.theta, row, values) for x, row in zip(um.tolist(), medium.phase, strict=True)} if um.size > 1 else {}
     fragment = Fragment(suffix, "", len(values), resampling, colour, *(float(value) for value in
-                                                             (medium.delta.max(), medium.peak.max(), medium.within)))
+                                                                       (medium.delta.max(), medium.peak.max(), medium.within)))
     return replace(fragment, xml=_xml(name, bands @ medium.sigma_t, bands @ medium.sigma_s, values, fragment))
 
 

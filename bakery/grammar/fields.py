@@ -108,7 +108,7 @@ class Range:
 
 
 def in_bounds(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None,
-        hint: Callable[[float], str] | None = None) -> float:
+              hint: Callable[[float], str] | None = None) -> float:
     """The value of a text within bounds; `hint` says of a value out of bounds what it may mean."""
     value = units.parse(text, quantity)
     if quoted and units.NUMBER.fullmatch(text.strip()):

@@ -12,7 +12,7 @@ def json_schema() -> dict:
     generated["title"] = "Bakery recipe, format 1"
     sections = schema.sections()
     generated["anyOf"] = [{"oneOf": [{"required": [section.name]} for section in sections if section.scatters]},
-                     *({"required": [section.name]} for section in sections if section.alone)]
+                          *({"required": [section.name]} for section in sections if section.alone)]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(generated)}
 
 

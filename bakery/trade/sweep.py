@@ -117,7 +117,7 @@ class Sweeper:
             self._open(upstream, str(folder))
             try:
                 converged = [self._bench.keep(overrides, key, limit=self.left + GRACE)
-                        for overrides, key in zip(pair, keys, strict=True)]
+                             for overrides, key in zip(pair, keys, strict=True)]
                 floor = self._ranked(self._bench.compare(keys[1], keys[0], limit=self.left + GRACE))
             except OutOfTime:
                 refusal, kind = "they were not ready in the time; a larger --budget would do", UsageError
@@ -161,7 +161,7 @@ class Sweeper:
                     break
                 patience = ENDLESS * max(expected, 1.0) + 30
                 repeat = self._bench.run(overrides, key, None if run.seconds else reference,
-                                        limit=min(patience, self.left + GRACE))
+                                         limit=min(patience, self.left + GRACE))
                 run = run.with_repeat(repeat)
                 self._store.save(path, run)
         except OutOfTime:

@@ -90,7 +90,7 @@ class Bench:
         measured = {"seconds": seconds, "wall": max(self._wall() - started, 1e-9)}
         if reference is not None:
             measured |= {"memory": max(resources.peak_memory() - resident, 0.0), "errors": self._errors(group, true),
-                      "achieved": group.attributes["achieved_error"], "content": content_hash(Group(group.members))}
+                         "achieved": group.attributes["achieved_error"], "content": content_hash(Group(group.members))}
         del group
         self._burst = self._around()
         return measured | {"baseline": (before * self._burst) ** 0.5}

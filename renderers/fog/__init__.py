@@ -214,7 +214,7 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
 
     try:
         values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
-                                   _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
+                                    _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
     return values.reshape(rays.shape)

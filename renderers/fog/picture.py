@@ -144,7 +144,7 @@ def _layer(path, channels, layer):
     layers = [layer or ""] if all(prefix + c in channels for c in "RGB") else []
     if layer is None and not layers:
         layers = [name.removesuffix(".R") for name in channels if name.endswith(".R")
-                 and all(f"{name[:-1]}{c}" in channels for c in "GB")]
+                  and all(f"{name[:-1]}{c}" in channels for c in "GB")]
     if len(layers) == 1:
         prefix = f"{layers[0]}." if layers[0] else ""
         return np.stack([channels[prefix + c] for c in "RGB"], axis=2)
@@ -272,7 +272,7 @@ def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None,
     distance = _distances(mi, scene, sensor, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
-            "noise": picture.noise}
+              "noise": picture.noise}
     return Picture(picture.rgb, distance * unit, camera, origin)
 
 

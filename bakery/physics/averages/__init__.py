@@ -138,7 +138,7 @@ def averages(
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
         finished = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
-                 for i, channel in enumerate(channels)]
+                    for i, channel in enumerate(channels)]
         if angles or radii or work.unfinished or all(error <= tolerance for *_, error in finished):
             break
         # the normalisation, or angles between the first ones, took more than their share: leave more room

@@ -62,7 +62,7 @@ def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
     draine_one = search.one_draine(hg)
     two, two_g = search.two([hg], None), search.two([same], g)
     mixtures = {"hg_g": same, "hg": hg, "draine": draine_one, "hg2_moments": matched(theta, phase), "hg2": two, "hg2_g": two_g,
-             "hg_draine": search.two_draine([hg, draine_one, two], None), "hg_draine_g": search.two_draine([same, two_g], g)}
+                "hg_draine": search.two_draine([hg, draine_one, two], None), "hg_draine_g": search.two_draine([same, two_g], g)}
     fitted = {name: Fit(lobes, misfit(theta, phase, lobes)) for name, lobes in mixtures.items() if lobes is not None}
     if diameter is not None:
         for name, size in (("hg_draine_published", diameter), ("hg_draine_published_best", search.diameter())):

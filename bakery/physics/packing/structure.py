@@ -95,7 +95,7 @@ def smallest_gap(centers, radii, cell) -> float:
     reach = 0.05 * diameter
     while True:
         gaps = [(distance - radii[i] - radii[j]).min() for i, j, _, distance in neighbours(centers, radii, cell, reach, 1.0)
-                 if i.size]
+                if i.size]
         if gaps:
             return float(min(gaps) / diameter)
         reach *= 2
