@@ -1,4 +1,4 @@
-"""The door for compiled renderers: what their own kernels may call of bakery's physics.
+"""The interface for compiled renderers: what their own kernels may call of bakery's physics.
 
 `bakery.open` gives arrays and functions of arrays; inside a loop that numba compiles there is no asset.  There the functions here
 are called, with what the layouts below make of an asset once, before the loop.  Those marked *compiled* are numba functions.

@@ -34,7 +34,7 @@ COMMANDS = {
     "completion": "print the shell's completion script",
 }
 
-TELLING = ("bake", "plan", "trade", "render")  # commands that tell themselves how far they are
+TELLING = ("bake", "plan", "trade", "render")  # commands that report their own progress
 
 
 def is_recipe(word: str) -> bool:
@@ -178,7 +178,7 @@ def status_of(args: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except MemoryError:
-        _complain("out of memory; `bake plan RECIPE` tells what a bake needs")
+        _complain("out of memory; `bake plan RECIPE` says what a bake needs")
         return 3
 
 
@@ -204,4 +204,4 @@ def _complain(message: str) -> None:
     try:
         click.echo(message, err=True)
     except (OSError, ValueError):
-        pass  # standard error is full or closed: the status still tells
+        pass  # standard error is full or closed: the exit status still counts

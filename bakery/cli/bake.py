@@ -84,22 +84,22 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
             return
         reports = []
         for recipe, plan in zip(recipes, plans, strict=True):
-            told = Named(progress, recipe) if len(plans) > 1 else progress
-            baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=told)
+            reporter = Named(progress, recipe) if len(plans) > 1 else progress
+            baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=reporter)
             if depfile:
                 from bakery.run import depfile as rules
 
                 rules.write(Path(depfile), str(plan.output), [str(file) for file in baked.files])
             if verbose:
                 for step in baked.steps:
-                    told.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
+                    reporter.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
             reports.append(baked.as_dict())
             if not as_json:
                 print_paths([baked.output])
                 if not baked.written:
-                    told.say(f"{baked.output} is up to date")
-            for wish in baked.missed:
-                click.echo(f"{baked.output}: {wish}", err=True)
+                    reporter.say(f"{baked.output} is up to date")
+            for miss in baked.missed:
+                click.echo(f"{baked.output}: {miss}", err=True)
         if as_json:
             print_json(reports)
         return 3 if any(report["missed"] for report in reports) else 0

@@ -28,12 +28,12 @@ def command(a, b, rtol, as_json):
     for asset in (a, b):
         if not os.path.exists(asset):
             raise UsageError(f"{asset}: there is no such file; the path of a baked asset would do")
-    found = compare(a, b, rtol)
+    differences = compare(a, b, rtol)
     if as_json:
-        print_json({"a": a, "b": b, "rtol": rtol, "equal": not found, "differences": [_plain(row) for row in found]})
+        print_json({"a": a, "b": b, "rtol": rtol, "equal": not differences, "differences": [_plain(row) for row in differences]})
     else:
-        _print(a, b, rtol, found)
-    return int(bool(found))
+        _print(a, b, rtol, differences)
+    return int(bool(differences))
 
 
 def _fraction(text: str) -> float:
@@ -57,18 +57,18 @@ def _plain(row) -> dict:
             "relative": number(row.relative), "standard_errors": number(row.sigmas)}
 
 
-def _print(a: str, b: str, rtol: float, found) -> None:
+def _print(a: str, b: str, rtol: float, differences) -> None:
     from bakery.system.terminal import clean, say, table
 
     within = f" within {rtol:g}" if rtol else ""
-    if not found:
+    if not differences:
         say(f"equal{within}: {clean(a)} and {clean(b)}")
         return
     say(f"A = {clean(a)}")
     say(f"B = {clean(b)}")
     rows = [("dataset", "relative", "absolute", "std errors", "what")]
     rows += [(clean(row.path), _short(row.relative), _short(row.absolute), _short(row.sigmas), clean(f"{row.kind}: {row.text}"))
-             for row in found]
+             for row in differences]
     for line in table(rows, right=(1, 2, 3)):
         say(line)
 

@@ -1,4 +1,4 @@
-"""`bake export ASSET --to FORMAT`: hands an asset to other software and says what was lost."""
+"""`bake export ASSET --to FORMAT`: exports an asset to other software and reports the losses."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def command(asset, target, output, each_wavelength, overwrite, as_json):
     from bakery.store.put import put
 
     if target not in FORMATS:
-        what = "not available yet" if target in LATER else "no format of ours"
-        raise UsageError(f'--to: found "{target}", which is {what}; there is ' +
+        status = "not available yet" if target in LATER else "no format of ours"
+        raise UsageError(f'--to: found "{target}", which is {status}; there is ' +
                          " and ".join(f"{name} ({text})" for name, text in FORMATS.items()))
     if each_wavelength and target != "mitsuba":
         raise UsageError(f"--each-wavelength: has no effect on {target}, whose tables hold every wavelength; leave it out")
@@ -48,20 +48,20 @@ def command(asset, target, output, each_wavelength, overwrite, as_json):
     stem = Path(asset).stem
     first: list[str] = []
     if target == "csv":
-        files, lost, lines = _csv(opened)
+        files, losses, lines = _csv(opened)
     elif target == "hg":
-        files, lost, lines, first = _hg(opened)
+        files, losses, lines, first = _hg(opened)
     elif target in ("ply", "obj", "xyz"):
-        files, lost, lines = _forms(opened, target)
+        files, losses, lines = _forms(opened, target)
     else:
-        files, lost, lines, first = _mitsuba(opened, stem, each_wavelength)
+        files, losses, lines, first = _mitsuba(opened, stem, each_wavelength)
     for warning in first:
         click.echo(f"warning: {warning}", err=True)
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
     check_outputs(by_suffix(folder / name for name in files), [asset], overwrite)
     paths = [str(put(folder / name, content)) for name, content in files.items()]
     if as_json:
-        print_json({"files": paths, "warnings": first, "lost": lost})
+        print_json({"files": paths, "warnings": first, "lost": losses})
         return
     _print(paths, lines)
 
@@ -99,8 +99,8 @@ def _print(paths, lines) -> None:
     from bakery.system.terminal import remark
 
     print_paths(paths)
-    own = [line for line in lines if isinstance(line, list)]
-    for path, about in zip(paths, own):
+    per_file = [line for line in lines if isinstance(line, list)]
+    for path, about in zip(paths, per_file):
         remark(path)
         for line in about:
             remark(line)
@@ -109,40 +109,40 @@ def _print(paths, lines) -> None:
             remark(line)
 
 
-def _mitsuba(asset, stem: str, each: bool):
+def _mitsuba(asset, stem: str, each_wavelength: bool):
     from bakery.export.mitsuba import fragments
     from bakery.system.terminal import table
     from renderers.colour import band_matrix
 
-    made = fragments(asset.tree, asset.name, band_matrix(asset.wavelength), each)
+    parts = fragments(asset.tree, asset.name, band_matrix(asset.wavelength), each_wavelength)
     lines: list = []
-    for part in made:
+    for part in parts:
         head = [("  lost against the asset", "mean error", "largest error", "error of g", "forward peak cut")]
         rows = [("  by the regular grid", *_loss(part.resampling))]
-        rows += [(f"  by that and one table, at {um:g} um", *_loss(lost)) for um, lost in part.colour.items()]
+        rows += [(f"  by that and one table, at {um:g} um", *_loss(loss)) for um, loss in part.colour.items()]
         lines.append([f"  phase function: {part.values} values over cos theta", *table(head + rows)])
-    if any(part.unchanged for part in made):
-        lines.append(f"light that grains leave unchanged, up to {100 * max(part.unchanged for part in made):.3g} % of what they "
-                     "scatter, is taken out of sigma_t and phase function: the same medium.")
-    if any(part.straight for part in made):
-        far = max(made, key=lambda part: part.straight)
-        lines.append(f"forward peak: up to {100 * far.straight:.3g} % of the scattered light is deflected by less than "
-                     f"{math.degrees(far.within):.3g} deg, which no table of this length resolves; it goes straight on, and "
-                     "sigma_t is smaller by it.  The errors above are of the rest.")
+    if any(part.delta for part in parts):
+        lines.append(f"unscattered (delta) transmission of grains, up to {100 * max(part.delta for part in parts):.3g} % of what "
+                     "they scatter, is taken out of sigma_t and phase function: the same medium.")
+    if any(part.peak for part in parts):
+        largest = max(parts, key=lambda part: part.peak)
+        lines.append(f"forward peak: up to {100 * largest.peak:.3g} % of the scattered light is deflected by less than "
+                     f"{math.degrees(largest.within):.3g} deg, which no table of this length resolves; it counts as "
+                     "unscattered, and sigma_t is smaller by it.  The errors above are of the rest.")
     lines += ["mean error: |difference| over the sphere; half of it is the share of the light that goes to another angle.",
               "forward peak cut: of the angles where the phase function is above half of its forward value."]
-    first = [f"{stem}{part.name}.xml: nearly useless: {part.useless()}" for part in made if part.useless()]
-    return {f"{stem}{part.name}.xml": part.xml for part in made}, [part.as_dict() for part in made], lines, first
+    first = [f"{stem}{part.name}.xml: nearly useless: {part.useless()}" for part in parts if part.useless()]
+    return {f"{stem}{part.name}.xml": part.xml for part in parts}, [part.as_dict() for part in parts], lines, first
 
 
-def _loss(lost) -> tuple[str, ...]:
-    return (f"{200 * lost.misdirected:.2g} %", f"{100 * lost.largest:.2g} % at {math.degrees(lost.largest_at):.3g} deg",
-            f"{lost.g:+.1e}", f"{100 * lost.peak:.2g} % of {math.degrees(lost.peak_angle):.3g} deg")
+def _loss(loss) -> tuple[str, ...]:
+    return (f"{200 * loss.misdirected:.2g} %", f"{100 * loss.largest:.2g} % at {math.degrees(loss.largest_at):.3g} deg",
+            f"{loss.g:+.1e}", f"{100 * loss.peak:.2g} % of {math.degrees(loss.peak_angle):.3g} deg")
 
 
 def _hg(asset):
     from bakery.export import scattering_of
-    from bakery.export.fits import SAID
+    from bakery.export.fits import LABELS
     from bakery.export.hg import droplet_diameter, errors, hg_files, lobe_rows, useless
     from bakery.system.terminal import table
 
@@ -153,10 +153,10 @@ def _hg(asset):
         lines.append(f"{row.wavelength:g} um: g {row.coefficients['g']:.4f}, {100 * first.peak_table:.3g} % of the light within "
                      f"{math.degrees(first.peak_angle):.3g} deg")
         head = ("  fit", "weight", "g", "alpha", "misdirected", "error of g", "rms log10", "furthest off", "in the peak")
-        lines += table([head, *(_fit(SAID[name], fit) for name, fit in row.fits.items())])
-    if (taken := float(scattering_of(asset.tree["medium"]).unchanged.max())) > 0:
-        lines.append(f"light that grains leave unchanged, up to {100 * taken:.3g} % of what they scatter, is taken out of "
-                     "coefficients and phase function: the same medium.")
+        lines += table([head, *(_fit(LABELS[name], fit) for name, fit in row.fits.items())])
+    if (delta := float(scattering_of(asset.tree["medium"]).delta.max())) > 0:
+        lines.append(f"unscattered (delta) transmission of grains, up to {100 * delta:.3g} % of what they scatter, is taken "
+                     "out of coefficients and phase function: the same medium.")
     lines += ["misdirected: share of the light that goes to another angle.",
               "rms log10: of the ratio fit / asset, over the sphere and over the angle; !: off by more than a factor of ten.",
               "in the peak: light within the angle where the asset's phase function has fallen to half of its forward value."]
@@ -165,15 +165,16 @@ def _hg(asset):
     return files, errors(rows), lines, [f"{stem}_lobes: {line}" for line in useless(rows)]
 
 
-def _fit(said: str, fit) -> tuple[str, ...]:
+def _fit(label: str, fit) -> tuple[str, ...]:
     from bakery.export.hg import far_off
 
-    lobes, lost = fit.lobes, fit.misfit
-    ratio = f"x {lost.factor:.3g}" if lost.factor >= 1 else f"/ {1 / lost.factor:.3g}"
-    return (f"  {said}" + (f" for {fit.diameter:.3g} um" if fit.diameter else ""), _joined(lobes.weight, ".3f"),
-            _joined(lobes.g, ".7g"), _joined(lobes.alpha, ".3g") if any(lobes.alpha) else "", f"{100 * lost.misdirected:.2g} %",
-            f"{round(lost.g, 4) + 0.0:+.4f}", f"{lost.log_sphere:.3f} {lost.log_angle:.3f}",
-            f"{ratio} at {math.degrees(lost.factor_at):.3g} deg" + (" !" if far_off(lost) else ""), f"{100 * lost.peak:.3g} %")
+    lobes, misfit = fit.lobes, fit.misfit
+    ratio = f"x {misfit.factor:.3g}" if misfit.factor >= 1 else f"/ {1 / misfit.factor:.3g}"
+    return (f"  {label}" + (f" for {fit.diameter:.3g} um" if fit.diameter else ""), _joined(lobes.weight, ".3f"),
+            _joined(lobes.g, ".7g"), _joined(lobes.alpha, ".3g") if any(lobes.alpha) else "", f"{100 * misfit.misdirected:.2g} %",
+            f"{round(misfit.g, 4) + 0.0:+.4f}", f"{misfit.log_sphere:.3f} {misfit.log_angle:.3f}",
+            f"{ratio} at {math.degrees(misfit.factor_at):.3g} deg" + (" !" if far_off(misfit) else ""),
+            f"{100 * misfit.peak:.3g} %")
 
 
 def _joined(values, form: str) -> str:
@@ -190,7 +191,7 @@ def _water_in_air(recipe: str) -> bool:
         return False
     particles = node.get("particles") if isinstance(node, Mapping) else None
     components = particles.get("components") if isinstance(particles, Mapping) else None
-    if not isinstance(components, Sequence) or not all(isinstance(one, Mapping) for one in components):
+    if not isinstance(components, Sequence) or not all(isinstance(component, Mapping) for component in components):
         return False
-    named = [particles.get("host"), *(one.get("material") for one in components)]
+    named = [particles.get("host"), *(component.get("material") for component in components)]
     return len(named) == 2 and [node.text if isinstance(node, Scalar) else "" for node in named] == ["air", "water"]

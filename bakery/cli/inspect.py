@@ -22,8 +22,8 @@ def command(asset, path, as_json):
 
     root = bakery.open(asset).tree
     path = path.strip("/")
-    if path and path not in (known := [name for name, _ in root.walk()]):
-        raise UsageError(not_found(asset, path, known))
+    if path and path not in (names := [name for name, _ in root.walk()]):
+        raise UsageError(not_found(asset, path, names))
     summary = {"file": asset, "bytes": os.path.getsize(asset)} | describe(root, path)
     if as_json:
         print_json(summary)
@@ -31,12 +31,12 @@ def command(asset, path, as_json):
         _print(summary, whole=not path)
 
 
-def not_found(asset: str, path: str, known: list[str]) -> str:
+def not_found(asset: str, path: str, names: list[str]) -> str:
     """What to say of a path that an asset does not hold: the nearest one, or what there is."""
     import difflib
 
-    near = difflib.get_close_matches(path, known, 1) or [name for name in known if name.rpartition("/")[2] == path][:1]
-    hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in known if '/' not in name)}"
+    near = difflib.get_close_matches(path, names, 1) or [name for name in names if name.rpartition("/")[2] == path][:1]
+    hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in names if '/' not in name)}"
     return f'{asset}: found no "{path}"; {hint}'
 
 
@@ -113,7 +113,7 @@ def _stage(stage: dict) -> list[str]:
     cost = [("baked {}", stage["finished"], clean), ("by bakery {}", stage["bakery_version"], clean),
             ("in {}", stage["seconds"], duration), ("peak {}", stage["peak_memory"], in_words),
             ("{} workers", stage["workers"], str)]
-    spent = ", ".join(words.format(said(value)) for words, value, said in cost if value is not None)
+    spent = ", ".join(words.format(shown(value)) for words, value, shown in cost if value is not None)
     reached = f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])} allowed: {clean(stage['error_measure'])}"
     lines = [f"stage {clean(stage['group'])}, version {stage['stage_version']}", f"  {reached}"]
     lines += [f"  MISSED: {clean(stage['missed'])}"] if stage["missed"] else []

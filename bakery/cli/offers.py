@@ -7,9 +7,9 @@ from click.shell_completion import CompletionItem
 QUALITIES = {"draft": "10 % of all light", "preview": "3 % of all light", "final": "the recipe or scene as it stands"}
 
 
-def among(known: dict[str, str]):
+def among(choices: dict[str, str]):
     """Completes names, each with its meaning."""
-    return lambda ctx, param, incomplete: _items(known, incomplete)
+    return lambda ctx, param, incomplete: _items(choices, incomplete)
 
 
 def stages(_ctx, _param, incomplete):
@@ -41,7 +41,7 @@ def _members(ctx) -> list:
         return []  # no asset yet, or none that can be read: the command will say so
 
 
-def _items(known: dict[str, str], incomplete: str) -> list[CompletionItem]:
+def _items(choices: dict[str, str], incomplete: str) -> list[CompletionItem]:
     # descriptions may come from strangers, and a line break would be taken for the next word
-    return [CompletionItem(name, help=said if said.isprintable() else None)
-            for name, said in known.items() if name.startswith(incomplete)]
+    return [CompletionItem(name, help=description if description.isprintable() else None)
+            for name, description in choices.items() if name.startswith(incomplete)]

@@ -56,8 +56,8 @@ def with_scene(recipe, settings: dict[str, str], scene) -> dict[str, str]:
     from bakery.stages import sections_for
     from renderers.scene import needs
 
-    held = [stage.name for stage in chosen(load(recipe, settings))]
-    missing = [name for name in needs(scene) if name not in held]
+    names = [stage.name for stage in chosen(load(recipe, settings))]
+    missing = [name for name in needs(scene) if name not in names]
     for name in missing:
         click.echo(f"{recipe}: {name}, because {scene} needs it", err=True)
     return {sections_for(name)[0][0]: "{}" for name in missing} | settings

@@ -29,15 +29,15 @@ def command(asset, output, overwrite, as_json):
     from bakery.store.put import put
 
     root = bakery.open(asset).tree
-    found = list(pictures(root))
-    if not found:
+    figures = list(pictures(root))
+    if not figures:
         raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
     stem = Path(asset).stem
     folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-plots"))
-    check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in found for form in ("png", "svg", "csv")),
+    check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")),
                   [asset], overwrite)
     written = []
-    for picture in found:
+    for picture in figures:
         files = drawn(picture, of=title_of(root)) | {"csv": csv_text(picture.columns)}
         paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
         written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})

@@ -42,8 +42,9 @@ def command(asset, path, arguments, as_json):
         _show(root, queries[path].answer(opened, path, values), as_json)
         return
     if isinstance(member, Group):
-        held = ", ".join([*member.members, *member.attributes])
-        raise UsageError(f"{asset}: {path} is a group; it holds {held}: ask for one of them, such as {path}/{held.split(',')[0]}")
+        content = ", ".join([*member.members, *member.attributes])
+        raise UsageError(f"{asset}: {path} is a group; it holds {content}: ask for one of them, "
+                         f"such as {path}/{content.split(',')[0]}")
     attribute = not hasattr(member, "data")
     if attribute or is_text(member):
         if values:
@@ -94,9 +95,9 @@ def _find(asset: str, root, path: str):
         return getattr(root[parent] if parent else root, "attributes", {})[name]
     except KeyError:
         pass
-    known = [name for name, _ in root.walk()]
-    known += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
-    raise UsageError(not_found(asset, path, known + list(root.attributes)))
+    names = [name for name, _ in root.walk()]
+    names += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
+    raise UsageError(not_found(asset, path, names + list(root.attributes)))
 
 
 def _stage_of(root, answer) -> dict | None:
@@ -110,8 +111,8 @@ def _stage_of(root, answer) -> dict | None:
     attributes = getattr(root.members[name], "attributes", {})
     if "achieved_error" not in attributes or answer.values.dtype.kind != "f":
         return None
-    said = stage(root, name)
-    return said if answer.error is None or not answer.error.any() or said["missed"] else None
+    summary = stage(root, name)
+    return summary if answer.error is None or not answer.error.any() or summary["missed"] else None
 
 
 def _print_plain(path: str, value, as_json: bool) -> None:
@@ -130,8 +131,8 @@ def _print_json(answer, stage) -> None:
     import numpy as np
 
     def plain(array):
-        kept = np.where(np.isfinite(array), array, None) if array.dtype.kind == "f" else array
-        return kept.tolist()
+        finite = np.where(np.isfinite(array), array, None) if array.dtype.kind == "f" else array
+        return finite.tolist()
 
     print_json({
         "path": answer.path, "units": answer.units, "value": plain(answer.values),
@@ -148,8 +149,8 @@ def _print(answer, stage) -> None:
 
     unit = "" if answer.units == "1" else f" {clean(answer.units)}"
     if answer.values.ndim == 0:
-        own = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
-        say(f"{_digits(answer.values[()])}{own}{unit}")
+        error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
+        say(f"{_digits(answer.values[()])}{error}{unit}")
     else:
         for line in table(_rows(answer), right=range(answer.values.ndim + 64)):
             say(line)
@@ -167,19 +168,19 @@ def _rows(answer):
 
     *across, (name, unit, at) = answer.axes
     columns = [(f"{name} [{unit}]", at)]
-    what = answer.path.rpartition("/")[2]
+    quantity = answer.path.rpartition("/")[2]
     for index in np.ndindex(answer.values.shape[:-1]):
         places = zip(across, index, strict=True)
-        where = ", ".join(f"index {i}" if name == "index" else f"{axis[i]:g} {unit}" for (name, unit, axis), i in places)
-        head = f"{what} [{answer.units}]" + (f" at {where}" if where else "")
+        place = ", ".join(f"index {i}" if name == "index" else f"{axis[i]:g} {unit}" for (name, unit, axis), i in places)
+        head = f"{quantity} [{answer.units}]" + (f" at {place}" if place else "")
         columns.append((head, answer.values[index]))
         if answer.error is not None:
-            columns.append((f"+- at {where}" if where else "+-", answer.error[index]))
+            columns.append((f"+- at {place}" if place else "+-", answer.error[index]))
     yield [head for head, _ in columns]
     for i in range(answer.values.shape[-1]):
         yield [_digits(values[i]) for _, values in columns]
 
 
 def _digits(value) -> str:
-    """Every digit that tells a float from its neighbours."""
+    """As many digits as distinguish a float from its neighbours."""
     return str(value.item() if hasattr(value, "item") else value)

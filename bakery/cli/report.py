@@ -64,5 +64,5 @@ def _description(recipe: str) -> str:
         node = parse(Source("recipe", recipe)).root
     except RecipeError:
         return ""
-    said = node.get("description") if isinstance(node, Mapping) else None
-    return said.text if isinstance(said, Scalar) else ""
+    description = node.get("description") if isinstance(node, Mapping) else None
+    return description.text if isinstance(description, Scalar) else ""

@@ -35,8 +35,9 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
             verbose):
     """Measure true error against time over the knobs of each stage of RECIPE.
 
-    Prints the settings that are worth their time, the cheapest one for the wished tolerance, and where draft, preview and final
-    lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where it was.
+    Prints the settings that are worth their time, the cheapest one for the requested tolerance, and where draft, preview and
+    final lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where
+    it stopped.
     """
     from bakery.run.progress import choose
     from bakery.system.terminal import say
@@ -45,18 +46,18 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
 
     progress = choose(quiet)
     try:
-        found = trade(recipe, output, stages=stage, quality=quality,
-                      settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
-                      budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
+        result = trade(recipe, output, stages=stage, quality=quality,
+                       settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
+                       budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
     finally:
         progress.close()
     if as_json:
-        print_json(found.as_dict() | {"files": [str(file) for file in found.files]})
+        print_json(result.as_dict() | {"files": [str(file) for file in result.files]})
         return
-    for sweep in found.as_dict()["stages"]:
+    for sweep in result.as_dict()["stages"]:
         for line in report(sweep, recipe):
             say(line)
-    for file in found.files:
+    for file in result.files:
         say(str(file))

@@ -19,14 +19,14 @@ def command(assets, as_json):
     Each has its verdict, whatever the others are.  Exit status 1 if a rule is broken, 2 if a file is missing, 3 if the system
     would not read one; the largest of them.
     """
-    found = []
+    verdicts = []
     for asset in assets:
-        found.append((asset, *_verdict(asset)))
+        verdicts.append((asset, *_verdict(asset)))
         if not as_json:
-            _print(*found[-1][:3])
+            _print(*verdicts[-1][:3])
     if as_json:
-        print_json([{"file": asset, "ok": not broken, "broken": broken} for asset, _, broken, _ in found])
-    return max(status for *_, status in found)
+        print_json([{"file": asset, "ok": not broken, "broken": broken} for asset, _, broken, _ in verdicts])
+    return max(status for *_, status in verdicts)
 
 
 def _verdict(asset: str) -> tuple[str, list[str], int]:

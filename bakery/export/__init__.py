@@ -1,4 +1,4 @@
-"""Hands assets to other software, and says what was lost on the way.
+"""Export to other software, with a report of what is lost.
 
 `mitsuba` writes a scene fragment with a phase function on a regular grid, `csv` writes tables, `hg` fits the lobes that renderers
 without tables take, `tiles` and `grains` write packed spheres and meshes.
@@ -25,23 +25,23 @@ def medium_of(root: Group, name: str) -> Group:
 
 @dataclass(frozen=True)
 class Scattering:
-    """A medium as other software takes it: light that leaves a collision in its old direction was not scattered.
+    """A medium as other software takes it: light that leaves a collision in its old direction counts as unscattered.
 
     Attributes
     ----------
     sigma_t, sigma_s : (L,) 1/m
     theta, phase : (A,) rad, (L, A) 1/sr, linear in cos theta between the angles, integrating to 1
-    unchanged : (L,) 1, share of the asset's scattered light that was taken out; exact
-    straight : (L,) 1, share of what is then scattered that was taken out by `without_peak`, which is an approximation
-    within : rad, largest deflection of that light
+    delta : (L,) 1, forward delta, the share of the asset's scattered light that was taken out; exact
+    peak : (L,) 1, share of what is then scattered that was taken out by `without_peak`, an approximation
+    within : rad, largest deflection in that peak
     """
 
     sigma_t: np.ndarray
     sigma_s: np.ndarray
     theta: np.ndarray
     phase: np.ndarray
-    unchanged: np.ndarray
-    straight: np.ndarray
+    delta: np.ndarray
+    peak: np.ndarray
     within: float = 0.0
 
     @property
@@ -51,9 +51,9 @@ class Scattering:
 
 
 def scattering_of(medium: Group) -> Scattering:
-    """A medium without its forward Dirac, which stands in the tables of packed grains as a peak at their first angle.
+    """A medium without its forward delta, which the tables of packed grains hold as a peak at their first angle.
 
-    Exact: a collision that changes nothing is none, so sigma_t loses what sigma_s loses.  No regular grid resolves the peak.
+    Exact: a collision that keeps direction and weight is none, so sigma_t loses what sigma_s loses.  No regular grid resolves it.
     """
     from bakery.physics.medium.phase import without_delta
 
@@ -67,7 +67,7 @@ def scattering_of(medium: Group) -> Scattering:
 
 
 def without_peak(medium: Scattering, end: int) -> Scattering:
-    """A medium whose forward peak goes straight on: what is above the value at an angle, at smaller ones, counts as unscattered.
+    """A medium whose forward peak counts as unscattered: what exceeds the value at an angle, at smaller angles.
 
     Parameters
     ----------
@@ -83,6 +83,6 @@ def without_peak(medium: Scattering, end: int) -> Scattering:
 
     rest = medium.phase.copy()
     rest[:, :end] = np.minimum(rest[:, :end], rest[:, end:end + 1])
-    straight = np.clip(1 - integral(medium.theta, rest), 0.0, 1.0)
-    return replace(medium, sigma_t=medium.sigma_t - straight * medium.sigma_s, sigma_s=(1 - straight) * medium.sigma_s,
-                   phase=normalised(medium.theta, rest)[0], straight=straight, within=float(medium.theta[end]))
+    peak = np.clip(1 - integral(medium.theta, rest), 0.0, 1.0)
+    return replace(medium, sigma_t=medium.sigma_t - peak * medium.sigma_s, sigma_s=(1 - peak) * medium.sigma_s,
+                   phase=normalised(medium.theta, rest)[0], peak=peak, within=float(medium.theta[end]))

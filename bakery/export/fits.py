@@ -12,7 +12,7 @@ from bakery.draw.style import INK, QUIET
 from bakery.physics.medium.phase import evaluate
 
 # name -> what it is called in words; the order is that of tables
-SAID = {
+LABELS = {
     "hg_g": "HG, exact g", "hg": "HG, best", "draine": "Draine, best", "hg2_moments": "two HG, exact moments 1-3",
     "hg2_g": "two HG, exact g", "hg2": "two HG, best", "hg_draine_g": "HG + Draine, exact g", "hg_draine": "HG + Draine, best",
     "hg_draine_published": "HG + Draine, published", "hg_draine_published_best": "HG + Draine, published, best",
@@ -38,15 +38,15 @@ def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
         panels = figure.subplots(2, 2, width_ratios=(1.5, 1), height_ratios=(1.7, 1), sharey="row", sharex="col")
         for column, at in enumerate((wide, near)):
             angle = np.minimum(np.radians(at), np.pi)
-            own = evaluate(theta, phase, angle)
-            own = np.where(own > 0, own, np.nan)
+            baked = evaluate(theta, phase, angle)
+            baked = np.where(baked > 0, baked, np.nan)
             top, bottom = panels[:, column]
-            top.plot(at, own, color=INK, linewidth=2.4, alpha=0.85, label=f"baked, {um:g} µm")
+            top.plot(at, baked, color=INK, linewidth=2.4, alpha=0.85, label=f"baked, {um:g} µm")
             for name, fit in shown.items():
                 values = fit.lobes(angle)
-                label = f"{SAID[name]}: {100 * fit.misfit.misdirected:.2g} % misdirected"
+                label = f"{LABELS[name]}: {100 * fit.misfit.misdirected:.2g} % misdirected"
                 top.plot(at, values, color=_DRAWN[name], linewidth=1.3, label=label)
-                bottom.plot(at, values / own, color=_DRAWN[name], linewidth=1.3)
+                bottom.plot(at, values / baked, color=_DRAWN[name], linewidth=1.3)
             bottom.axhline(1, color=QUIET, linewidth=0.8)
             top.set_yscale("log")
             bottom.set_yscale("log")
@@ -63,6 +63,6 @@ def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
         panels[0, 0].legend(loc="upper right")
 
     columns = (("theta [rad]", theta), (f"baked at {um:g} um [1/sr]", phase),
-               *((f"{SAID[name]} [1/sr]", fit.lobes(theta)) for name, fit in shown.items()))
+               *((f"{LABELS[name]} [1/sr]", fit.lobes(theta)) for name, fit in shown.items()))
     return Picture("lobes", "Lobes of production renderers", f"The baked phase function at {um:g} um and lobes fitted to it.",
                    (10.4, 6.0), draw, columns)

@@ -30,11 +30,11 @@ def obj_meshes(root: Group) -> dict[str, str]:
     ------
     AssetError : there is no grain
     """
-    found = meshes_of(root)
-    if not found:
+    meshes = meshes_of(root)
+    if not meshes:
         raise AssetError(f"{root.attributes.get('name')}: holds no stage `grains`; bake it from a recipe with `grains`")
     files = {}
-    for name, grain in found.items():
+    for name, grain in meshes.items():
         lines = [f"# {line}" for line in _remarks(root, grain)] + [f"o {name}"]
         lines += ["v " + " ".join(map(repr, row)) for row in grain.vertices.astype(float).tolist()]
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in grain.faces.tolist()]
@@ -44,8 +44,8 @@ def obj_meshes(root: Group) -> dict[str, str]:
 
 def _remarks(root: Group, grain: Exemplar) -> list[str]:
     radius = root["grains"].members.get("radius")
-    said = ["lengths in radii of the bounding sphere, which is the unit sphere"]
+    remarks = ["lengths in radii of the bounding sphere, which is the unit sphere"]
     if isinstance(radius, Dataset) and radius.data.size:
         low, high = float(radius.data.min()), float(radius.data.max())
-        said.append(f"radius {low!r} m" if low == high else f"radius {low!r} to {high!r} m")
-    return said + (["exactly the unit ball: these triangles stand for it in pictures only"] if grain.ball else [])
+        remarks.append(f"radius {low!r} m" if low == high else f"radius {low!r} to {high!r} m")
+    return remarks + (["exactly the unit ball: these triangles stand for it in pictures only"] if grain.ball else [])

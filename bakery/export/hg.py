@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.draw.files import csv_text
 from bakery.export import medium_of, scattering_of
-from bakery.export.fits import SAID, lobe_fits
+from bakery.export.fits import LABELS, lobe_fits
 from bakery.physics.medium.lobe_fits import Fit, fits
 from bakery.physics.medium.lobes import Misfit
 from bakery.store.tree import Group
@@ -59,14 +59,14 @@ def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row
     medium = medium_of(root, name)
     rest = scattering_of(medium)
     theta, phase = rest.theta, rest.phase
-    given = {key: medium[key].data for key in COEFFICIENTS}
-    if rest.unchanged.any():  # the fits are of what is scattered into other directions; coefficients that go with it
-        given |= {"sigma_t": rest.sigma_t, "sigma_s": rest.sigma_s, "albedo": rest.albedo, "g": mean_cosine(theta, phase)}
+    coefficients = {key: medium[key].data for key in COEFFICIENTS}
+    if rest.delta.any():  # the fits are of the light without the forward delta; coefficients that go with it
+        coefficients |= {"sigma_t": rest.sigma_t, "sigma_s": rest.sigma_s, "albedo": rest.albedo, "g": mean_cosine(theta, phase)}
     rows = []
     for i, um in enumerate(root["wavelength"].data):
-        found = fits(theta, phase[i], diameter)
-        rows.append(Row(float(um), {key: float(given[key][i]) for key in COEFFICIENTS},
-                        {key: found[key] for key in SAID if key in found}))
+        mixtures = fits(theta, phase[i], diameter)
+        rows.append(Row(float(um), {key: float(coefficients[key][i]) for key in COEFFICIENTS},
+                        {key: mixtures[key] for key in LABELS if key in mixtures}))
     return rows
 
 
@@ -76,10 +76,11 @@ def droplet_diameter(root: Group) -> float | None:
     Of the usual means this is the one that the published parametrisation fits best: docs/lobes.md.
     """
     optics = root.members.get("optics")
-    held = [member for member in (optics.members.values() if isinstance(optics, Group) else ()) if isinstance(member, Group)]
-    if len(held) != 1 or not {"radius", "weight"} <= held[0].members.keys():
+    members = optics.members.values() if isinstance(optics, Group) else ()
+    components = [member for member in members if isinstance(member, Group)]
+    if len(components) != 1 or not {"radius", "weight"} <= components[0].members.keys():
         return None
-    return float(2 * np.exp(np.sum(held[0]["weight"].data * np.log(held[0]["radius"].data))))
+    return float(2 * np.exp(np.sum(components[0]["weight"].data * np.log(components[0]["radius"].data))))
 
 
 def hg_files(root: Group, name: str, rows: list[Row]) -> dict[str, str | bytes]:
@@ -99,23 +100,23 @@ def useless(rows: list[Row]) -> list[str]:
     worst = {key: max(row.fits[key].misfit.misdirected for row in rows) for key in rows[0].fits}
     poor = {key: share for key, share in worst.items() if share > USELESS}
     best = min(worst, key=worst.get)
-    said = [f"of little use, up to {100 * max(poor.values()):.2g} % of the light goes to another angle: "
-            + "; ".join(SAID[key] for key in poor)] if poor else []
-    off = max((row.fits[best].misfit for row in rows), key=lambda lost: abs(math.log(lost.factor)))
+    warnings = [f"of little use, up to {100 * max(poor.values()):.2g} % of the light goes to another angle: "
+                + "; ".join(LABELS[key] for key in poor)] if poor else []
+    off = max((row.fits[best].misfit for row in rows), key=lambda misfit: abs(math.log(misfit.factor)))
     if far_off(off):
-        said.append(f"even the best, {SAID[best]}, is {ratio(off)}")
-    return said
+        warnings.append(f"even the best, {LABELS[best]}, is {ratio(off)}")
+    return warnings
 
 
-def far_off(lost: Misfit) -> bool:
+def far_off(misfit: Misfit) -> bool:
     """Whether a fit is out by more than a factor of ten at some angle."""
-    return abs(math.log(lost.factor)) > math.log(OFF)
+    return abs(math.log(misfit.factor)) > math.log(OFF)
 
 
-def ratio(lost: Misfit) -> str:
+def ratio(misfit: Misfit) -> str:
     """Where a fit is furthest off, in words."""
-    times = f"{lost.factor:.3g} times too bright" if lost.factor >= 1 else f"{1 / lost.factor:.3g} times too dark"
-    return f"{times} at {math.degrees(lost.factor_at):.3g} deg"
+    times = f"{misfit.factor:.3g} times too bright" if misfit.factor >= 1 else f"{1 / misfit.factor:.3g} times too dark"
+    return f"{times} at {math.degrees(misfit.factor_at):.3g} deg"
 
 
 def errors(rows: list[Row]) -> list[dict]:
@@ -145,10 +146,10 @@ def _json(root: Group, name: str, rows: list[Row]) -> str:
 
 def _fit(fit: Fit) -> dict:
     lobes = fit.lobes
-    made = {"lobes": [dict(zip(("weight", "g", "alpha"), lobe, strict=True))
-                      for lobe in zip(lobes.weight, lobes.g, lobes.alpha, strict=True)], "error": asdict(fit.misfit)}
+    entry = {"lobes": [dict(zip(("weight", "g", "alpha"), lobe, strict=True))
+                       for lobe in zip(lobes.weight, lobes.g, lobes.alpha, strict=True)], "error": asdict(fit.misfit)}
     scene = mitsuba(lobes)
-    return made | ({"diameter": fit.diameter} if fit.diameter else {}) | ({"mitsuba": scene} if scene else {})
+    return entry | ({"diameter": fit.diameter} if fit.diameter else {}) | ({"mitsuba": scene} if scene else {})
 
 
 def _csv(rows: list[Row]) -> str:

@@ -30,9 +30,9 @@ class Fragment:
     values : length of the table
     resampling : Loss of the table against the phase function that it stands for
     colour : wavelength (um) -> Loss of the table against the phase function there, where one table stands for several
-    unchanged : 1, largest share of scattered light that keeps its direction and was taken out of sigma_t and phase function
-    straight, within : 1, rad: largest share of the rest that no table of this length can place, the forward peak within the
-        angle; it is taken out likewise and goes straight on
+    delta : 1, largest forward delta, a share of the scattered light; it was taken out of sigma_t and phase function
+    peak, within : 1, rad: largest share of the rest in the forward peak within the angle, which no table of this length
+        resolves; it counts as unscattered and was taken out likewise
     """
 
     name: str
@@ -40,8 +40,8 @@ class Fragment:
     values: int
     resampling: Loss
     colour: dict[float, Loss]
-    unchanged: float = 0.0
-    straight: float = 0.0
+    delta: float = 0.0
+    peak: float = 0.0
     within: float = 0.0
 
     def useless(self) -> str:
@@ -56,12 +56,12 @@ class Fragment:
 
     def as_dict(self) -> dict:
         """The losses for machines (`--json`)."""
-        return {"values": self.values, "unchanged": self.unchanged, "straight": self.straight, "within": self.within,
+        return {"values": self.values, "unchanged": self.delta, "straight": self.peak, "within": self.within,
                 "useless": self.useless(), "resampling": asdict(self.resampling),
-                "wavelengths": [{"wavelength_um": um} | asdict(lost) for um, lost in self.colour.items()]}
+                "wavelengths": [{"wavelength_um": um} | asdict(misfit) for um, misfit in self.colour.items()]}
 
 
-def fragments(root: Group, name: str, bands, each: bool = False) -> list[Fragment]:
+def fragments(root: Group, name: str, bands, each_wavelength: bool = False) -> list[Fragment]:
     """An asset's medium as scene fragments that stock Mitsuba 3 loads.
 
     Parameters
@@ -69,33 +69,33 @@ def fragments(root: Group, name: str, bands, each: bool = False) -> list[Fragmen
     root : the asset's tree
     name : of the medium, the `id` that scenes refer to
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
-    each : one fragment a wavelength instead of one in colour
+    each_wavelength : one fragment a wavelength instead of one in colour
 
     Raises
     ------
     AssetError : there is no medium
     """
     medium, um = scattering_of(medium_of(root, name)), root["wavelength"].data
-    if each:
-        one = [slice(i, i + 1) for i in range(um.size)]
-        return [_fragment(f"{name}_{1e3 * x:.4g}nm", f"_{1e3 * x:.4g}nm", um[which], _rows(medium, which), np.ones((1, 1)))
-                for x, which in zip(um, one, strict=True)]
+    if each_wavelength:
+        slices = [slice(i, i + 1) for i in range(um.size)]
+        return [_fragment(f"{name}_{1e3 * x:.4g}nm", f"_{1e3 * x:.4g}nm", um[rows], _rows(medium, rows), np.ones((1, 1)))
+                for x, rows in zip(um, slices, strict=True)]
     return [_fragment(name, "", um, medium, bands if um.size > 1 else np.ones((1, 1)))]
 
 
-def _rows(medium: Scattering, which: slice) -> Scattering:
+def _rows(medium: Scattering, rows: slice) -> Scattering:
     """Some of its wavelengths."""
-    return replace(medium, **{name: getattr(medium, name)[which] for name in
-                              ("sigma_t", "sigma_s", "phase", "unchanged", "straight")})
+    return replace(medium, **{name: getattr(medium, name)[rows] for name in
+                              ("sigma_t", "sigma_s", "phase", "delta", "peak")})
 
 
 def _fragment(name, suffix, um, medium, bands) -> Fragment:
     medium = _resolved(medium)
-    values, lost = adaptive_table(medium.theta, _mean(medium), LIMIT, largest=LONGEST)
+    values, resampling = adaptive_table(medium.theta, _mean(medium), LIMIT, largest=LONGEST)
     colour = {x: loss(medium.theta, row, values) for x, row in zip(um.tolist(), medium.phase, strict=True)} if um.size > 1 else {}
-    made = Fragment(suffix, "", len(values), lost, colour, *(float(value) for value in
-                                                             (medium.unchanged.max(), medium.straight.max(), medium.within)))
-    return replace(made, xml=_xml(name, bands @ medium.sigma_t, bands @ medium.sigma_s, values, made))
+    fragment = Fragment(suffix, "", len(values), resampling, colour, *(float(value) for value in
+                                                                       (medium.delta.max(), medium.peak.max(), medium.within)))
+    return replace(fragment, xml=_xml(name, bands @ medium.sigma_t, bands @ medium.sigma_s, values, fragment))
 
 
 def _mean(medium: Scattering):
@@ -119,24 +119,26 @@ def _resolved(medium: Scattering) -> Scattering:
     return without_peak(medium, high)
 
 
-def _xml(name, sigma_t, sigma_s, values, made: Fragment) -> str:
+def _xml(name, sigma_t, sigma_s, values, fragment: Fragment) -> str:
     # Mitsuba takes RGB coefficients from 0 to 1 only: `scale` carries the size
     scale = float(sigma_t.max()) or 1.0
     albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
     table = ",".join(f"{value:.9g}" for value in values.tolist())  # 9 digits: every float32 comes back
-    apart = (f"\n     Light that grains leave unchanged (up to {100 * made.unchanged:.3g} % of what they scatter) is not in it: "
-             "sigma_t is smaller\n     than the asset's by that, which is the same medium." if made.unchanged else "")
-    if made.straight:
-        apart += (f"\n     Of the rest, up to {100 * made.straight:.3g} % is deflected by less than "
-                  f"{math.degrees(made.within):.3g} degrees.  It goes straight on:\n     sigma_t is smaller by that as well.")
-    lost = made.resampling
+    lost = ("\n     The unscattered (delta) transmission of the grains (up to "
+            f"{100 * fragment.delta:.3g} % of what they scatter) is not in it:\n     sigma_t is smaller than the asset's "
+            "by that, which is the same medium." if fragment.delta else "")
+    if fragment.peak:
+        lost += (f"\n     Of the rest, up to {100 * fragment.peak:.3g} % is deflected by less than "
+                 f"{math.degrees(fragment.within):.3g} degrees.  It counts as unscattered:\n     sigma_t is "
+                 "smaller by that as well.")
+    misfit = fragment.resampling
     medium_id = quoteattr(re.sub(r"[^A-Za-z0-9_]", "_", name))
     return f"""<?xml version="1.0" encoding="utf-8"?>
 <!-- A baked medium for stock Mitsuba 3.  Include it in a scene and refer to the id:
        <include filename="..."/>   <ref name="interior" id={medium_id}/>
      sigma_t times scale is in 1/m: the scene's unit is the metre.  For another, multiply scale by its length in metres.
      The phase function has {len(values)} values over cos theta from -1 (backward) to +1 (forward); against the asset
-     {100 * lost.misdirected:.2g} % of the light goes to another angle and the mean cosine is off by {lost.g:.2g}.{apart} -->
+     {100 * misfit.misdirected:.2g} % of the light goes to another angle and the mean cosine is off by {misfit.g:.2g}.{lost} -->
 <scene version="3.0.0">
     <medium type="homogeneous" id={medium_id}>
         {_coefficient("sigma_t", sigma_t / scale)}

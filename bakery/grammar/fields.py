@@ -2,7 +2,7 @@
 
 Each is a pydantic type that takes a `Scalar` of the tree (or, for lists, a `Sequence`), returns the value in base units, and
 carries the JSON Schema that an editor needs.  A value that is well formed is also noted under its dotted key in the validation
-context, so that the checks between keys (`checks.py`) can run even where another part of the recipe is wrong.
+context, so that the checks between keys (`recipe.checker`) can run even where another part of the recipe is wrong.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def is_null(node: Any) -> bool:
 
 def scalar(node: Any, expected: str) -> Scalar:
     if node.broken:
-        raise PydanticCustomError("told", "told")
+        raise PydanticCustomError("reported", "reported")
     if not isinstance(node, Scalar) or is_null(node):
         _raise(f"found {describe(node)}", f"expected {expected}")
     return node
@@ -57,7 +57,7 @@ def scalar(node: Any, expected: str) -> Scalar:
 class Leaf:
     """How pydantic sees a value: as its own core schema, which takes less time than to let it look at a function.
 
-    `quantity` and `bounds` of a number tell tests its smallest and its largest value.
+    `quantity` and `bounds` of a number give tests its smallest and its largest value.
     """
 
     def __init__(self, read: Callable, json: dict, quantity: Quantity | None = None, bounds: Range | None = None):
@@ -98,8 +98,8 @@ class Range:
         )
 
     def schema(self) -> dict:
-        found = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below, "maximum": self.most}
-        return {name: value for name, value in found.items() if value is not None}
+        limits = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below, "maximum": self.most}
+        return {name: value for name, value in limits.items() if value is not None}
 
     def __str__(self) -> str:
         low = f"above {self.above:g}" if self.above is not None else f"at least {self.least:g}" if self.least is not None else ""
@@ -107,17 +107,17 @@ class Range:
         return " and ".join(part for part in (low, high) if part)
 
 
-def one(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None,
-        hint: Callable[[float], str] | None = None) -> float:
+def in_bounds(text: str, quantity: Quantity, bounds: Range, quoted: bool = False, words: dict | None = None,
+              hint: Callable[[float], str] | None = None) -> float:
     """The value of a text within bounds; `hint` says of a value out of bounds what it may mean."""
     value = units.parse(text, quantity)
     if quoted and units.NUMBER.fullmatch(text.strip()):
         raise Wrong(f"found the quoted number {show(text)}, which is text", f"expected {text.strip()} without quotes")
     if not bounds.holds(value):
         unit = "" if quantity.base == "1" else f" {quantity.base}"
-        what = one_of([*(words or ()), f"{quantity.one} {bounds}{unit}"])
-        more = hint(value) if hint else _percent(text, [value], quantity, bounds)
-        raise Wrong(f"found {show(text)}", f"expected {what}{more}")
+        expected = one_of([*(words or ()), f"{quantity.one} {bounds}{unit}"])
+        hint_text = hint(value) if hint else _percent(text, [value], quantity, bounds)
+        raise Wrong(f"found {show(text)}", f"expected {expected}{hint_text}")
     return value
 
 
@@ -140,17 +140,17 @@ def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
 
 
 def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Callable[[float], str] | None = None, **bounds):
-    """One value of a quantity, or one of a few words that stand for values; `hint` as in `one`."""
+    """One value of a quantity, or one of a few words that stand for values; `hint` as in `in_bounds`."""
     limits = Range(**bounds)
-    what = one_of([*(words or ()), units.example(quantity)])
+    expected = one_of([*(words or ()), units.example(quantity)])
 
     def read(node):
-        node = scalar(node, what)
+        node = scalar(node, expected)
         if words and node.text in words:
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()):
-            raise Wrong(f"found {show(node.text)}", f"expected {what}" + nearest(node.text, words))
-        return one(node.text, quantity, limits, node.quoted, words, hint)
+            raise Wrong(f"found {show(node.text)}", f"expected {expected}" + nearest(node.text, words))
+        return in_bounds(node.text, quantity, limits, node.quoted, words, hint)
 
     return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
 
@@ -169,7 +169,7 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
                 f"expected {one_of(list(words))}, or a list in {quantity.base}" + nearest(node.text, words),
             )
         if not units.is_list(node.text):
-            return (one(node.text, quantity, limits, node.quoted),)
+            return (in_bounds(node.text, quantity, limits, node.quoted),)
         values = units.parse_list(node.text, quantity)
         if len(values) > most_entries:
             raise Wrong(f"found {len(values):,} entries", f"expected at most {most_entries:,}")
@@ -260,16 +260,16 @@ def _read_flag(node):
 def whole(least: int, most: int, words: dict | None = None):
     """A whole number, or one of a few words that stand for values."""
     limit = f"{most:,}" if most < 2**53 else "2^53"
-    what = one_of([*(words or ()), f"a whole number from {least:,} to {limit}"])
+    expected = one_of([*(words or ()), f"a whole number from {least:,} to {limit}"])
 
     def read(node):
-        text = scalar(node, what if words else "a whole number").text
+        text = scalar(node, expected if words else "a whole number").text
         if words and text in words:
             return words[text]
         # 20 digits hold every whole number in question, however many digits the text has
         if node.quoted or not re.fullmatch(r"[-+]?\d{1,20}", text, re.ASCII) or not least <= int(text) <= most:
             near = nearest(text, words) if words else ""
-            raise Wrong(f"found {show(text)}", f"expected {what}" + (" without quotes" if node.quoted else "") + near)
+            raise Wrong(f"found {show(text)}", f"expected {expected}" + (" without quotes" if node.quoted else "") + near)
         return int(text)
 
     number = {"type": "integer", "minimum": least, "maximum": most}
@@ -295,8 +295,8 @@ Format = leaf(_read_format, {"const": FORMAT})
 
 
 def _geometric(value: float) -> str:
-    meant = f"; exp({value:g}) = {math.exp(value):.4g} where {value:g} is that of ln r" if 0 < value < 1 else ""
-    return f", the geometric standard deviation{meant}"
+    hint = f"; exp({value:g}) = {math.exp(value):.4g} where {value:g} is that of ln r" if 0 < value < 1 else ""
+    return f", the geometric standard deviation{hint}"
 
 
 GeometricDeviation = number(above=1, most=10, hint=_geometric)

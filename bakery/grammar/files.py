@@ -81,7 +81,7 @@ class Folder:
     def read(self, key: str, name: str, limit: int = MAX_TABLE_BYTES, what: str = "table") -> tuple[bytes, DataFile]:
         """A file that the recipe names, with a path relative to the recipe's folder, else to `assets/`; raises `Wrong`.
 
-        It has at most `limit` bytes; `what` it is, is said where it has more.
+        It has at most `limit` bytes; `what` names its kind in the message where it has more.
         """
         _refuse_path(name)
         roots = [os.path.realpath(root) for root in (self.folder, asset_root())]

@@ -134,9 +134,9 @@ def _rekey(node: Node, key: str) -> None:
 # ---- the text
 
 
-def _edit(label: str, whole: str, path: list[str | int], new: Node) -> str:
+def _edit(label: str, document: str, path: list[str | int], new: Node) -> str:
     """The text with the node at the path replaced, or added to the mapping above it."""
-    source = Source(label, whole)
+    source = Source(label, document)
     node, written = text.parse(source).root, _written(new)
     for depth, step in enumerate(path):
         if isinstance(node, Mapping) and step not in node:
@@ -145,19 +145,19 @@ def _edit(label: str, whole: str, path: list[str | int], new: Node) -> str:
             return _insert(source, node, f"{_word(step)}: {written}")
         node = node[step]
     begin = node.place.begin
-    end = begin + len(whole[begin : node.place.end].rstrip())  # a block ends where the next key starts
-    space = " " if begin and not whole[begin - 1].isspace() and whole[begin - 1] not in "[{" else ""
-    return whole[:begin] + space + written + whole[end:]
+    end = begin + len(document[begin : node.place.end].rstrip())  # a block ends where the next key starts
+    space = " " if begin and not document[begin - 1].isspace() and document[begin - 1] not in "[{" else ""
+    return document[:begin] + space + written + document[end:]
 
 
 def _insert(source: Source, mapping: Mapping, entry: str) -> str:
-    whole = source.text
+    document = source.text
     if mapping.flow:
         at = mapping.place.begin + 1
-        return whole[:at] + entry + (", " if mapping else "") + whole[at:]
+        return document[:at] + entry + (", " if mapping else "") + document[at:]
     at = min(place.begin for place in mapping.names.values())
     indent = source.position(at)[1] - 1
-    return whole[:at] + entry + "\n" + " " * indent + whole[at:]
+    return document[:at] + entry + "\n" + " " * indent + document[at:]
 
 
 def _written(node: Node) -> str:

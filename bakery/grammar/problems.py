@@ -18,11 +18,11 @@ def distinct(problems: list[Problem]) -> list[Problem]:
 def translate(error: dict) -> Iterator[Problem]:
     """One of pydantic's errors in our words."""
     node, kind = error["input"], error["type"]
-    if kind == "told" or node.broken and kind != "extra_forbidden":
+    if kind == "reported" or node.broken and kind != "extra_forbidden":
         return
     if kind == "wrong":
-        said = error["ctx"]
-        yield node.place.problem(said["found"], said["expected"], said["offset"])
+        context = error["ctx"]
+        yield node.place.problem(context["found"], context["expected"], context["offset"])
     elif kind == "missing":
         name = str(error["loc"][-1])
         if name in meant(node):

@@ -14,7 +14,7 @@ class Section(BaseModel):
 
     # deferred: the root builds one validator of all models; building each by itself first takes 40 ms more
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-    named: ClassVar[dict[str, type]] = {}  # every mapping of known keys: pydantic's errors tell names of classes
+    named: ClassVar[dict[str, type]] = {}  # every mapping of known keys: pydantic's errors give names of classes
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -33,10 +33,10 @@ SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts h
 
 def likely(section: Mapping, name: str) -> str:
     """The key that an unknown one seems to stand for, among those that the mapping lacks; "" where there is none."""
-    known = [field for field in section.model.model_fields if field not in section] if section.model else []
+    names = [field for field in section.model.model_fields if field not in section] if section.model else []
     if name in SHARES:
-        return next((field for field in known if field in SHARES), "")
-    return closest(name, known)
+        return next((field for field in names if field in SHARES), "")
+    return closest(name, names)
 
 
 def meant(section: Mapping) -> set[str]:

@@ -104,11 +104,11 @@ class _Reader:
         return self._ascending(np.array(rows, dtype=float), factors)
 
     def _comment(self, number: int, line: str) -> None:
-        said = line.strip("# \t").partition(":")
-        if said[0].strip().lower() == "relative_to" and said[2].strip().lower() not in ("vacuum", ""):
+        statement = line.strip("# \t").partition(":")
+        if statement[0].strip().lower() == "relative_to" and statement[2].strip().lower() not in ("vacuum", ""):
             self.report(
                 number,
-                f"found values relative to {show(said[2].strip())}",
+                f"found values relative to {show(statement[2].strip())}",
                 "expected them relative to vacuum (multiply n in air by 1.00028) and `# relative_to: vacuum`",
             )
 

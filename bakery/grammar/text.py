@@ -217,17 +217,17 @@ _HINTS = (
 
 
 def _syntax_problem(source: Source, error) -> Problem:
-    said = " ".join(str(part) for part in (getattr(error, "context", None), getattr(error, "problem", None)) if part) or str(
+    message = " ".join(str(part) for part in (getattr(error, "context", None), getattr(error, "problem", None)) if part) or str(
         error
     )
-    said = re.sub(r"\s+", " ", said)
+    message = re.sub(r"\s+", " ", message)
     marks = [mark for mark in (getattr(error, "problem_mark", None), getattr(error, "context_mark", None)) if mark]
     # where the text ends too early, the place to look at is where the unfinished thing began
-    mark = marks[-1 if "stream" in said else 0] if marks else None
-    hint = next((hint for part, hint in _HINTS if part in said), "a plain YAML document")
+    mark = marks[-1 if "stream" in message else 0] if marks else None
+    hint = next((hint for part, hint in _HINTS if part in message), "a plain YAML document")
     if mark and source.text[: mark.index].rstrip(" \t").endswith("]"):
         hint = 'nothing behind the bracket but one unit; quote a list with its unit if in doubt: "[1, 2, 3] mm"'
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in said[:160])
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in message[:160])
     return source.problem(min(mark.index, len(source.text)) if mark else None, "", f"cannot be read as YAML: {shown}", hint)
 
 
@@ -306,19 +306,19 @@ class _Builder:
     def _refuse(self, event, kind: str, key: str) -> None:
         """What recipes have no use for; the first of each kind says it for all."""
         if kind == "AliasEvent":
-            what, shown = "alias", "*" + event.anchor
+            feature, shown = "alias", "*" + event.anchor
         elif _special(event):
-            what, shown = "tag", str(event.tag)
+            feature, shown = "tag", str(event.tag)
         elif event.anchor:
-            what, shown = "anchor", "&" + event.anchor
+            feature, shown = "anchor", "&" + event.anchor
         else:
             return
-        if what not in self.refused:
-            self.refused.add(what)
+        if feature not in self.refused:
+            self.refused.add(feature)
             self._report(
                 event,
-                f"found the {what} {show(shown)}",
-                f"recipes have no {what}{'es' if what == 'alias' else 's'}; write the value out",
+                f"found the {feature} {show(shown)}",
+                f"recipes have no {feature}{'es' if feature == 'alias' else 's'}; write the value out",
                 key,
             )
 

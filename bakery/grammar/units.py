@@ -81,22 +81,22 @@ def parse(text: str, quantity: Quantity) -> float:
     unit = text[match.end() :].strip()
     if len(match.group()) > MAX_DIGITS:
         raise Wrong(f"found a number of {len(match.group()):,} characters", f"expected at most {MAX_DIGITS}")
-    known = _canonical(unit)
+    canonical = _canonical(unit)
     if not unit and not quantity.bare:
         raise Wrong(f"found {show(text)}, which has no unit", f"{quantity.takes} ({text} {quantity.suggested}?)")
-    if unit and known not in quantity.powers:
-        raise _wrong_unit(text, match.group(), unit, known, quantity)
-    power = quantity.powers.get(known, 0)
+    if unit and canonical not in quantity.powers:
+        raise _wrong_unit(text, match.group(), unit, canonical, quantity)
+    power = quantity.powers.get(canonical, 0)
     value = float(f"{sign}{digits}e{int(exponent or 0) + power}")
     if not math.isfinite(value):
         raise Wrong(f"found {show(text)}, which is beyond the range of numbers", "expected a finite number")
-    return math.radians(value) if quantity.degrees and known == "deg" else value
+    return math.radians(value) if quantity.degrees and canonical == "deg" else value
 
 
-def _wrong_unit(text: str, number: str, unit: str, known: str, quantity: Quantity) -> Wrong:
+def _wrong_unit(text: str, number: str, unit: str, canonical: str, quantity: Quantity) -> Wrong:
     if not quantity.powers:
         return Wrong(f"found {show(text)}", "expected a number without unit")
-    near = difflib.get_close_matches(known, quantity.powers, 1, 0.7)
+    near = difflib.get_close_matches(canonical, quantity.powers, 1, 0.7)
     hint = f" ({number} {near[0]}?)" if near else ""
     return Wrong(f"found {show(text)}; {show(unit)} is no unit of {quantity.name}", quantity.takes + hint)
 

@@ -57,25 +57,25 @@ def _short(value) -> str:
     return f"<{type(value).__name__}>" if large else repr(value)
 
 
-def resolved(value, key: str, found: Mapping[str, Any]):
+def resolved(value, key: str, replacements: Mapping[str, Any]):
     """A parsed value with all that was found behind its key and the keys below it.
 
     Parameters
     ----------
     value : a pydantic model, a list or tuple of values, a value
     key : dotted key of the value in the recipe
-    found : dotted key -> what stands behind it
+    replacements : dotted key -> what stands behind it
     """
-    if key in found:
-        if isinstance(found[key], np.ndarray):
-            found[key].flags.writeable = False
-        return found[key]
+    if key in replacements:
+        if isinstance(replacements[key], np.ndarray):
+            replacements[key].flags.writeable = False
+        return replacements[key]
     if isinstance(value, BaseModel):
         return Values({name: None if takes_auto(field) and getattr(value, name) == "auto"
-                       else resolved(getattr(value, name), f"{key}.{name}", found)
+                       else resolved(getattr(value, name), f"{key}.{name}", replacements)
                        for name, field in type(value).model_fields.items()})
     if isinstance(value, (list, tuple)):
-        return tuple(resolved(item, f"{key}[{i}]", found) for i, item in enumerate(value))
+        return tuple(resolved(item, f"{key}[{i}]", replacements) for i, item in enumerate(value))
     return value
 
 

@@ -44,8 +44,8 @@ class Step:
 class Plan:
     """The ordered steps of a bake.
 
-    `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses a wish;
-    `loaded` is the memory of the process before any stage, in bytes.
+    `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses its
+    tolerance or another target; `loaded` is the memory of the process before any stage, in bytes.
     """
 
     recipe: object
@@ -82,18 +82,18 @@ def chosen(recipe, only: Sequence[str] = ()) -> list[Stage]:
     """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need."""
     from bakery.stages import all_stages
 
-    asked = [stage for stage in all_stages() if stage.applies(recipe)]
-    names = [stage.name for stage in asked]
+    applicable = [stage for stage in all_stages() if stage.applies(recipe)]
+    names = [stage.name for stage in applicable]
     for name in only:
         if name not in names:
             raise UsageError(f'--stage: found "{name}"; this recipe has the stages {", ".join(names)}')
     if not only:
-        return asked
-    wanted = set(only)
-    for stage in reversed(asked):
-        if stage.name in wanted:
-            wanted |= set(stage.needs)
-    return [stage for stage in asked if stage.name in wanted]
+        return applicable
+    needed = set(only)
+    for stage in reversed(applicable):
+        if stage.name in needed:
+            needed |= set(stage.needs)
+    return [stage for stage in applicable if stage.name in needed]
 
 
 def make(
@@ -127,8 +127,8 @@ def make(
     current = current or {}
     steps, hashes = [], {}
     for stage in chosen(recipe, only):
-        found = parts(stage, recipe, hashes)
-        key = hashes[stage.name] = input_hash(found)
+        inputs = parts(stage, recipe, hashes)
+        key = hashes[stage.name] = input_hash(inputs)
         if force:
             action, why = RUN, ["--force"]
         elif current.get(stage.name) == key:
@@ -138,7 +138,7 @@ def make(
         else:
             action = RUN
             before = (previous or {}).get(stage.name)
-            why = differences(before, found) if before else []
+            why = differences(before, inputs) if before else []
             if not why:
                 why = [f"not in {output}" if previous is not None else f"no {output} yet", "not in the cache"]
         steps.append(Step(stage, key, found, action, tuple(why), price(stage, key, stage.cost(recipe)), force))

@@ -1,7 +1,7 @@
 """What a stage depends on, by name, and the hash over it.
 
 The parts of a stage's input are the recipe's leaves that match its `reads`, the digests of the data files that those keys name,
-the stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts tell,
+the stage's own version and the input hashes of the stages upstream.  The hash names the stage's cache entry; the parts say,
 key by key, why a stage has to run again.
 """
 
@@ -29,17 +29,17 @@ def reads_key(stage: Stage, key: str) -> bool:
 
 def parts(stage: Stage, recipe, upstream: Mapping[str, str]) -> dict[str, str | int | float | bool]:
     """Everything that the stage's values depend on: name of the part -> value or digest."""
-    found = {f"stage {stage.name}": f"version {stage.version}"}
-    found |= {f"upstream {name}": upstream[name] for name in stage.needs}
-    found |= {key: leaf for key, leaf in recipe.leaves.items() if reads_key(stage, key)}
-    found |= {f"file {file.path.name} ({file.key})": file.sha256 for file in recipe.files if reads_key(stage, file.key)}
-    return found
+    inputs = {f"stage {stage.name}": f"version {stage.version}"}
+    inputs |= {f"upstream {name}": upstream[name] for name in stage.needs}
+    inputs |= {key: leaf for key, leaf in recipe.leaves.items() if reads_key(stage, key)}
+    inputs |= {f"file {file.path.name} ({file.key})": file.sha256 for file in recipe.files if reads_key(stage, file.key)}
+    return inputs
 
 
-def input_hash(found: Mapping[str, str | int | float | bool]) -> str:
+def input_hash(inputs: Mapping[str, str | int | float | bool]) -> str:
     """SHA-256 over the parts; the order in which a recipe names its keys does not matter."""
     # json writes the shortest digits that give the same float back, so equal values have equal text
-    return hashlib.sha256(json.dumps(found, sort_keys=True, allow_nan=False).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
 def differences(old: Mapping, new: Mapping) -> list[str]:

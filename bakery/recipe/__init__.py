@@ -1,7 +1,7 @@
 """YAML text to checked values, each with its line.
 
-`load` is the door: text -> tree (`text.py`) -> kinds of values (`schema.py`, `fields.py`, `units.py`) -> what holds between keys
-(`checks.py`) -> `Recipe` (`model.py`).
+`load` is the entry point: text -> tree (`grammar.text`) -> kinds of values (`schema.py`, `grammar.fields`, `grammar.units`) ->
+what holds between keys (`checker.py`) -> `Recipe` (`model.py`).
 """
 
 from __future__ import annotations

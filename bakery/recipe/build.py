@@ -25,12 +25,12 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
     problems = tree.problems + problems
     if not isinstance(tree.root, Mapping):
         if tree.root is None or not tree.root.broken:
-            found = "nothing" if tree.root is None else describe(tree.root)
+            description = "nothing" if tree.root is None else describe(tree.root)
             problems.append(
                 source.problem(
                     None if tree.root is None else tree.root.place.begin,
                     "",
-                    f"found {found}",
+                    f"found {description}",
                     "expected `key: value` lines; a recipe starts with `bakery: 1`",
                 )
             )
@@ -40,7 +40,7 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
         parsed = schema.recipe_file().model_validate(tree.root, context=values)
     except ValidationError as error:
         parsed = None
-        problems += (problem for one in error.errors(include_url=False) for problem in translate(one))
+        problems += (problem for error_entry in error.errors(include_url=False) for problem in translate(error_entry))
     checker = Checker(tree.root, values, Folder(path.parent), schema.sections())
     checker.run()
     problems = distinct(problems + checker.problems)
@@ -63,16 +63,17 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.Common, checker
     leaves = dict(_leaves("", parsed, count))
     sections = {}
     for section in schema.sections():
-        found = getattr(parsed, section.name)
-        if found is None and section.beside:
-            found = section.model()
-        if found is None:
+        parsed_section = getattr(parsed, section.name)
+        if parsed_section is None and section.beside:
+            parsed_section = section.model()
+        if parsed_section is None:
             sections[section.name] = None
             continue
-        derived, found = section.derived(found, parsed), section.completed(found, parsed)
+        derived, parsed_section = section.derived(parsed_section, parsed), section.completed(parsed_section, parsed)
         if not section.beside or getattr(parsed, section.beside) is not None:
-            leaves |= dict(_leaves(section.name, found, count)) | {f"{section.name}.{name}": v for name, v in derived.items()}
-        sections[section.name] = Values({**resolved(found, section.name, checker.found), **derived})
+            leaves |= dict(_leaves(section.name, parsed_section, count))
+            leaves |= {f"{section.name}.{name}": v for name, v in derived.items()}
+        sections[section.name] = Values({**resolved(parsed_section, section.name, checker.found), **derived})
     return Recipe(
         path=path, name=parsed.name, description=parsed.description, text=text, seed=parsed.seed, tolerance=parsed.tolerance,
         measure=parsed.measure, wavelength=tuple(checker.wavelength), sections=sections, leaves=leaves,

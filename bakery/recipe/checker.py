@@ -81,8 +81,8 @@ class Checker:
     def several(self, node: Node | None) -> tuple | None:
         """The values of a key that takes one value or several; None unless all are well formed."""
         if isinstance(node, Sequence):
-            found = tuple(self.values.get(item.place.key) for item in node)
-            return found if found and None not in found else None
+            values = tuple(self.values.get(item.place.key) for item in node)
+            return values if values and None not in values else None
         return None if node is None else self.values.get(node.place.key)
 
     def one_each(self, section: Mapping, name: str) -> np.ndarray | None:
@@ -98,9 +98,9 @@ class Checker:
                 "expected one value, or one a wavelength",
             )
             return None
-        found = np.array(values * count if len(values) == 1 else values, dtype=float)
-        self.found[section[name].place.key] = found
-        return found
+        per_wavelength = np.array(values * count if len(values) == 1 else values, dtype=float)
+        self.found[section[name].place.key] = per_wavelength
+        return per_wavelength
 
     def only_with(self, section: Mapping, other: str) -> None:
         """A section that has no effect without another one."""
@@ -181,25 +181,25 @@ class Checker:
         node, key = section.get(name), f"{section.place.key}.{name}"
         if isinstance(node, Mapping) and "file" in node:
             table = self.table(node["file"], tables.INDEX)
-            found = self._interpolate(node["file"], self.value(node, "file"), table)
+            refractive = self._interpolate(node["file"], self.value(node, "file"), table)
         elif isinstance(node, Mapping):
             n, k = self.one_each(node, "n"), self.one_each(node, "k")
             k = np.zeros(len(self.wavelength)) if "k" not in node and self.wavelength else k
-            found = None if n is None or k is None else Index("n, k", frozen(n), frozen(k))
+            refractive = None if n is None or k is None else Index("n, k", frozen(n), frozen(k))
         else:
             word = default if node is None else self.values.get(key)
-            found = None if word is None else self._named(node, section, key, word)
-        if found is not None:
-            self.found[key] = found
-        return found
+            refractive = None if word is None else self._named(node, section, key, word)
+        if refractive is not None:
+            self.found[key] = refractive
+        return refractive
 
     def _named(self, node: Node | None, section: Mapping, key: str, word: str) -> Index | None:
-        known = materials()
-        if word not in known:
+        names = materials()
+        if word not in names:
             self.report(
                 node or section,
                 f"found {show(word)}, an unknown material",
-                f"expected {', '.join(known)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, known),
+                f"expected {', '.join(names)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, names),
             )
             return None
         anchor = node or section

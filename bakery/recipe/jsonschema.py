@@ -8,12 +8,12 @@ from bakery.recipe import schema
 
 def json_schema() -> dict:
     """The schema (draft 2020-12) as a dictionary; the same text in `assets/schemas/recipe-1.json`."""
-    made = schema.recipe_file().model_json_schema()
-    made["title"] = "Bakery recipe, format 1"
+    generated = schema.recipe_file().model_json_schema()
+    generated["title"] = "Bakery recipe, format 1"
     sections = schema.sections()
-    made["anyOf"] = [{"oneOf": [{"required": [section.name]} for section in sections if section.scatters]},
-                     *({"required": [section.name]} for section in sections if section.alone)]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(made)}
+    generated["anyOf"] = [{"oneOf": [{"required": [section.name]} for section in sections if section.scatters]},
+                          *({"required": [section.name]} for section in sections if section.alone)]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(generated)}
 
 
 def _plain(node):

@@ -1,4 +1,4 @@
-"""A checked recipe: what the rest of the house sees.  Immutable; arrays are read-only."""
+"""A checked recipe: what the rest of bakery sees.  Immutable; arrays are read-only."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What a recipe may say: the keys that every recipe has, and the sections that the stages declare.
 
 The models validate the tree of `bakery.grammar.text` and give the JSON Schema that editors use; the kinds of values are in
-`bakery.grammar.fields`, each section with what has to hold between its keys in the room of its stage.
+`bakery.grammar.fields`, each section with what has to hold between its keys in the package of its stage.
 """
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all

@@ -42,7 +42,7 @@ COMPILER = 1e8  # bytes that compiling takes
 @dataclass(frozen=True)
 class Baked:
     """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, a line for each
-    stage that misses its tolerance or another wish, and what the recipe says that is probably not meant."""
+    stage that misses its tolerance or another target, and what the recipe says that is probably not meant."""
 
     output: Path
     written: bool
@@ -75,7 +75,7 @@ def overrides(
 
 
 def target_of(output: str | os.PathLike | None, name: str) -> Path:
-    """The asset's path: NAME.h5 in the current folder unless told; a folder is told by its closing slash."""
+    """The asset's path: NAME.h5 in the current folder by default; a closing slash marks a folder."""
     if output is None:
         return Path(f"{name}.h5")
     text = os.fspath(output)
@@ -153,7 +153,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     plan : from `prepare`
     cache : of finished stages
     jobs : threads, unless `executor` (any `concurrent.futures` executor) or `address` (a Dask scheduler) is given
-    progress : is told what happens
+    progress : receives the progress
     """
     from bakery.store.write import sweep, write
 
@@ -170,21 +170,21 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         standing = _standing(plan.output)
     if not plan.write:
         _touch(plan.output)
-        held = standing or Group()  # gone since the plan was made: nothing is known of it
-        steps = tuple(_report(step, "unchanged", 0.0, held.members.get(step.stage.name)) for step in plan.steps)
-        return Baked(plan.output, False, steps, files, _missed(held), plan.recipe.warnings)
+        existing = standing or Group()  # gone since the plan was made: nothing is known of it
+        steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
+        return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings)
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
-    with ExitStack() as kept:
+    with ExitStack() as stack:
         with progress.during(f"calling {address}" if address else "starting workers"):
-            running = kept.enter_context(pool)
-        kept.enter_context(remembering(cache))
+            running = stack.enter_context(pool)
+        stack.enter_context(remembering(cache))
         for step in plan.steps:
             group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress,
-                                                here=not (executor or address))
+                                                in_process=not (executor or address))
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
     root = _assemble(plan, groups, provenances)
@@ -223,7 +223,7 @@ def bake(
     Raises
     ------
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
-        not meet its tolerance or another wish, saying which
+        not meet its tolerance or another target, saying which
 
     Examples
     --------
@@ -239,11 +239,11 @@ def bake(
     return baked.output
 
 
-def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, here: bool):
-    """One stage: taken from the asset that stands, from the cache, or computed (`here`: by this process)."""
+def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, in_process: bool):
+    """One stage: taken from the asset that stands, from the cache, or computed (`in_process`: by this process)."""
     stage = step.stage
-    if step.action == REUSE and (held := _held(standing, stage.name, step.input_hash)):
-        return *held, _report(step, "unchanged", 0.0, held[0])
+    if step.action == REUSE and (reused := _reusable(standing, stage.name, step.input_hash)):
+        return *reused, _report(step, "unchanged", 0.0, reused[0])
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
         with progress.during(f"reading {stage.name} from the cache"):
@@ -255,7 +255,7 @@ def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, worker
         with progress.during(f"writing {stage.name} to the cache"):
             cache.put(stage.name, step.input_hash, group, provenance)
     # other machines say nothing of this one; nor does a bake that compiled for most of its time: that slows the rest as well
-    if here and compiled < 0.5 * seconds:
+    if in_process and compiled < 0.5 * seconds:
         cost = stage.cost(plan.recipe)
         cache.note_speed(_kind(stage, cost), step.input_hash, _work(cost, workers), seconds - compiled)
     return group, provenance, _report(step, "computed", seconds, group)
@@ -286,7 +286,7 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
         "achieved_error": result.achieved_error, "error_measure": stage.error_measure})
     broken = list(stage.check(group))
     if broken:
-        # a bug of ours, told as such: nothing that breaks physics is stored
+        # a bug of ours, reported as such: nothing that breaks physics is stored
         raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
@@ -298,14 +298,14 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     provenance = Group(
         {"inputs": text(json.dumps(step.parts, sort_keys=True), "every recipe value and file that the stage depends on (JSON)")}
         | ({"notes": text("\n".join(result.notes), "remarks of the stage")} if result.notes else {})
-        | ({"missed": text("\n".join(result.missed), "wishes that were not met")} if result.missed else {}),
+        | ({"missed": text("\n".join(result.missed), "targets that were missed")} if result.missed else {}),
         {"seconds": seconds, "peak_memory": peak, "workers": workers, "bakery_version": bakery.__version__,
          "finished": _now()})
     return group, provenance, seconds, clock.seconds
 
 
 def _missed(root: Group) -> tuple[str, ...]:
-    """The stages that miss their tolerance or a wish, whether computed just now or earlier."""
+    """The stages that miss their tolerance or a target, whether computed just now or earlier."""
     from bakery.store.missed import missed
 
     return tuple(f"{name}: {line}" for name, line in missed(root).items())
@@ -346,8 +346,8 @@ def _versions() -> dict[str, str]:
     from importlib.metadata import version
     from platform import machine, python_version
 
-    found = {f"{name}_version": version(name) for name in ("h5py", "numba", "numpy", "scipy")}
-    return found | {"python_version": python_version(), "machine": machine()}
+    versions = {f"{name}_version": version(name) for name in ("h5py", "numba", "numpy", "scipy")}
+    return versions | {"python_version": python_version(), "machine": machine()}
 
 
 def _now() -> str:
@@ -388,7 +388,7 @@ def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
     return previous, current, same
 
 
-def _held(standing: Group | None, name: str, key: str) -> tuple[Group, Group] | None:
+def _reusable(standing: Group | None, name: str, key: str) -> tuple[Group, Group] | None:
     """A stage of the standing asset, if it is the one wanted."""
     group = standing.members.get(name) if standing else None
     if not isinstance(group, Group) or group.attributes.get("input_hash") != key:

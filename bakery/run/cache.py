@@ -21,7 +21,7 @@ from bakery.store.tree import Group
 ENTRY, BAD = ".h5", ".bad"
 SPEED = "speed.json"  # what stages took here, for the next plan
 KEEP = 16  # bakes kept of a kind of work
-SHORT = 12  # digits of an input hash that tell bakes apart there
+SHORT = 12  # digits of an input hash that distinguish bakes there
 SMALL = 0.3  # modelled seconds up to which a bake says nothing of the machine
 OWN = 0.5  # weight of the model among bakes
 
@@ -141,7 +141,7 @@ class Cache:
     # what stages took on this machine
 
     def speed(self, kind: str, key: str, work: float) -> tuple[float, int]:
-        """Time on this machine over the modelled time, and how many bakes say so (0: none that tells, the model stands).
+        """Time on this machine over the modelled time, and how many bakes say so (0: none, the model alone counts).
 
         Parameters
         ----------
@@ -156,21 +156,22 @@ class Cache:
         in other kinds of work, counts as half a bake.
         """
         speeds = self._speeds()
-        known = speeds.get(kind, [])
-        for held, then, seconds in known:
-            if held == key[:SHORT]:
-                return seconds / then, 1
+        measured = speeds.get(kind, [])
+        for past_key, past_work, seconds in measured:
+            if past_key == key[:SHORT]:
+                return seconds / past_work, 1
         # two votes for the models' own machine: it takes three kinds of work to be believed slower or faster
-        large = ([(seconds / then, 1.0) for _, then, seconds in entries if then > SMALL] for entries in speeds.values())
+        large = ([(seconds / past_work, 1.0) for _, past_work, seconds in entries if past_work > SMALL]
+                 for entries in speeds.values())
         machine = _median([(1.0, 2.0), *((_median(votes), 1.0) for votes in large if votes)])
-        near = [(seconds / then, 1 / (1 + math.log(work / then) ** 2)) for _, then, seconds in known]
-        return _median([(machine, OWN), *near]), len(known)
+        near = [(seconds / past_work, 1 / (1 + math.log(work / past_work) ** 2)) for _, past_work, seconds in measured]
+        return _median([(machine, OWN), *near]), len(measured)
 
     def note_speed(self, kind: str, key: str, work: float, seconds: float) -> None:
         """Remember how long a stage took whose modelled time is `work`."""
         speeds = self._speeds()
-        known = [entry for entry in speeds.get(kind, []) if entry[0] != key[:SHORT]]
-        speeds[kind] = (known + [(key[:SHORT], work, max(seconds, 1e-3))])[-KEEP:]
+        measured = [entry for entry in speeds.get(kind, []) if entry[0] != key[:SHORT]]
+        speeds[kind] = (measured + [(key[:SHORT], work, max(seconds, 1e-3))])[-KEEP:]
         part = self.where / f".{SPEED}.{secrets.token_hex(8)}.part"
         try:
             part.write_text(json.dumps(speeds))
@@ -196,14 +197,14 @@ class Cache:
 
     def entries(self) -> list[tuple[Path, int, float]]:
         """Path, size and time of last use of each entry, oldest first."""
-        found = []
+        files = []
         for path in self.where.glob(f"*{ENTRY}"):
             try:
                 status = path.stat()
             except OSError:
                 continue
-            found.append((path, status.st_size, status.st_mtime))
-        return sorted(found, key=lambda entry: entry[2])
+            files.append((path, status.st_size, status.st_mtime))
+        return sorted(files, key=lambda entry: entry[2])
 
     def prune(self, max_bytes: float | None = None, max_age: float | None = None) -> list[Path]:
         """Remove entries by age in seconds, then the least recently used down to a size in bytes, and what was set aside."""

@@ -40,10 +40,10 @@ def _compiled(module: str) -> bool:
     from platformdirs import user_cache_path
 
     source = Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py")
-    asked = os.environ.get("NUMBA_CACHE_DIR")
+    setting = os.environ.get("NUMBA_CACHE_DIR")
     # numba keeps them beside the source, or for the user where that cannot be written
-    for kept in [Path(asked)] if asked else [source.parent / "__pycache__", user_cache_path("numba", appauthor=False)]:
-        folders = [kept] if kept.name == "__pycache__" else kept.glob(f"{source.parent.name}_*")
+    for root in [Path(setting)] if setting else [source.parent / "__pycache__", user_cache_path("numba", appauthor=False)]:
+        folders = [root] if root.name == "__pycache__" else root.glob(f"{source.parent.name}_*")
         for folder in folders:
             if any(path.stat().st_mtime >= source.stat().st_mtime for path in folder.glob(f"{source.stem}.*.nbi")):
                 return True
@@ -51,7 +51,7 @@ def _compiled(module: str) -> bool:
 
 
 class Clock:
-    """Seconds that went into compiling; `tell` hears when it begins and ends.
+    """Seconds that went into compiling; `tell` is called when it begins and ends.
 
     numba compiles under a lock of the process: one kernel at a time, and within it those that it calls.
     """

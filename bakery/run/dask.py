@@ -145,7 +145,7 @@ def _check_workers(client) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Dask's log and warnings stay off standard error: what matters of them is told by `Cluster`."""
+    """Dask's log and warnings stay off standard error: what matters of them is reported by `Cluster`."""
     handlers = {handler for name in _LOGGERS for handler in logging.getLogger(name).handlers}
     for handler in handlers:
         handler.addFilter(_nothing)

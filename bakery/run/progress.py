@@ -90,7 +90,7 @@ class State:
         return (self._clock() if since is None else since) - self._started - self._compiled
 
     def left(self) -> float | None:
-        """Seconds that are left; None where neither the plan nor the progress so far tells."""
+        """Seconds that are left; None where neither the plan nor the progress so far gives an estimate."""
         share = PRIOR if self._planned else 0.0
         if not self._fraction - self._first[1] + share:
             return None
@@ -104,11 +104,11 @@ class State:
         if since is not None:
             return f"compiling kernels, once ({duration(self._compiled + self._clock() - since)})"
         left = self.left()
-        told = "" if left is None else f"about {duration(left)}" if not self._fraction else f"{duration(left)} left"
+        remaining = "" if left is None else f"about {duration(left)}" if not self._fraction else f"{duration(left)} left"
         allowed = f" of {self._tolerance:.2g}" if self._tolerance else ""
         error = "" if self._error is None else f"error {self._error:.2g}{allowed}"
         share = f"{100 * self._fraction:.0f} %" if self._fraction else ""
-        return ", ".join(word for word in (share, error, self._state, told) if word) or f"{duration(self._worked())} so far"
+        return ", ".join(word for word in (share, error, self._state, remaining) if word) or f"{duration(self._worked())} so far"
 
 
 class Lines(Progress):

@@ -85,50 +85,50 @@ class _Walk:
             raise _TooMuch(f"{self.limits.objects} objects")
         members = {}
         for name in _link_names(group):
-            here = path + (name if NAME.fullmatch(name) else ascii(name))
+            child = path + (name if NAME.fullmatch(name) else ascii(name))
             try:
                 if not NAME.fullmatch(name):
                     raise _Fault("a name is a letter and up to 63 letters, digits, _ or -")
                 if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
                     raise _Fault("a soft or external link; assets hold hard links only")
-                members[name] = self._member(group, name, here, depth)
+                members[name] = self._member(group, name, child, depth)
             except _Fault as fault:
-                self.on_fault(here, str(fault))
+                self.on_fault(child, str(fault))
             except _LIBRARY as error:
-                self.on_fault(here, f"the HDF5 library cannot read it ({_first_line(error)})")
+                self.on_fault(child, f"the HDF5 library cannot read it ({_first_line(error)})")
         return members, attributes
 
     def _member(self, group, name: str, path: str, depth: int) -> Dataset | Group:
         import h5py
 
-        found = h5py.h5o.open(group.id, name.encode())
-        self._once(found)
-        if isinstance(found, h5py.h5g.GroupID):
+        handle = h5py.h5o.open(group.id, name.encode())
+        self._once(handle)
+        if isinstance(handle, h5py.h5g.GroupID):
             if depth >= self.limits.depth:
                 raise _Fault(f"deeper than {self.limits.depth} groups")
-            return Group(*self._contents(h5py.Group(found), path + "/", depth + 1))
-        if isinstance(found, h5py.h5d.DatasetID):
-            return self._dataset(h5py.Dataset(found))
+            return Group(*self._contents(h5py.Group(handle), path + "/", depth + 1))
+        if isinstance(handle, h5py.h5d.DatasetID):
+            return self._dataset(h5py.Dataset(handle))
         raise _Fault("neither a group nor a dataset")
 
-    def _once(self, found) -> None:
+    def _once(self, handle) -> None:
         import h5py
 
-        info = h5py.h5o.get_info(found)
+        info = h5py.h5o.get_info(handle)
         self.objects += 1
         if info.rc != 1 or info.addr in self.seen:
             raise _Fault("linked more than once")
         self.seen.add(info.addr)
 
-    def _attributes(self, found) -> dict[str, Attribute]:
+    def _attributes(self, handle) -> dict[str, Attribute]:
         import h5py
 
-        count = h5py.h5a.get_num_attrs(found)
+        count = h5py.h5a.get_num_attrs(handle)
         if count > self.limits.attributes:
             raise _Fault(f"{count} attributes; at most {self.limits.attributes} are read")
         attributes = {}
         for i in range(count):
-            attribute = h5py.h5a.open(found, index=i)
+            attribute = h5py.h5a.open(handle, index=i)
             name = attribute.name.decode("utf-8", "replace")
             if not NAME.fullmatch(name):
                 raise _Fault(f"attribute {name!a}: not a name")
@@ -138,8 +138,8 @@ class _Walk:
     def _attribute(self, attribute, name: str) -> Attribute:
         stored = attribute.get_type()
         dtype = _plain_type(stored, f"attribute {name!r}: ")
-        known = dtype.str in _ATTRIBUTES or (dtype.kind == "S" and dtype.itemsize <= self.limits.attribute_bytes)
-        if not known or attribute.shape not in ((), (1,)) or attribute.get_space().get_simple_extent_npoints() != 1:
+        supported = dtype.str in _ATTRIBUTES or (dtype.kind == "S" and dtype.itemsize <= self.limits.attribute_bytes)
+        if not supported or attribute.shape not in ((), (1,)) or attribute.get_space().get_simple_extent_npoints() != 1:
             raise _Fault(f"attribute {name!r}: not one fixed-length text, int, float or bool")
         value = np.zeros(attribute.shape, dtype)
         attribute.read(value, mtype=stored)
@@ -195,25 +195,25 @@ def _link_names(group) -> list[str]:
     return [name if isinstance(name, str) else name.decode("utf-8", "replace") for name in group]
 
 
-def _plain_type(stored, what: str = "") -> np.dtype:
+def _plain_type(stored, label: str = "") -> np.dtype:
     """The NumPy type of an HDF5 type that is allowed, looked at before any value is read."""
     import h5py
 
     if stored.get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING, h5py.h5t.ENUM, h5py.h5t.COMPOUND,
                                   getattr(h5py.h5t, "COMPLEX", None)):
-        raise _Fault(f"{what}a type that assets do not hold")
+        raise _Fault(f"{label}a type that assets do not hold")
     if stored.get_class() == h5py.h5t.STRING:
         if stored.is_variable_str():
-            raise _Fault(f"{what}a variable-length string")
+            raise _Fault(f"{label}a variable-length string")
         return np.dtype(f"S{stored.get_size()}")
     try:
         dtype = stored.dtype
     except TypeError:
-        raise _Fault(f"{what}a type that assets do not hold") from None
+        raise _Fault(f"{label}a type that assets do not hold") from None
     # equal: an integer of 17 bits, say, has the NumPy type of 32 but other values
     if dtype.kind not in "fiubc" or dtype.itemsize > (16 if dtype.kind == "c" else 8) \
             or not h5py.h5t.py_create(dtype, logical=True).equal(stored):
-        raise _Fault(f"{what}a type that assets do not hold")
+        raise _Fault(f"{label}a type that assets do not hold")
     return dtype
 
 
@@ -229,26 +229,26 @@ def _layout(plist) -> tuple[tuple[int, ...], list[int]]:
     return plist.get_chunk(), filters
 
 
-def _unpack(found, shape: tuple[int, ...], chunk: tuple[int, ...], dtype: np.dtype, packing: list[int]) -> np.ndarray:
+def _unpack(handle, shape: tuple[int, ...], chunk: tuple[int, ...], dtype: np.dtype, packing: list[int]) -> np.ndarray:
     """The whole dataset from its chunks."""
     places = []
     if math.prod(shape):
-        found.chunk_iter(places.append)
+        handle.chunk_iter(places.append)
     if len(places) == 1 and all(n == c for n, c in zip(shape, chunk, strict=True)):
-        data = _unpack_chunk(found, places[0].chunk_offset, chunk, dtype, packing)
+        data = _unpack_chunk(handle, places[0].chunk_offset, chunk, dtype, packing)
     else:
         data = np.empty(shape, dtype)
         for place in places:
             target = tuple(slice(o, min(o + c, n)) for o, c, n in zip(place.chunk_offset, chunk, shape, strict=True))
-            block = _unpack_chunk(found, place.chunk_offset, chunk, dtype, packing)
+            block = _unpack_chunk(handle, place.chunk_offset, chunk, dtype, packing)
             data[target] = block[tuple(slice(0, s.stop - s.start) for s in target)]
     data.flags.writeable = False
     return data
 
 
-def _unpack_chunk(found, offset: tuple[int, ...], chunk: tuple[int, ...], dtype: np.dtype, packing: list[int]) -> np.ndarray:
+def _unpack_chunk(handle, offset: tuple[int, ...], chunk: tuple[int, ...], dtype: np.dtype, packing: list[int]) -> np.ndarray:
     """One chunk.  Fletcher32 is not computed again: the container's SHA-256 has covered these bytes."""
-    skipped, raw = found.read_direct_chunk(offset)
+    skipped, raw = handle.read_direct_chunk(offset)
     filters = [number for i, number in enumerate(packing) if not skipped >> i & 1]
     size = math.prod(chunk) * dtype.itemsize
     if _FLETCHER32 in filters:

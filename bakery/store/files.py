@@ -1,4 +1,4 @@
-"""The only door to the disk: every file call of the store goes through one object, so that a test can make the n-th one fail."""
+"""Every file call of the store goes through one object, so that a test can make the n-th one fail."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Files:
     def lock(self, fd: int, wait: bool) -> bool:
         """Whether this process now holds the file's lock, which the kernel frees when the process ends.
 
-        False where another holds it (unless told to wait) and on a file system without locks.
+        False where another holds it (unless it may wait) and on a file system without locks.
         """
         if fcntl is None:
             return False

@@ -42,13 +42,13 @@ def _fill(target, group: Group, path: str, depth: int) -> None:
         raise ValueError(f"{path}: deeper than {LIMITS.depth} groups")
     _set_attributes(target, group.attributes, path)
     for name, member in group.members.items():
-        here = f"{path}{name}"
+        child = f"{path}{name}"
         if not NAME.fullmatch(name):
-            raise ValueError(f"{here!r}: a name is a letter and up to 63 letters, digits, _ or -")
+            raise ValueError(f"{child!r}: a name is a letter and up to 63 letters, digits, _ or -")
         if isinstance(member, Group):
-            _fill(target.create_group(name, track_order=True), member, here + "/", depth + 1)
+            _fill(target.create_group(name, track_order=True), member, child + "/", depth + 1)
         else:
-            _add_dataset(target, name, member, here)
+            _add_dataset(target, name, member, child)
 
 
 def _add_dataset(target, name: str, dataset: Dataset, path: str) -> None:

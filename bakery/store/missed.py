@@ -1,6 +1,6 @@
-"""Whether the stages of an asset meet what was wished of them: the one rule that every command reads.
+"""Whether the stages of an asset reach their tolerances and targets: the one rule that every command reads.
 
-A stage misses where `achieved_error` is above `tolerance`, or where it says itself that a wish was not met (`missed` in its
+A stage misses where `achieved_error` is above `tolerance`, or where it says itself that a target was missed (`missed` in its
 provenance).  Both are stored with the values, so a bake that finds its asset up to date says the same as the one that made it.
 """
 
@@ -14,9 +14,9 @@ def missed(root: Group) -> dict[str, str]:
     lines = {}
     for name, group in root.members.items():
         if isinstance(group, Group):
-            said = [*_error(group.attributes), *_wishes(root, name)]
-            if said:
-                lines[name] = "; ".join(said)
+            misses = [*_error(group.attributes), *_missed_targets(root, name)]
+            if misses:
+                lines[name] = "; ".join(misses)
     return lines
 
 
@@ -32,9 +32,9 @@ def _error(attributes) -> list[str]:
     return [f"its error is {attributes['achieved_error']:.3g}, above the tolerance of {attributes['tolerance']:.3g}"]
 
 
-def _wishes(root: Group, name: str) -> list[str]:
+def _missed_targets(root: Group, name: str) -> list[str]:
     try:
-        held = root[f"provenance/{name}/missed"]
+        stored = root[f"provenance/{name}/missed"]
     except KeyError:
         return []
-    return held.data.tobytes().decode(errors="replace").splitlines() if is_text(held) else []
+    return stored.data.tobytes().decode(errors="replace").splitlines() if is_text(stored) else []

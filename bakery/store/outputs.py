@@ -1,6 +1,6 @@
 """Where a command may write: not over what it reads, not over another of its outputs, not over a file of another kind.
 
-The kind of a file is told by its first bytes, never by its name.  Asked by every command that writes, before anything
+The kind of a file follows from its first bytes, never from its name.  Checked by every command that writes, before anything
 is computed.
 """
 
@@ -15,14 +15,14 @@ from bakery.errors import UsageError
 from bakery.store.container import FORMAT
 from bakery.store.write import check_target
 
-HEAD = 1 << 16  # bytes that tell a file's kind
+HEAD = 1 << 16  # bytes that decide a file's kind
 ASSET, PAGE, DEPFILE = "asset", "HTML page", "depfile"
 
 
 def _text(pattern: str):
     """Whether a file begins as text in which a pattern is found."""
-    known = re.compile(pattern.encode(), re.MULTILINE)
-    return lambda head: b"\0" not in head and known.search(head) is not None
+    expression = re.compile(pattern.encode(), re.MULTILINE)
+    return lambda head: b"\0" not in head and expression.search(head) is not None
 
 
 # kind -> whether a file that begins so is one.  A damaged asset is an asset: it may be baked again.
@@ -55,7 +55,7 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str]], inputs: Iter
     ----------
     outputs : paths, each with the kind of file that goes there (a key of `KINDS`)
     inputs : every file that the command reads
-    overwrite : the user wishes files of other kinds replaced; inputs never are
+    overwrite : replace files of other kinds; inputs never are
     """
     inputs, before = list(inputs), []
     for path, kind in outputs:

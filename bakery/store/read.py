@@ -62,8 +62,8 @@ def slurp(path: str, files: Files) -> bytes:
 
 def check_format(path: str, root: Group) -> None:
     """AssetError unless the root names this format and version."""
-    found, version = root.attributes.get("format"), root.attributes.get("format_version")
-    if found != FORMAT:
-        raise AssetError(f"{path}: damaged: the root's attribute `format` is {found!r}, not {FORMAT!r}")
+    stored, version = root.attributes.get("format"), root.attributes.get("format_version")
+    if stored != FORMAT:
+        raise AssetError(f"{path}: damaged: the root's attribute `format` is {stored!r}, not {FORMAT!r}")
     if version != VERSION:
         raise AssetError(f"{path}: damaged: the root's attribute `format_version` is {version!r}, its first line says {VERSION}")

@@ -15,14 +15,14 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def jobs(wanted: int | None = None) -> int:
+def jobs(count: int | None = None) -> int:
     """Number of workers: the option, else the environment's BAKERY_JOBS, else every processor."""
     text = os.environ.get("BAKERY_JOBS", "")
-    if wanted is None and text:
+    if count is None and text:
         if not text.isdigit() or int(text) < 1:
             raise UsageError(f'BAKERY_JOBS: found "{text}"; a whole number from 1 would do')
-        wanted = int(text)
-    return wanted or processors()
+        count = int(text)
+    return count or processors()
 
 
 def reset_peak() -> None:

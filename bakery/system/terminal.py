@@ -81,14 +81,14 @@ def table(rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> list[str]
     rows = [[str(cell) for cell in row] for row in rows]
     if not rows:
         return []
-    columns, whole = room(), range(len(rows[0]))
-    widths = [max(len(row[i]) for row in rows) for i in whole]
-    flush = [str.rjust if i in right else str.ljust for i in whole]
+    columns, indices = room(), range(len(rows[0]))
+    widths = [max(len(row[i]) for row in rows) for i in indices]
+    flush = [str.rjust if i in right else str.ljust for i in indices]
     if columns is None or sum(widths) + 2 * (len(widths) - 1) <= columns:
-        return ["  ".join(put(cell, width) for put, cell, width in zip(flush, row, widths, strict=True)).rstrip() for row in rows]
+        return ["  ".join(pad(cell, width) for pad, cell, width in zip(flush, row, widths, strict=True)).rstrip() for row in rows]
     usual = max(2 * columns // 5, 8)
-    widths = [max((len(row[i]) for row in rows if len(row[i]) <= usual), default=0) for i in whole]
-    return [line for row in rows for line in _flowing([put(cell, width) for put, cell, width in
+    widths = [max((len(row[i]) for row in rows if len(row[i]) <= usual), default=0) for i in indices]
+    return [line for row in rows for line in _flowing([pad(cell, width) for pad, cell, width in
                                                        zip(flush, row, widths, strict=True)], columns)]
 
 

@@ -26,7 +26,7 @@ BUDGET = 5.0  # minutes
 
 @dataclass(frozen=True)
 class Trade:
-    """What was measured: a sweep for each stage, and the files that tell of them."""
+    """What was measured: a sweep for each stage, and the files that hold it."""
 
     recipe: str
     folder: Path
@@ -49,10 +49,10 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     recipe : path
     output : folder, NAME.trade by default; a second call with it goes on where the first ended
     stages : names, all that have knobs by default
-    quality, tolerance, seed, settings : override recipe values as for a bake; the tolerance is the one wished
+    quality, tolerance, seed, settings : override recipe values as for a bake; the tolerance is the requested one
     measure : name of the error that ranks settings and meets tolerances; the first of each stage by default
     budget : minutes, for all stages together
-    progress, verbose : who is told what happens, and whether of each run
+    progress, verbose : receives the progress, and whether that of each run
     overwrite : replace also files of other kinds that stand where the results go
 
     Raises
@@ -75,8 +75,8 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     # a preset is what its name says beyond the recipe; `final` is the recipe's own
     presets = {name: overrides(name) for name in QUALITY}
     if quality is not None:
-        own = load(recipe, overrides(None, tolerance, seed, settings)).leaves
-        presets["final"] = {key: text_of(own[key]) for key in overrides(quality) if key in own}
+        leaves = load(recipe, overrides(None, tolerance, seed, settings)).leaves
+        presets["final"] = {key: text_of(leaves[key]) for key in overrides(quality) if key in leaves}
     checked = load(recipe, base)
     chosen = _with_knobs(checked, stages)
     folder = folder_for(Path(output) if output else Path(f"{checked.name}.trade"))
@@ -103,17 +103,18 @@ def _with_knobs(recipe, names: Sequence[str]) -> list:
     """The stages to measure."""
     from bakery.trade.resolve import all_of
 
-    asked = [stage for stage in all_of(STAGES) if stage.applies(recipe)]
-    able = [stage for stage in asked if stage.measures and any(knob.values for knob in stage.knobs)]
+    applicable = [stage for stage in all_of(STAGES) if stage.applies(recipe)]
+    able = [stage for stage in applicable if stage.measures and any(knob.values for knob in stage.knobs)]
     for name in names:
-        if name not in [stage.name for stage in asked]:
-            raise UsageError(f'--stage: found "{name}"; this recipe has the stages {", ".join(stage.name for stage in asked)}')
+        if name not in [stage.name for stage in applicable]:
+            stages = ", ".join(stage.name for stage in applicable)
+            raise UsageError(f'--stage: found "{name}"; this recipe has the stages {stages}')
     chosen = [stage for stage in able if not names or stage.name in names]
     if not chosen:
-        which = " and ".join(names) if names else f"none of its stages ({', '.join(stage.name for stage in asked)})"
+        subject = " and ".join(names) if names else f"none of its stages ({', '.join(stage.name for stage in applicable)})"
         able_names = f"; {', '.join(stage.name for stage in able)} would do" if able else ": its values are exact or take no time"
-        raise UsageError(f"{recipe.path}: {which} has knobs that trade time for accuracy{able_names}" if not names else
-                         f"--stage: {which} has no knobs that trade time for accuracy{able_names}")
+        raise UsageError(f"{recipe.path}: {subject} has knobs that trade time for accuracy{able_names}" if not names else
+                         f"--stage: {subject} has no knobs that trade time for accuracy{able_names}")
     return chosen
 
 
@@ -125,9 +126,9 @@ def _written(trade: Trade) -> Trade:
     from bakery.trade.picture import picture
     from bakery.trade.tables import columns
 
-    told = trade.as_dict()
-    files = [put(trade.folder / "trade.json", json.dumps(told, indent=1, allow_nan=False) + "\n"),
-             put(trade.folder / "trade.csv", csv_text(columns(told["stages"])))]
-    for stage in told["stages"]:
-        files.append(put(trade.folder / f"{stage['stage']}.png", drawn(picture(stage), ("png",), told["recipe"])["png"]))
+    report = trade.as_dict()
+    files = [put(trade.folder / "trade.json", json.dumps(report, indent=1, allow_nan=False) + "\n"),
+             put(trade.folder / "trade.csv", csv_text(columns(report["stages"])))]
+    for stage in report["stages"]:
+        files.append(put(trade.folder / f"{stage['stage']}.png", drawn(picture(stage), ("png",), report["recipe"])["png"]))
     return Trade(trade.recipe, trade.folder, trade.sweeps, tuple(files))

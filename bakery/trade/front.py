@@ -33,7 +33,7 @@ def front(points: Sequence[Point], floor: float = 0.0) -> list[int]:
     Parameters
     ----------
     points : in the order of preference among equals
-    floor : error below which settings cannot be told apart
+    floor : error below which settings cannot be distinguished
 
     Notes
     -----
@@ -41,11 +41,11 @@ def front(points: Sequence[Point], floor: float = 0.0) -> list[int]:
     which differs little from the next.
     """
     error = [max(point.error, floor) for point in points]
-    kept: list[int] = []
+    efficient: list[int] = []
     for i in sorted(range(len(points)), key=lambda i: (error[i], i)):
-        if all(faster(points[i], points[j]) for j in kept):
-            kept = [j for j in kept if error[j] < error[i]] + [i]  # of equally accurate ones the faster
-    return kept[::-1]
+        if all(faster(points[i], points[j]) for j in efficient):
+            efficient = [j for j in efficient if error[j] < error[i]] + [i]  # of equally accurate ones the faster
+    return efficient[::-1]
 
 
 def dominating(points: Sequence[Point], i: int, on_front: Sequence[int], floor: float = 0.0) -> int | None:

@@ -51,10 +51,11 @@ def picture(stage: Mapping) -> Picture:
             axes.plot(*shown[stage["knee"]], "o", color="none", markeredgecolor=_MARK, markeredgewidth=2.2, markersize=22,
                       zorder=4, label="knee")
         axes.axhline(stage["tolerance"], color=INK, linewidth=1.0, linestyle=(0, (5, 3)), zorder=1,
-                     label=f"tolerance wished, {100 * stage['tolerance']:.3g} %")
+                     label=f"tolerance requested, {100 * stage['tolerance']:.3g} %")
         _limits(axes, seconds, np.append(height, stage["tolerance"]))
         if floor > axes.get_ylim()[0]:
-            axes.axhspan(axes.get_ylim()[0], floor, color=FAINT, alpha=0.6, linewidth=0, zorder=0, label="below: not told apart")
+            axes.axhspan(axes.get_ylim()[0], floor, color=FAINT, alpha=0.6, linewidth=0, zorder=0,
+                         label="below: not distinguished")
         _numbers(axes, [shown[i] for i in stage["front"]])
         axes.set_title(f"{stage['stage']}: error against time")
         handles, labels = axes.get_legend_handles_labels()
@@ -91,7 +92,7 @@ def _preset(name: str, preset: Mapping) -> str:
 
 
 def _limits(axes, seconds, error) -> None:
-    for put, values, axis in ((axes.set_xlim, seconds, axes.xaxis), (axes.set_ylim, error, axes.yaxis)):
+    for set_limits, values, axis in ((axes.set_xlim, seconds, axes.xaxis), (axes.set_ylim, error, axes.yaxis)):
         low, high = np.log10(values.min()), np.log10(values.max())
         room = max(0.08 * (high - low), 0.12)
         put(10 ** (low - room), 10 ** (high + room))

@@ -1,4 +1,4 @@
-"""The parent's end of the worker: starts it, asks it, ends it, and says what became of it."""
+"""The parent's end of the worker: starts it, sends calls, ends it, and reports its failures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Worker:
 
     Parameters
     ----------
-    share : is told the share done of a run, 0 to 1
+    share : receives the share done of a run, 0 to 1
     arguments : of `Bench`
     """
 
@@ -67,7 +67,7 @@ class Worker:
             self._process.stdin.write(json.dumps(message).encode() + b"\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            pass  # it has died; the answer that does not come tells
+            pass  # it has died; the missing answer shows it
 
     def _ask(self, limit: float | None, **call):
         if self._process is None:

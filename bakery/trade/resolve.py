@@ -22,12 +22,12 @@ def find(stages: str, recipe, name: str) -> Stage:
 
 def above(stages: str, recipe, name: str) -> list[Stage]:
     """The stages that a stage needs, directly or not, upstream ones first."""
-    wanted, found = set(find(stages, recipe, name).needs), []
+    needed, upstream = set(find(stages, recipe, name).needs), []
     for stage in reversed([stage for stage in all_of(stages) if stage.applies(recipe)]):
-        if stage.name in wanted:
-            wanted |= set(stage.needs)
-            found.append(stage)
-    return found[::-1]
+        if stage.name in needed:
+            needed |= set(stage.needs)
+            upstream.append(stage)
+    return upstream[::-1]
 
 
 def hashes_above(stages: str, recipe, name: str) -> dict[str, str]:

@@ -23,14 +23,14 @@ class Sweep:
     Attributes
     ----------
     stage : its declaration
-    tolerance : wished
-    wishes : name of each preset -> its tolerance
+    tolerance : requested
+    preset_tolerances : name of each preset -> its tolerance
     runs : every setting that was run, in that order; failed ones too
     start : index of the recipe as it stands
     presets : name -> index into `runs`
     inert : keys of knobs that changed nothing
     reference : of the converged values: `setting`, `input_hash`, `seconds`, `achieved` (the error that they claim), `check`
-    floor : by name of error, how far two converged groups are apart: smaller errors are not told apart
+    floor : by name of error, how far two converged groups are apart: smaller errors are not distinguished
     baseline : overrides of the setting that was run around every other
     refused : (overrides, message) that the recipe does not allow
     untried : overrides for which the time did not suffice; nothing there means that no further run can change the recommendations
@@ -39,7 +39,7 @@ class Sweep:
 
     stage: object
     tolerance: float
-    wishes: Mapping[str, float]
+    preset_tolerances: Mapping[str, float]
     runs: Sequence[Run]
     start: int
     presets: Mapping[str, int]
@@ -89,16 +89,16 @@ class Sweep:
         alike: dict[str, list[list[float]]] = {}
         for i in self.good:
             alike.setdefault(self.runs[i].content, []).append(list(self.runs[i].ratios))
-        found = []
+        points = []
         for i in self.good:
             ratios, others = self.runs[i].ratios, alike[self.runs[i].content]
             limit = ALIKE * min(median(other) for other in others)
             if median(ratios) <= limit:
                 ratios = [ratio for other in others if median(other) <= limit for ratio in other]
-            own = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
+            spread = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
             seconds = median(ratios) * self.baseline_seconds
-            found.append(Point(seconds, self.runs[i].error, standard_error(max(self.noise, own), len(ratios))))
-        return found
+            points.append(Point(seconds, self.runs[i].error, standard_error(max(self.noise, spread), len(ratios))))
+        return points
 
     def seconds(self, index: int) -> tuple[float, float, float, float]:
         """Median, median absolute deviation, least and largest corrected time of a run."""
@@ -129,13 +129,13 @@ class Sweep:
         if any(self.runs[index].content == self.runs[i].content and self.point(index) == self.point(i) for i in self.front):
             return None
         on = [self.good.index(i) for i in self.front]
-        found = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
-        return None if found is None else self.good[found]
+        place = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
+        return None if place is None else self.good[place]
 
     def recommended(self, tolerance: float) -> int | None:
         """The run on the front with the least time whose true error meets a tolerance."""
-        found = fronts.cheapest([self.point(i) for i in self.front], tolerance)
-        return None if found is None else self.front[found]
+        place = fronts.cheapest([self.point(i) for i in self.front], tolerance)
+        return None if place is None else self.front[place]
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`, trade.json)."""
@@ -143,7 +143,7 @@ class Sweep:
         return {
             "stage": self.stage.name, "version": self.stage.version, "title": self.stage.title, "tolerance": self.tolerance,
             "errors": list(self.floor), "front": self.front, "knee": self.knee, "start": self.start,
-            "presets": {name: {"run": i, "tolerance": self.wishes[name], "dominated_by": self.dominating(i)}
+            "presets": {name: {"run": i, "tolerance": self.preset_tolerances[name], "dominated_by": self.dominating(i)}
                         for name, i in self.presets.items() if i in self.good},
             "recommended": [{"tolerance": tolerance, "run": self.recommended(tolerance)} for tolerance in self.tolerances],
             "runs": [self._run(i) for i in range(len(self.runs))],
@@ -156,8 +156,8 @@ class Sweep:
 
     @property
     def tolerances(self) -> list[float]:
-        """The tolerances for which a setting is recommended: the wish first, then those of the presets."""
-        return list(dict.fromkeys([self.tolerance, *self.wishes.values()]))
+        """The tolerances for which a setting is recommended: the requested one first, then those of the presets."""
+        return list(dict.fromkeys([self.tolerance, *self.preset_tolerances.values()]))
 
     def _run(self, i: int) -> dict:
         run = self.runs[i]

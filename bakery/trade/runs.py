@@ -53,19 +53,19 @@ class Run:
     @property
     def ratios(self) -> list[float]:
         """Seconds relative to the baseline."""
-        return [own / base for own, base in zip(self.seconds, self.baseline, strict=True)]
+        return [seconds / base for seconds, base in zip(self.seconds, self.baseline, strict=True)]
 
     @property
     def error(self) -> float:
         """The true error that ranks."""
         return next(iter(self.errors.values()))
 
-    def with_repeat(self, found: Mapping) -> Run:
-        """The same with one more repeat, as the worker tells it."""
-        more = {name: (*getattr(self, name), float(found[name])) for name in ("seconds", "wall", "baseline")}
+    def with_repeat(self, repeat: Mapping) -> Run:
+        """The same with one more repeat, as the worker reports it."""
+        values = {name: (*getattr(self, name), float(repeat[name])) for name in ("seconds", "wall", "baseline")}
         if not self.seconds:
-            more |= {name: found[name] for name in ("memory", "errors", "achieved", "content")}
-        return replace(self, **more)
+            values |= {name: repeat[name] for name in ("memory", "errors", "achieved", "content")}
+        return replace(self, **values)
 
 
 class Store:
@@ -82,11 +82,12 @@ class Store:
     def load(self, path: Path, stage: str, input_hash: str) -> Run | None:
         """The run, or None where there is none, or none that is whole."""
         try:
-            held = json.loads(path.read_text())
-            run = Run(**{name: tuple(value) if isinstance(value, list) else value for name, value in held["run"].items()})
-            whole = (run.stage, run.input_hash) == (stage, input_hash) and len(run.seconds) == len(run.baseline) == len(run.wall)
+            record = json.loads(path.read_text())
+            run = Run(**{name: tuple(value) if isinstance(value, list) else value for name, value in record["run"].items()})
+            complete = ((run.stage, run.input_hash) == (stage, input_hash)
+                        and len(run.seconds) == len(run.baseline) == len(run.wall))
             positive = all(value > 0 for value in (*run.seconds, *run.baseline)) and all(e >= 0 for e in run.errors.values())
-            return run if whole and positive and (run.failed or (run.seconds and run.errors)) else None
+            return run if complete and positive and (run.failed or (run.seconds and run.errors)) else None
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 

@@ -79,10 +79,10 @@ class Settings:
         self._files = now
 
     def _ladder(self, knob) -> Ladder:
-        own = self.recipe.leaves.get(knob.key, knob.default)
+        current = self.recipe.leaves.get(knob.key, knob.default)
         rungs: list[tuple] = []  # value as the recipe holds it, text
-        held = [(preset.get(knob.key), self._held(preset, knob.key)) for preset in self.job.presets.values()]
-        for text in (*knob.values, *(said or text_of(value) for said, value in held if value is not None)):
+        preset_values = [(preset.get(knob.key), self._effective(preset, knob.key)) for preset in self.job.presets.values()]
+        for text in (*knob.values, *(written or text_of(value) for written, value in preset_values if value is not None)):
             try:
                 value = self._value(knob.key, text)
             except RecipeError as error:
@@ -90,9 +90,9 @@ class Settings:
                 self.refused.append(({knob.key: text}, "; ".join(filter(None, (why.found, why.expected)))))
                 continue
             _insert(rungs, value, text)
-        _insert(rungs, own, text_of(own))
+        _insert(rungs, current, text_of(current))
         switch = all(isinstance(value, str) for value, _ in rungs)
-        return Ladder(knob.key, tuple(text for _, text in rungs), [value for value, _ in rungs].index(own), switch)
+        return Ladder(knob.key, tuple(text for _, text in rungs), [value for value, _ in rungs].index(current), switch)
 
     def _value(self, key: str, text: str):
         """What the recipe makes of a value; RecipeError if it allows it neither alone nor beside a value of another knob."""
@@ -119,11 +119,11 @@ class Settings:
 
     def preset(self, name: str) -> Setting:
         """Where a preset lies on the ladders."""
-        held = {ladder.key: self._held(self.job.presets[name], ladder.key) for ladder in self.ladders}
-        return tuple(next((i for i, text in enumerate(ladder.texts) if self._value(ladder.key, text) == held[ladder.key]),
+        values = {ladder.key: self._effective(self.job.presets[name], ladder.key) for ladder in self.ladders}
+        return tuple(next((i for i, text in enumerate(ladder.texts) if self._value(ladder.key, text) == values[ladder.key]),
                           ladder.start) for ladder in self.ladders)
 
-    def _held(self, overrides: Mapping[str, str], key: str):
+    def _effective(self, overrides: Mapping[str, str], key: str):
         """The value of a key under overrides, set by them or following from what they set; None where they change nothing."""
         value = self.load(overrides).leaves.get(key)
         return None if value == self.recipe.leaves.get(key) else value

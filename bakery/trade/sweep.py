@@ -17,7 +17,7 @@ from bakery.trade.search import Seen, Setting, proposals, start_of
 from bakery.trade.settings import Job, Settings
 from bakery.trade.times import least_repeats, repeat_again
 
-TIGHTER = (4.0, 2.0, 1.0)  # converged values have the tightest tolerance wished over one of these: the first that is in reach
+TIGHTER = (4.0, 2.0, 1.0)  # converged values have the tightest tolerance requested over one of these: the first that is in reach
 CHECK = 3.0  # times that tolerance: second converged values, whose distance from the first bounds the error of the first
 SHARE = 0.5  # of the budget that the converged values may take
 HOPELESS = 2.0  # times slower than a more accurate setting: then its time need not be known better
@@ -32,10 +32,10 @@ class Sweeper:
     ----------
     job : what
     budget : seconds
-    progress : is told what happens
+    progress : receives the progress
     bench : `Worker`, or what answers like it
     now : seconds, for the budget
-    verbose : tell of each run
+    verbose : report each run
     rank : name of the error that ranks; the stage's first by default
     """
 
@@ -71,8 +71,8 @@ class Sweeper:
         """
         settings, stage = self.settings, self.settings.stage
         presets = {name: settings.preset(name) for name in self.job.presets}
-        wishes = {name: stage.tolerance(settings.load(overrides)) for name, overrides in self.job.presets.items()}
-        limits = sorted({stage.tolerance(settings.recipe), *wishes.values()})
+        preset_tolerances = {name: stage.tolerance(settings.load(overrides)) for name, overrides in self.job.presets.items()}
+        limits = sorted({stage.tolerance(settings.recipe), *preset_tolerances.values()})
         self.progress.stage(stage.name, stage.title, 0.0, self._budget)
         reference, floor = self._reference(limits[0])
         self._began = self._now()
@@ -80,19 +80,19 @@ class Sweeper:
         refused: set[Setting] = set()
         while True:
             seen = self._seen() | dict.fromkeys(too_long | refused)
-            wanted = proposals(settings.ladders, list(presets.values()), limits, seen, next(iter(floor.values())))
-            if not wanted:
+            proposed = proposals(settings.ladders, list(presets.values()), limits, seen, next(iter(floor.values())))
+            if not proposed:
                 break
-            if not settings.allowed(settings.overrides(wanted[0])):
-                refused.add(wanted[0])
+            if not settings.allowed(settings.overrides(proposed[0])):
+                refused.add(proposed[0])
                 continue
-            self._show(wanted)
-            run = self._run(wanted[0], reference["input_hash"])
+            self._show(proposed)
+            run = self._run(proposed[0], reference["input_hash"])
             if run is None:
-                too_long.add(wanted[0])
+                too_long.add(proposed[0])
             else:
-                self._measured[wanted[0]] = run
-        return self._result(presets, wishes, reference, floor, too_long)
+                self._measured[proposed[0]] = run
+        return self._result(presets, preset_tolerances, reference, floor, too_long)
 
     # ---- converged values
 
@@ -106,18 +106,18 @@ class Sweeper:
             pair = [{**stage.reference, "tolerance": f"{at:.10g}", stage.tolerance_key: f"{at:.10g}"}
                     for at in (tolerance, min(CHECK * tolerance, 0.5))]
             keys = [self.settings.hash(overrides) for overrides in pair]
-            kept = self.job.folder / "reference"
+            folder = self.job.folder / "reference"
             seconds = sum(self.settings.expected(overrides) for overrides, key in zip(pair, keys, strict=True)
-                          if not (kept / f"{self.settings.stage.name}-{key}.h5").is_file())
+                          if not (folder / f"{self.settings.stage.name}-{key}.h5").is_file())
             if seconds > SHARE * self.left:
                 kind = UsageError
                 refusal = f"they take about {duration(seconds)}; --budget {-(-seconds // (60 * SHARE)):.0f} would do"
                 self._say(f"no converged values at a tolerance of {tolerance:.2g}: {refusal}")
                 continue
-            self._open(upstream, str(kept))
+            self._open(upstream, str(folder))
             try:
-                told = [self._bench.keep(overrides, key, limit=self.left + GRACE)
-                        for overrides, key in zip(pair, keys, strict=True)]
+                converged = [self._bench.keep(overrides, key, limit=self.left + GRACE)
+                             for overrides, key in zip(pair, keys, strict=True)]
                 floor = self._ranked(self._bench.compare(keys[1], keys[0], limit=self.left + GRACE))
             except OutOfTime:
                 refusal, kind = "they were not ready in the time; a larger --budget would do", UsageError
@@ -125,23 +125,23 @@ class Sweeper:
                 self.settings.refuse_changes()
                 refusal, kind = str(error), StageError
             else:
-                self._say(f"converged values at a tolerance of {tolerance:.2g}: {duration(told[0]['seconds'])}, "
-                          f"claimed error {told[0]['achieved']:.2g}, true error within {next(iter(floor.values())):.2g}")
-                own = self.settings.recipe.leaves
-                there = self.settings.load(pair[0]).leaves
-                apart = {key: text for key, text in pair[0].items() if there.get(key) != own.get(key)}
-                return {"setting": apart, "input_hash": keys[0], "check": pair[1], **told[0]}, floor
+                self._say(f"converged values at a tolerance of {tolerance:.2g}: {duration(converged[0]['seconds'])}, "
+                          f"claimed error {converged[0]['achieved']:.2g}, true error within {next(iter(floor.values())):.2g}")
+                leaves = self.settings.recipe.leaves
+                reference_leaves = self.settings.load(pair[0]).leaves
+                changed = {key: text for key, text in pair[0].items() if reference_leaves.get(key) != leaves.get(key)}
+                return {"setting": changed, "input_hash": keys[0], "check": pair[1], **converged[0]}, floor
             self._say(f"no converged values at a tolerance of {tolerance:.2g}: {refusal}")
         raise kind(f"{self.job.recipe}: {self.settings.stage.name}: there are no converged values to compare with: {refusal}")
 
-    def _open(self, upstream: Mapping[str, str], kept: str) -> None:
+    def _open(self, upstream: Mapping[str, str], folder: str) -> None:
         self.close()
         job, settings = self.job, self.settings
         self._baseline = dict(next(iter(job.presets.values())))
         loosest = {ladder.key: ladder.texts[0] for ladder in settings.ladders if ladder.key == settings.stage.tolerance_key}
         self._bench = self._make_bench(
             recipe=str(job.recipe), stage=job.stage, base=dict(job.base), upstream=upstream, baseline=self._baseline,
-            loosest=loosest, folder=kept, stages=job.stages, share=lambda share: self._show(()))
+            loosest=loosest, folder=folder, stages=job.stages, share=lambda share: self._show(()))
 
     # ---- runs
 
@@ -150,8 +150,8 @@ class Sweeper:
         overrides = self.settings.overrides(setting)
         key = self.settings.hash(overrides)
         path = self._store.path(self.job.stage, key, reference, self.settings.hash(self._baseline))
-        held = self._store.load(path, self.job.stage, key)
-        run = held or Run(self.job.stage, key, overrides)
+        stored = self._store.load(path, self.job.stage, key)
+        run = stored or Run(self.job.stage, key, overrides)
         run = replace(run, setting=overrides)  # one input may have been reached by other words
         patience, lasting = self.left, True
         try:
@@ -160,9 +160,9 @@ class Sweeper:
                 if expected * (1 if run.seconds else least_repeats(expected)) > self.left:
                     break
                 patience = ENDLESS * max(expected, 1.0) + 30
-                found = self._bench.run(overrides, key, None if run.seconds else reference,
-                                        limit=min(patience, self.left + GRACE))
-                run = run.with_repeat(found)
+                repeat = self._bench.run(overrides, key, None if run.seconds else reference,
+                                         limit=min(patience, self.left + GRACE))
+                run = run.with_repeat(repeat)
                 self._store.save(path, run)
         except OutOfTime:
             if patience <= self.left and not run.seconds:
@@ -171,13 +171,13 @@ class Sweeper:
             self.settings.refuse_changes()
             run = replace(run, failed="" if run.seconds else str(error))
             lasting = not isinstance(error, Died)
-        if run.failed and not held and lasting:
+        if run.failed and not stored and lasting:
             self._store.save(path, run)
         if not run.failed and not run.seconds:
             return None
         run = replace(run, errors=self._ranked(run.errors)) if run.errors else run
-        self._reused += held is not None
-        self._tell(run, held is not None)
+        self._reused += stored is not None
+        self._tell(run, stored is not None)
         return run
 
     def _hopeless(self, run: Run) -> bool:
@@ -209,23 +209,23 @@ class Sweeper:
         if not self._verbose:
             return
         name = ", ".join(f"{key}={text}" for key, text in run.setting.items()) or "as it stands"
-        what = f"failed: {run.failed}" if run.failed else f"{duration(median(run.seconds))}, error {run.error:.2g}"
-        self._say(f"{name}: {what}{' (kept from before)' if reused else ''}")
+        outcome = f"failed: {run.failed}" if run.failed else f"{duration(median(run.seconds))}, error {run.error:.2g}"
+        self._say(f"{name}: {outcome}{' (kept from before)' if reused else ''}")
 
     def _say(self, text: str) -> None:
         self.progress.say(f"{self.settings.stage.name}: {text}")
 
-    def _show(self, wanted: Sequence[Setting]) -> None:
+    def _show(self, proposed: Sequence[Setting]) -> None:
         """How far it is: the values of each knob alone are still to come, at the pace so far, or what is left of the budget."""
-        if wanted:
+        if proposed:
             alone = sum(len(ladder.texts) - 1 for ladder in self.settings.ladders)
-            done = len(self._measured) - self._reused
-            pace = (self._now() - self._began) / done if done else self._budget
-            self._coming = pace * max(alone - len(self._measured), len(wanted), 1)
+            finished = len(self._measured) - self._reused
+            pace = (self._now() - self._began) / finished if finished else self._budget
+            self._coming = pace * max(alone - len(self._measured), len(proposed), 1)
         spent = self._now() - self._started
         self.progress.update(spent / (spent + max(min(self._coming, self.left), 0.1)))
 
-    def _result(self, presets, wishes, reference, floor, too_long) -> Sweep:
+    def _result(self, presets, preset_tolerances, reference, floor, too_long) -> Sweep:
         settings = list(self._measured)
         if start_of(self.settings.ladders) not in settings:
             raise UsageError(f"{self.job.recipe}: {self.settings.stage.name}: the time did not suffice for the recipe as it "
@@ -235,7 +235,8 @@ class Sweeper:
         self.progress.done(self.settings.stage.name, f"{len(settings)} settings, {self._reused} of them kept from before")
         stage = self.settings.stage
         return Sweep.of(
-            stage=stage, tolerance=stage.tolerance(self.settings.recipe), wishes=wishes, ladders=self.settings.ladders,
+            stage=stage, tolerance=stage.tolerance(self.settings.recipe), preset_tolerances=preset_tolerances,
+            ladders=self.settings.ladders,
             measured=self._measured, presets={name: settings.index(at) for name, at in presets.items() if at in settings},
             reference=reference, floor=floor, baseline=self._baseline, refused=self.settings.refused,
             untried=[self.settings.overrides(setting) for setting in sorted(too_long)], reused=self._reused)

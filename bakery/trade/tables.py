@@ -65,14 +65,14 @@ def report(stage: Mapping, recipe: str) -> Iterable[str]:
 
 def _marks(stage: Mapping) -> dict[int, list[str]]:
     """What else a run is, by its index."""
-    found: dict[int, list[str]] = {}
+    marks: dict[int, list[str]] = {}
     for name, preset in stage["presets"].items():
-        found.setdefault(preset["run"], []).append(name)
-    if stage["start"] not in found:
-        found[stage["start"]] = ["as it stands"]
+        marks.setdefault(preset["run"], []).append(name)
+    if stage["start"] not in marks:
+        marks[stage["start"]] = ["as it stands"]
     if stage["knee"] is not None:
-        found.setdefault(stage["knee"], []).append("knee")
-    return found
+        marks.setdefault(stage["knee"], []).append("knee")
+    return marks
 
 
 def _error(error: float, floor: float) -> str:
@@ -80,14 +80,14 @@ def _error(error: float, floor: float) -> str:
 
 
 def _recommendation(stage: Mapping, tolerances: Sequence[float], at: int | None, recipe: str) -> str:
-    wished = f"{next(iter(stage['errors']))} of {' or '.join(map(_percent, sorted(tolerances)))}: "
+    target = f"{next(iter(stage['errors']))} of {' or '.join(map(_percent, sorted(tolerances)))}: "
     if at is None:
-        return wished + "no setting that was run reaches it"
+        return target + "no setting that was run reaches it"
     run, start = stage["runs"][at], stage["runs"][stage["start"]]
     command = " ".join(filter(None, ("bake", shlex.quote(recipe), options(run["setting"]))))
     error = _error(run["errors"][stage["errors"][0]], stage["reference"]["floor"][stage["errors"][0]])
     against = f", {start['seconds'] / run['seconds']:.2g} times as fast as it stands" if run is not start else ""
-    return f"{wished}{command}  ({duration(run['seconds'])}, error {error}{against})"
+    return f"{target}{command}  ({duration(run['seconds'])}, error {error}{against})"
 
 
 def _percent(share: float) -> str:
@@ -97,16 +97,16 @@ def _percent(share: float) -> str:
 def _standing(stage: Mapping, preset: Mapping) -> str:
     if preset["dominated_by"] is None:
         return "on the front"
-    own, better = stage["runs"][preset["run"]], stage["runs"][preset["dominated_by"]]
-    return (f"beaten by {said(better['setting'])}: {own['seconds'] / better['seconds']:.2g} times as fast, "
-            f"error {next(iter(better['errors'].values())):.2g} instead of {next(iter(own['errors'].values())):.2g}")
+    run, better = stage["runs"][preset["run"]], stage["runs"][preset["dominated_by"]]
+    return (f"beaten by {said(better['setting'])}: {run['seconds'] / better['seconds']:.2g} times as fast, "
+            f"error {next(iter(better['errors'].values())):.2g} instead of {next(iter(run['errors'].values())):.2g}")
 
 
 def _remarks(stage: Mapping) -> Iterable[str]:
     reference, baseline = stage["reference"], stage["baseline"]
     name, floor = next(iter(reference["floor"].items()))
     yield (f"{name}: against converged values ({said(reference['setting'])}, {duration(reference['seconds'])}, which claim "
-           f"{reference['achieved']:.1g}); below {floor:.1g} it is not told apart")
+           f"{reference['achieved']:.1g}); below {floor:.1g} errors are not distinguished")
     yield (f"times: of one core, medians relative to {said(baseline['setting'])}, which took {duration(baseline['seconds'])} "
            f"and drifted between {baseline['least']:.2f} and {baseline['largest']:.2f} of that; "
            f"noise of a run {100 * stage['noise']:.1f} %")

@@ -1,4 +1,4 @@
-"""What repeated, noisy times say: ratios to a baseline, their spread, and when they have been repeated enough.
+"""What repeated, noisy times show: ratios to a baseline, their spread, and when they have been repeated enough.
 
 Every run is bracketed by runs of one fixed setting, the baseline.  A machine that slows down slows both, so what counts is the
 ratio; seconds are that ratio times the median of all baselines.
@@ -14,7 +14,7 @@ from statistics import median
 SHORT, LONG = 10.0, 60.0  # seconds: runs below are repeated three times at least, runs above not at all
 MOST = 9  # repeats
 REPEATING = 5.0  # seconds that repeats beyond the least number may take a setting
-PRECISE = 0.02  # standard error of a median, relative, at which more repeats tell nothing new
+PRECISE = 0.02  # standard error of a median, relative, at which more repeats add nothing
 UNKNOWN = 0.05  # spread of one time, relative, while nothing has been repeated
 LEAST = 0.005  # spread below which no clock on a shared machine is believed
 

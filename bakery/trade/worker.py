@@ -36,7 +36,7 @@ class Bench:
     folder : of the converged values and the values upstream
     stages : `module:function` that returns all stages
     clock, wall : seconds of the processor and of the wall
-    share : is told the share done of a run, 0 to 1
+    share : receives the share done of a run, 0 to 1
     """
 
     def __init__(self, recipe: str, stage: str, base: Mapping[str, str], upstream: Mapping[str, str], baseline: Mapping[str, str],
@@ -58,19 +58,19 @@ class Bench:
 
     def keep(self, setting: Mapping[str, str], expected: str) -> dict:
         """Compute a setting and keep its values: seconds and the error that the stage claims."""
-        held = self._cache.get(self._name, expected)
-        if held is None:
+        entry = self._cache.get(self._name, expected)
+        if entry is None:
             group, seconds = self._compute(setting, expected)
             self._burst = None
             self._cache.put(self._name, expected, group, Group({}, {"seconds": seconds}))
-            held = self._cache.get(self._name, expected)
-            if held is None:
+            entry = self._cache.get(self._name, expected)
+            if entry is None:
                 raise StageError(f"{self._cache.path(self._name, expected)}: the converged values could not be kept")
-        return {"seconds": held[1].attributes["seconds"], "achieved": held[0].attributes["achieved_error"]}
+        return {"seconds": entry[1].attributes["seconds"], "achieved": entry[0].attributes["achieved_error"]}
 
     def compare(self, found: str, reference: str) -> dict[str, float]:
         """True errors of kept values against other kept values."""
-        return self._errors(self._held(found), self._held(reference))
+        return self._errors(self._kept_group(found), self._kept_group(reference))
 
     def run(self, setting: Mapping[str, str], expected: str, reference: str | None) -> dict:
         """One timed run; with the key of a reference also errors and memory, which do not depend on the run."""
@@ -80,26 +80,26 @@ class Bench:
         self._load_kernels(setting)
         before = self._burst or self._around()
         if reference is not None:
-            true = self._held(reference)
+            true = self._kept_group(reference)
             gc.collect()
             _return_memory()
             resident = resources.resident_memory()
             resources.reset_peak()
         started = self._wall()
         group, seconds = self._compute(setting, expected)
-        found = {"seconds": seconds, "wall": max(self._wall() - started, 1e-9)}
+        measured = {"seconds": seconds, "wall": max(self._wall() - started, 1e-9)}
         if reference is not None:
-            found |= {"memory": max(resources.peak_memory() - resident, 0.0), "errors": self._errors(group, true),
-                      "achieved": group.attributes["achieved_error"], "content": content_hash(Group(group.members))}
+            measured |= {"memory": max(resources.peak_memory() - resident, 0.0), "errors": self._errors(group, true),
+                         "achieved": group.attributes["achieved_error"], "content": content_hash(Group(group.members))}
         del group
         self._burst = self._around()
-        return found | {"baseline": (before * self._burst) ** 0.5}
+        return measured | {"baseline": (before * self._burst) ** 0.5}
 
     def _load_kernels(self, setting) -> None:
         kind = json.dumps({key: text for key, text in setting.items() if key not in self._loosest})
         if kind in self._warm:
             return
-        with suppress(BakeryError):  # the run itself will tell
+        with suppress(BakeryError):  # the run itself will raise it
             self._compute({**setting, **self._loosest}, None)
         self._burst = None
         self._warm.add(kind)
@@ -159,20 +159,20 @@ class Bench:
             recipe = load(self._recipe, {**self._base, **self._upstream})
             hashes = hashes_above(self._stages, recipe, self._name)
             for stage in above(self._stages, recipe, self._name):
-                held = self._cache.get(stage.name, hashes[stage.name])
-                if held is None:
+                entry = self._cache.get(stage.name, hashes[stage.name])
+                if entry is None:
                     group, seconds = self._timed(stage, recipe, hashes[stage.name])
                     self._cache.put(stage.name, hashes[stage.name], group, Group({}, {"seconds": seconds}))
-                self._groups[stage.name] = held[0] if held else group
+                self._groups[stage.name] = entry[0] if entry else group
             self._hashes = hashes
         return self._hashes
 
-    def _held(self, key: str) -> Group:
+    def _kept_group(self, key: str) -> Group:
         if self._reference is None or self._reference[0] != key:
-            held = self._cache.get(self._name, key)
-            if held is None:
+            entry = self._cache.get(self._name, key)
+            if entry is None:
                 raise StageError(f"{self._cache.path(self._name, key)}: the converged values are gone; start again")
-            self._reference = (key, held[0])
+            self._reference = (key, entry[0])
         return self._reference[1]
 
     def _errors(self, group: Group, reference: Group) -> dict[str, float]:
@@ -198,11 +198,11 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever a library prints must not look like an answer
     calls = _calls()
-    said = [0.0]
+    last_report = [0.0]
 
     def share(done: float) -> None:
-        if time.monotonic() - said[0] > 0.3:
-            said[0] = time.monotonic()
+        if time.monotonic() - last_report[0] > 0.3:
+            last_report[0] = time.monotonic()
             print(json.dumps({"share": done}), file=answers, flush=True)
 
     bench = Bench(**next(calls), share=share)

@@ -74,7 +74,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                                   progress=job.progress(0.5, 0.9))
     through = np.exp(-depth)
     if ambient.any():
-        # where nearer things absorb less than a pixel's own way the sum is too small: no less than what comes straight
+        # where nearer things absorb less than a pixel's own path the sum is too small: no less than the unscattered light
         result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
     job.part_over("filter")
     if progress:
@@ -187,12 +187,12 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
         return np.zeros(rays.shape)
 
     def phase(theta):
-        found = asset.medium.phase(theta)
-        return found[np.argsort(-np.asarray(asset.wavelength))] if len(found) == 3 else np.repeat(found, 3, axis=0)
+        values = asset.medium.phase(theta)
+        return values[np.argsort(-np.asarray(asset.wavelength))] if len(values) == 3 else np.repeat(values, 3, axis=0)
 
     try:
-        found = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
-                                   _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
+        values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
+                                    _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
     return found.reshape(rays.shape)

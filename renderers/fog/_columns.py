@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-_LARGEST_G = 1 - 1e-9  # at 1 nothing is scattered out of its way and D is infinite
+_LARGEST_G = 1 - 1e-9  # at 1 nothing is deflected and D is infinite
 _DEEPEST = 1e8  # optical depth; more is dark
 _THIN = 1e-6  # optical depth of a slab below which what it scatters goes with it; 1e-10 is lost to rounding here
 
@@ -27,7 +27,7 @@ def moments(phase):
     Returns
     -------
     g : (C,) 1, mean cosine
-    peak : (C,) 1, share that goes on nearly straight: the second Legendre moment, between 0 and g
+    peak : (C,) 1, share in the forward peak: the second Legendre moment, between 0 and g
 
     Raises
     ------
@@ -37,9 +37,9 @@ def moments(phase):
     x, w = np.polynomial.legendre.leggauss(4)
     theta = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x).ravel()
     weight = (0.5 * np.diff(edges)[:, None] * w).ravel() * 2 * np.pi * np.sin(theta) * np.asarray(phase(theta), float)
-    one, g, second = (np.sum(weight * P, axis=-1) for P in (1, np.cos(theta), 1.5 * np.cos(theta) ** 2 - 0.5))
-    if (np.abs(one - 1) > 0.02).any():
-        raise ValueError(f"the integral of a phase function over the sphere is 1, not {one}")
+    integral, g, second = (np.sum(weight * P, axis=-1) for P in (1, np.cos(theta), 1.5 * np.cos(theta) ** 2 - 0.5))
+    if (np.abs(integral - 1) > 0.02).any():
+        raise ValueError(f"the integral of a phase function over the sphere is 1, not {integral}")
     return g, np.clip(second, 0, np.minimum(np.maximum(g, 0), 1 - 1e-9))
 
 
@@ -101,7 +101,7 @@ def _each(loop, results, *arguments):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scaled(albedo, g, peak):
-    """Delta scaling: a share `peak` of what is scattered goes on as if nothing had happened.
+    """Delta scaling: a share `peak` of what is scattered counts as unscattered.
 
     Parameters
     ----------
@@ -153,10 +153,10 @@ def column(albedo, g, tau, total, mu, irradiance):
     # what must enter through the faces for nothing to come in, in waves that leave by the other face; all times 2 e^{-k total}
     b0, b1 = -incident / 2, -leaving
     x, y = total - tau, tau
-    one, both = math.exp(-2 * k * x), math.exp(-2 * k * y)
+    decay, decay_back = math.exp(-2 * k * x), math.exp(-2 * k * y)
     falling, rising = math.exp(-k * y), math.exp(-k * x)
-    cosh0, sinh0 = falling * (1 + one), falling * 2 * x * _mean(2 * k * x)  # cosh k(total - tau), sinh/k
-    cosh1, sinh1 = rising * (1 + both), rising * 2 * y * _mean(2 * k * y)
+    cosh0, sinh0 = falling * (1 + decay), falling * 2 * x * _mean(2 * k * x)  # cosh k(total - tau), sinh/k
+    cosh1, sinh1 = rising * (1 + decay_back), rising * 2 * y * _mean(2 * k * y)
     end = math.exp(-2 * k * total)
     s = 2 * total * _mean(2 * k * total)
     N = D * (1 + end) + s * (0.25 + (D * k) ** 2)
@@ -174,17 +174,17 @@ def _fill(albedo, g, tau, total, mu, irradiance, phi, flux):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_slabs(albedo, g, peak, tau, passed, reflected, crossing):
     for n in range(len(passed)):
-        held = min(max(tau[n], _THIN), _DEEPEST)
-        left, asymmetry, factor = scaled(albedo[n], g[n], peak[n])
-        phi, flux = column(left, asymmetry, held * factor, held * factor, 1.0, 1.0)
+        depth = min(max(tau[n], _THIN), _DEEPEST)
+        reduced, asymmetry, factor = scaled(albedo[n], g[n], peak[n])
+        phi, flux = column(reduced, asymmetry, depth * factor, depth * factor, 1.0, 1.0)
         # what the peak has scattered is nearly parallel still
-        straight = -math.exp(-held * factor) * math.expm1(held * (factor - 1))
-        thin = min(tau[n] / held, 1.0)
-        passed[n] = thin * (straight + phi / 4 + flux / 2)
-        phi, flux = column(left, asymmetry, 0.0, held * factor, 1.0, 1.0)
+        forward = -math.exp(-depth * factor) * math.expm1(depth * (factor - 1))
+        thin = min(tau[n] / depth, 1.0)
+        passed[n] = thin * (forward + phi / 4 + flux / 2)
+        phi, flux = column(reduced, asymmetry, 0.0, depth * factor, 1.0, 1.0)
         reflected[n] = thin * (phi / 4 - flux / 2)
-        phi, flux = column(left, asymmetry, held * factor, _DEEPEST, 1.0, 1.0)
-        crossing[n] = thin * (straight + phi / 4 + flux / 2)
+        phi, flux = column(reduced, asymmetry, depth * factor, _DEEPEST, 1.0, 1.0)
+        crossing[n] = thin * (forward + phi / 4 + flux / 2)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -199,7 +199,8 @@ def source(before, behind, single, turn, cosine, sigma_t, albedo, g, peak, mu, i
 
     before, behind : (M,) m, density integrated along the column to its lit face, to its other face
     single : (M, C) phase function towards the camera times irradiance
-    turn, cosine : (M,) 1, of the angle between the parallel light and the way to the camera, between the column and that way
+    turn, cosine : (M,) 1, of the angle between the parallel light and the direction to the camera, between the
+        column and that direction
     sigma_t : (C,) 1/m;  albedo, g : (C,) 1;  peak : (C,) 1, see `scaled`;  mu : 1;  irradiance : (C,)
     diffuse : whether light that was scattered before is added
     out : (M, C)
@@ -218,7 +219,7 @@ def source(before, behind, single, turn, cosine, sigma_t, albedo, g, peak, mu, i
                 tau = true * factor
                 phi, flux = column(albedo_left, g_left, tau, tau + min(behind[i] * sigma_t[c], _DEEPEST) * factor, mu,
                                    irradiance[c])
-                # P1 is linear in the direction and may fall below 0 where light goes one way
+                # P1 is linear in the direction and may fall below 0 where light is nearly parallel
                 light += max(phi + 3 * g[c] * cosine[i] * flux, 0.0) / (4 * math.pi)
                 m = albedo[c] * peak[c] * true / mu
                 if m > 0 and irradiance[c] > 0:

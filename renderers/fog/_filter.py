@@ -76,42 +76,42 @@ def nearest_rows(low, high, z, column, lever, u, light, depth_of, means, taps, w
                     row[o] *= weight[o]
     for y in range(low, high):
         for x in range(width):
-            sums, own, here = out[y, x], profile[y - top, x], z[y, x]
+            sums, beam, distance = out[y, x], profile[y - top, x], z[y, x]
             for n in range(len(taps)):
                 yy, xx, o = y + taps[n, 0], x + taps[n, 1], taps[n, 2]
                 if yy < 0 or yy >= height or xx < 0 or xx >= width:
                     continue
-                if z[yy, xx] < here:
+                if z[yy, xx] < distance:
                     for k in range(kinds):
                         share = profile[yy - top, xx, k, o]
                         for c in range(k, channels, kinds):
                             sums[NEAR, c] += share * light[yy, xx, channels + c]
                         sums[SHARE, k] += share * light[yy, xx, 2 * channels + k]
-                        sums[REST, k] += own[k, o]
+                        sums[REST, k] += beam[k, o]
                 else:
                     for k in range(kinds):
                         for c in range(k, channels, kinds):
-                            sums[FAR, c] += own[k, o] * light[yy, xx, c]
-                        sums[MET, k] += own[k, o]
+                            sums[FAR, c] += beam[k, o] * light[yy, xx, c]
+                        sums[MET, k] += beam[k, o]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def count(mask, below_height, below_width):
     """Classes in blocks of two by two (h, w) as bits, and where their entries start (h w + 1,)."""
     height, width = (below_height + 1) // 2, (below_width + 1) // 2
-    held = np.zeros((height, width), np.int64)
+    classes = np.zeros((height, width), np.int64)
     for y in range(below_height):
         for x in range(below_width):
-            held[y // 2, x // 2] |= mask[y, x]
+            classes[y // 2, x // 2] |= mask[y, x]
     start = np.zeros(height * width + 1, np.int64)
     for y in range(height):
         for x in range(width):
-            bits, number = held[y, x], 0
+            bits, number = classes[y, x], 0
             while bits:
                 bits &= bits - 1
                 number += 1
             start[y * width + x + 1] = start[y * width + x] + number
-    return held, start
+    return classes, start
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -120,49 +120,49 @@ def merge(below, below_mask, below_start, mask, start, classes, entries):
     below_height, below_width = below_mask.shape
     height, width = mask.shape
     columns = below.shape[1]
-    held = np.empty((classes, columns))
+    sums = np.empty((classes, columns))
     for y in range(height):
         for x in range(width):
-            held[:] = 0
-            held[:, NEAREST] = math.inf
+            sums[:] = 0
+            sums[:, NEAREST] = math.inf
             for yy in range(2 * y, min(2 * y + 2, below_height)):
                 for xx in range(2 * x, min(2 * x + 2, below_width)):
                     n, bits = below_start[yy * below_width + xx], below_mask[yy, xx]
                     for k in range(classes):
                         if not (bits >> k) & 1:
                             continue
-                        one, whole = below[n], held[k]
+                        entry, total = below[n], sums[k]
                         n += 1
-                        if one[NEAREST] < whole[NEAREST]:
-                            whole[NEAREST], whole[AT_NEAREST] = one[NEAREST], 0
-                        if one[FARTHEST] > whole[FARTHEST]:
-                            whole[FARTHEST], whole[AT_FARTHEST] = one[FARTHEST], 0
-                        whole[AT_NEAREST] += one[AT_NEAREST] if one[NEAREST] == whole[NEAREST] else 0
-                        whole[AT_FARTHEST] += one[AT_FARTHEST] if one[FARTHEST] == whole[FARTHEST] else 0
-                        whole[DISTANCE] += one[COUNT] * one[DISTANCE]
-                        whole[COUNT] += one[COUNT]
-                        whole[WEIGHT] += one[WEIGHT]
-                        whole[Y] += one[COUNT] * one[Y]
-                        whole[X] += one[COUNT] * one[X]
-                        whole[GLOW] += one[GLOW]
-                        whole[GLOW_Y] += one[GLOW] * one[GLOW_Y]
-                        whole[GLOW_X] += one[GLOW] * one[GLOW_X]
-                        whole[COLUMN] += one[WEIGHT] * one[COLUMN]
-                        whole[LEVER] += one[WEIGHT] * one[LEVER]
+                        if entry[NEAREST] < total[NEAREST]:
+                            total[NEAREST], total[AT_NEAREST] = entry[NEAREST], 0
+                        if entry[FARTHEST] > total[FARTHEST]:
+                            total[FARTHEST], total[AT_FARTHEST] = entry[FARTHEST], 0
+                        total[AT_NEAREST] += entry[AT_NEAREST] if entry[NEAREST] == total[NEAREST] else 0
+                        total[AT_FARTHEST] += entry[AT_FARTHEST] if entry[FARTHEST] == total[FARTHEST] else 0
+                        total[DISTANCE] += entry[COUNT] * entry[DISTANCE]
+                        total[COUNT] += entry[COUNT]
+                        total[WEIGHT] += entry[WEIGHT]
+                        total[Y] += entry[COUNT] * entry[Y]
+                        total[X] += entry[COUNT] * entry[X]
+                        total[GLOW] += entry[GLOW]
+                        total[GLOW_Y] += entry[GLOW] * entry[GLOW_Y]
+                        total[GLOW_X] += entry[GLOW] * entry[GLOW_X]
+                        total[COLUMN] += entry[WEIGHT] * entry[COLUMN]
+                        total[LEVER] += entry[WEIGHT] * entry[LEVER]
                         for c in range(FIRST, columns):
-                            whole[c] += one[c]
+                            total[c] += entry[c]
             n = start[y * width + x]
             for k in range(classes):
                 if (mask[y, x] >> k) & 1:
-                    entries[n] = held[k]
-                    entries[n, DISTANCE] /= held[k, COUNT]
-                    entries[n, Y] /= held[k, COUNT]
-                    entries[n, X] /= held[k, COUNT]
-                    entries[n, GLOW_Y] = held[k, GLOW_Y] / held[k, GLOW] if held[k, GLOW] > 0 else entries[n, Y]
-                    entries[n, GLOW_X] = held[k, GLOW_X] / held[k, GLOW] if held[k, GLOW] > 0 else entries[n, X]
-                    if held[k, WEIGHT] > 0:
-                        entries[n, COLUMN] /= held[k, WEIGHT]
-                        entries[n, LEVER] /= held[k, WEIGHT]
+                    entries[n] = sums[k]
+                    entries[n, DISTANCE] /= sums[k, COUNT]
+                    entries[n, Y] /= sums[k, COUNT]
+                    entries[n, X] /= sums[k, COUNT]
+                    entries[n, GLOW_Y] = sums[k, GLOW_Y] / sums[k, GLOW] if sums[k, GLOW] > 0 else entries[n, Y]
+                    entries[n, GLOW_X] = sums[k, GLOW_X] / sums[k, GLOW] if sums[k, GLOW] > 0 else entries[n, X]
+                    if sums[k, WEIGHT] > 0:
+                        entries[n, COLUMN] /= sums[k, WEIGHT]
+                        entries[n, LEVER] /= sums[k, WEIGHT]
                     n += 1
 
 
@@ -191,23 +191,23 @@ def _looked(s, place, band):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearer(one, here):
+def _nearer(entry, distance):
     """Share of an entry's pixels that are nearer than a distance between its ends.
 
     Those at the ends are counted (a wall that faces the camera is one distance); the others have a density t^(k - 1) with their
     mean.
     """
-    span = one[FARTHEST] - one[NEAREST]
-    between = one[COUNT] - one[AT_NEAREST] - one[AT_FARTHEST]
+    span = entry[FARTHEST] - entry[NEAREST]
+    between = entry[COUNT] - entry[AT_NEAREST] - entry[AT_FARTHEST]
     if between < 0.5:
-        return one[AT_NEAREST] / one[COUNT]
-    mean = ((one[DISTANCE] - one[NEAREST]) * one[COUNT] - one[AT_FARTHEST] * span) / (between * span)
+        return entry[AT_NEAREST] / entry[COUNT]
+    mean = ((entry[DISTANCE] - entry[NEAREST]) * entry[COUNT] - entry[AT_FARTHEST] * span) / (between * span)
     mean = min(max(mean, 1e-3), 1 - 1e-3)
-    return (one[AT_NEAREST] + between * ((here - one[NEAREST]) / span) ** (mean / (1 - mean))) / one[COUNT]
+    return (entry[AT_NEAREST] + between * ((distance - entry[NEAREST]) / span) ** (mean / (1 - mean))) / entry[COUNT]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, start, blocks, entries, made, inner, outer, place,
+def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, start, blocks, entries, spread, inner, outer, place,
                band, out):
     """Levels above 0: what all blocks of `side` pixels at distances of inner to outer blocks send to rows low to high.
 
@@ -216,17 +216,17 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
     """
     width, channels, kinds = z.shape[1], out.shape[3], len(depth_of)
     last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
-    own = np.empty((NODES, kinds), np.float32)
+    beam = np.empty((NODES, kinds), np.float32)
     rows, columns = blocks
     nearest, farthest = inner * inner, outer * outer
     step = (len(place) - 1) / farthest
     around, size = outer + 0.71, 1 / side
     for y in range(low, high):
         for x in range(width):
-            sums, here = out[y, x], z[y, x]
+            sums, distance = out[y, x], z[y, x]
             for k in range(kinds):
                 _profile(shape[k], _place(column[y, x] + depth_of[k], last_t), _place(lever[y, x] + shift, last_u),
-                         u[y, x] * size, own[:, k])
+                         u[y, x] * size, beam[:, k])
             v, h = (y + 0.5) * size, (x + 0.5) * size
             for by in range(max(math.floor(v - around), 0), min(math.floor(v + around) + 1, rows)):
                 across = around * around - (by + 0.5 - v) ** 2
@@ -235,38 +235,38 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
                 across = math.sqrt(across)
                 for bx in range(max(math.ceil(h - across - 0.5), 0), min(math.floor(h + across - 0.5) + 1, columns)):
                     for e in range(start[by * columns + bx], start[by * columns + bx + 1]):
-                        one = entries[e]
-                        if here <= one[NEAREST]:
+                        entry = entries[e]
+                        if distance <= entry[NEAREST]:
                             nearer = 0.0
-                        elif here > one[FARTHEST]:
+                        elif distance > entry[FARTHEST]:
                             nearer = 1.0
                         else:
-                            nearer = _nearer(one, here)
+                            nearer = _nearer(entry, distance)
                         # light lies where it is bright, weights where the pixels are: without that a lamp's halo is not round
-                        square = ((one[GLOW_Y] - y - 0.5) ** 2 + (one[GLOW_X] - x - 0.5) ** 2) * (size * size)
+                        square = ((entry[GLOW_Y] - y - 0.5) ** 2 + (entry[GLOW_X] - x - 0.5) ** 2) * (size * size)
                         if nearest < square < farthest:
                             w, n, g = _looked(square * step, place, band)
                             if nearer > 0:
                                 for k in range(kinds):
-                                    share = w * nearer * (made[e, n, k] + g * (made[e, n + 1, k] - made[e, n, k]))
+                                    share = w * nearer * (spread[e, n, k] + g * (spread[e, n + 1, k] - spread[e, n, k]))
                                     for c in range(k, channels, kinds):
-                                        sums[NEAR, c] += share * one[FIRST + channels + c]
+                                        sums[NEAR, c] += share * entry[FIRST + channels + c]
                             if nearer < 1:
                                 for k in range(kinds):
-                                    share = w * (1 - nearer) * (own[n, k] + g * (own[n + 1, k] - own[n, k]))
+                                    share = w * (1 - nearer) * (beam[n, k] + g * (beam[n + 1, k] - beam[n, k]))
                                     for c in range(k, channels, kinds):
-                                        sums[FAR, c] += share * one[FIRST + c]
-                        square = ((one[Y] - y - 0.5) ** 2 + (one[X] - x - 0.5) ** 2) * (size * size)
+                                        sums[FAR, c] += share * entry[FIRST + c]
+                        square = ((entry[Y] - y - 0.5) ** 2 + (entry[X] - x - 0.5) ** 2) * (size * size)
                         if nearest < square < farthest:
                             w, n, g = _looked(square * step, place, band)
                             for k in range(kinds):
-                                share = w * one[COUNT] * (own[n, k] + g * (own[n + 1, k] - own[n, k]))
+                                share = w * entry[COUNT] * (beam[n, k] + g * (beam[n + 1, k] - beam[n, k]))
                                 sums[MET, k] += (1 - nearer) * share
                                 sums[REST, k] += nearer * share
                             if nearer > 0:
                                 for k in range(kinds):
-                                    share = w * nearer * (made[e, n, k] + g * (made[e, n + 1, k] - made[e, n, k]))
-                                    sums[SHARE, k] += share * one[FIRST + 2 * channels + k]
+                                    share = w * nearer * (spread[e, n, k] + g * (spread[e, n + 1, k] - spread[e, n, k]))
+                                    sums[SHARE, k] += share * entry[FIRST + 2 * channels + k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -305,14 +305,14 @@ def every_pair(pixels, reach, z, column, lever, u, light, depth_of, shape, means
     share = np.empty(kinds)
     for n in range(len(pixels)):
         y, x = pixels[n] // width, pixels[n] % width
-        here, sums = z[y, x], out[n]
+        this, sums = z[y, x], out[n]
         for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
             for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
                 dy, dx = abs(yy - y), abs(xx - x)
                 o = offset[dy, dx] if dy < near and dx < near else -1
                 distance = math.sqrt(float(dy * dy + dx * dx))
                 along = math.log(distance) / step if o < 0 else 0.0
-                if z[yy, xx] < here:
+                if z[yy, xx] < this:
                     _shares(column[yy, xx], lever[yy, xx], u[yy, xx], distance, along, o, depth_of, shape, means, share)
                     for k in range(kinds):
                         for c in range(k, channels, kinds):

@@ -89,8 +89,8 @@ def lookups(values, points, out):
 def _clipped(p, v, count, t, end):
     """The part of a ray between two faces of the grid; empty where t >= end."""
     if v != 0.0:
-        one, other = (-0.5 - p) / v, (count - 0.5 - p) / v
-        return max(t, min(one, other)), min(end, max(one, other))
+        enter, leave = (-0.5 - p) / v, (count - 0.5 - p) / v
+        return max(t, min(enter, leave)), min(end, max(enter, leave))
     return t, (end if -0.5 <= p <= count - 0.5 else -1.0)
 
 

@@ -151,9 +151,9 @@ class Grid(Density):
     def at(self, points):
         points = np.asarray(points, float)
         lo, per_metre = self._cells()
-        found = np.empty(points[..., 0].size)
-        _march.lookups(self.values, np.ascontiguousarray((points.reshape(-1, 3) - lo) * per_metre - 0.5), found)
-        return self.scale * found.reshape(points.shape[:-1])
+        values = np.empty(points[..., 0].size)
+        _march.lookups(self.values, np.ascontiguousarray((points.reshape(-1, 3) - lo) * per_metre - 0.5), values)
+        return self.scale * values.reshape(points.shape[:-1])
 
     def integrals(self, origin, direction, distance):
         direction = np.ascontiguousarray(direction, float)

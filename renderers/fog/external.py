@@ -4,7 +4,7 @@ Along a viewing ray L = integral of e^{-tau(t)} J(t) dtau(t).  J, what a collisi
 
     albedo [ p(theta) E e^{-tau_light}  +  p'(theta) E (e^{-tau'} - e^{-tau_light})  +  (phi + 3 g w.F)/(4 pi) ]
 
-the sun's light that comes straight, with the whole phase function; what its peak has scattered on the way, still nearly
+the sun's unscattered light, with the whole phase function; what its peak has scattered before, still nearly
 parallel (delta scaling: a share f, the second Legendre moment, goes on, so tau' = (1 - albedo f) tau_light); and diffuse light
 of the two-stream method in a column (`_columns`): along the vertical where density depends on height only, along the sun's
 direction where fog fills a box.  Without diffuse light the first term alone: single scattering, exact.
@@ -86,7 +86,7 @@ def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Cal
     out = np.zeros((len(origin), len(sigma_t)))
     for start in range(0, len(origin) if sources else 0, _BLOCK):
         rays = slice(start, start + _BLOCK)
-        lit = [each.rays(direction[rays]) for each in sources]
+        lit = [source.rays(direction[rays]) for source in sources]
         # half: steps that are given up as fine leave less for the others
         out[rays], error = march(density, origin[rays], direction[rays], distance[rays], sigma_t, lit, tolerance / 2)
         if (error > tolerance * _least(out[rays])).any():
@@ -116,7 +116,7 @@ def march(density, origin, direction, distance, sigma_t, sources, tolerance):
     radiance, error : (N, C); the error is the difference of two quadrature rules, and what density they missed
     """
     count, C = len(origin), len(sigma_t)
-    done, error = np.zeros((count, C)), np.zeros((count, C))
+    summed, error = np.zeros((count, C)), np.zeros((count, C))
     number = np.zeros(count, int)  # of finished steps
     thin, thick = sigma_t[sigma_t > 0].min(initial=np.inf), sigma_t.max(initial=0.0)
 
@@ -144,12 +144,12 @@ def march(density, origin, direction, distance, sigma_t, sources, tolerance):
         t = ((a + b)[:, None] + (b - a)[:, None] * np.r_[-1, _NODES, 1]) / 2
         pieces = columns(ray[look], t[look])
         value, off = _steps(density, origin, direction, sigma_t, sources, ray[look], t[look], before[look], pieces)
-        total, sum_off = done + per_ray(ray[look], value), error + per_ray(ray[look], off)
+        total, sum_off = summed + per_ray(ray[look], value), error + per_ray(ray[look], off)
         # where a deep step waits the sum is not known yet: what is small beside the known part is small
         reached = (sum_off <= tolerance * _least(total)).all(axis=1) & (np.bincount(ray[blind], minlength=count) == 0)
         allowed = tolerance * _least(total) / (2 * np.maximum(number + np.bincount(ray, minlength=count), 1))[:, None]
         fine = reached[ray[look]] | (off <= allowed[ray[look]]).all(axis=1) | last
-        done, error = done + per_ray(ray[look[fine]], value[fine]), error + per_ray(ray[look[fine]], off[fine])
+        summed, error = summed + per_ray(ray[look[fine]], value[fine]), error + per_ray(ray[look[fine]], off[fine])
         number += np.bincount(ray[look[fine]], minlength=count)
         split = np.append(look[~fine], blind)
         half = np.append(pieces[~fine][:, :4].sum(axis=1), columns(ray[blind], t[blind][:, [0, 4]])[:, 0])
@@ -157,7 +157,7 @@ def march(density, origin, direction, distance, sigma_t, sources, tolerance):
         middle = t[split, 4]
         ray, a, b = np.tile(ray[split], 2), np.append(a[split], middle), np.append(middle, b[split])
         before, inside = np.append(before[split], before[split] + half), np.append(half, other)
-    return done, error
+    return summed, error
 
 
 def _steps(density, origin, direction, sigma_t, sources, ray, t, before, pieces):

@@ -1,4 +1,4 @@
-"""Light that fog scatters on its way from a picture's surfaces to the camera: a blur whose kernel differs from pixel to pixel.
+"""Light that fog scatters between a picture's surfaces and the camera: a blur whose kernel differs from pixel to pixel.
 
 A viewing ray spreads like a narrow beam that starts at the camera (`kernels`).  A pixel p shows
 
@@ -7,7 +7,7 @@ A viewing ray spreads like a narrow beam that starts at the camera (`kernels`). 
     far:  what the beam has left after those, P (1 - q/s), times the mean of col over the other pixels, weighted by k_p(d);
           s = 1 - e^-tau_s is scattered, nearer pixels take q = sum of s' k_p'(d) of it,
 
-so a nearer thing is blurred by its own, shorter way (Shinya et al. 2016, section 5), each pair of pixels counts once, and a
+so a nearer thing is blurred by its own, shorter path (Shinya et al. 2016, section 5), each pair of pixels counts once, and a
 constant picture without absorption stays constant for any distances.
 
 The sums go over all pixels.  `direct` does so; `fogged` takes near pixels one by one and others in blocks of 2, 4, 8 ... pixels,
@@ -75,17 +75,17 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
         return p.finished(sums)
     levels = 1 + max(math.ceil(math.log2(math.hypot(height, width) / INNER)), 0)
     with _workers(threads) as pool:
-        done = 0
+        finished = 0
 
         def rows(function, *arguments):
-            nonlocal done
+            nonlocal finished
             tasks = [pool.submit(function, low, min(low + _ROWS, height), p.z, p.column, p.lever, p.u, *arguments, sums)
                      for low in range(0, height, _ROWS)]
             for task in tasks:
                 task.result()
-                done += 1
+                finished += 1
                 if progress:
-                    progress(done / (levels * len(tasks)))
+                    progress(finished / (levels * len(tasks)))
 
         reach = np.hypot(*p.offsets.T)
         rows(_filter.nearest_rows, p.light, p.depth_of, p.means, p.taps, (1 - _rise(reach / INNER)).astype(np.float32))
@@ -105,11 +105,11 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
             mask, start = _filter.count(below_mask, *below_mask.shape)
             entries = np.empty((start[-1], below.shape[1]))
             _filter.merge(below, below_mask, below_start, mask, start, CLASSES, entries)
-            made = np.empty((len(entries), _filter.NODES, p.kinds), np.float32)
+            profiles = np.empty((len(entries), _filter.NODES, p.kinds), np.float32)
             at = shift + math.log(side) / kernels.STEP
-            _filter.profiles(entries, p.depth_of, padded, kernels.STEP, p.lever_first, at, float(side), made)
-            rows(_filter.level_rows, p.depth_of, padded, at, float(side), start, mask.shape, entries, made, INNER / 2, 2 * INNER,
-                 place, band)
+            _filter.profiles(entries, p.depth_of, padded, kernels.STEP, p.lever_first, at, float(side), profiles)
+            rows(_filter.level_rows, p.depth_of, padded, at, float(side), start, mask.shape, entries, profiles, INNER / 2,
+                 2 * INNER, place, band)
     return p.finished(sums)
 
 
@@ -128,21 +128,21 @@ def direct(image, distance, angle, column, lever, medium, *, outside="edge", ene
     (H, W, C), or (N, C) of the wanted pixels
     """
     p = _Prepared(image, distance, angle, column, lever, medium, energy, cut_off, outside)
-    wanted = np.arange(p.z.size) if pixels is None else np.asarray(pixels, np.int64)
-    sums = np.zeros((len(wanted), 5, p.channels))
+    chosen = np.arange(p.z.size) if pixels is None else np.asarray(pixels, np.int64)
+    sums = np.zeros((len(chosen), 5, p.channels))
     farthest = max(p.z.shape) if reach is None else int(reach)
     side = 1 + int(p.offsets.max())
     offset = np.full((side, side), -1)
     for o, (dy, dx) in enumerate(p.offsets):
         offset[dy, dx] = offset[dx, dy] = o
     with _workers(threads) as pool:
-        tasks = [pool.submit(_filter.every_pair, wanted[k:k + _SOME], farthest, p.z, p.column, p.lever, p.u, p.light, p.depth_of,
+        tasks = [pool.submit(_filter.every_pair, chosen[k:k + _SOME], farthest, p.z, p.column, p.lever, p.u, p.light, p.depth_of,
                              p.shape, p.means, offset, kernels.STEP, outside == "black", sums[k:k + _SOME])
-                 for k in range(0, len(wanted), _SOME)]
+                 for k in range(0, len(chosen), _SOME)]
         for task in tasks:
             task.result()
-    done = p.finished(sums, wanted)
-    return done.reshape(*p.z.shape, p.channels) if pixels is None else done
+    result = p.finished(sums, chosen)
+    return result.reshape(*p.z.shape, p.channels) if pixels is None else result
 
 
 @contextmanager
@@ -208,18 +208,18 @@ class _Prepared:
         out[..., _filter.FIRST:] = self.light
         return out.reshape(height * width, -1)
 
-    def finished(self, sums, wanted=None):
+    def finished(self, sums, chosen=None):
         """The picture from the sums."""
         def of(array):
-            return array if wanted is None else array.reshape(-1, array.shape[-1])[wanted]
+            return array if chosen is None else array.reshape(-1, array.shape[-1])[chosen]
 
         image, share, power = of(self.image), of(self.share), of(self.power)
         near, far = sums[..., _filter.NEAR, :], sums[..., _filter.FAR, :]
-        taken, met, rest = (sums[..., k, :self.kinds] for k in (_filter.SHARE, _filter.MET, _filter.REST))
+        gathered, met, rest = (sums[..., k, :self.kinds] for k in (_filter.SHARE, _filter.MET, _filter.REST))
         with np.errstate(divide="ignore", invalid="ignore"):
             # nearer things take no more than the beam has
-            near = np.where(taken > share, near * (share / taken), near)
-            left = np.where(share > 0, power * np.maximum(1 - taken / share, 0), 0.0)
+            near = np.where(gathered > share, near * (share / gathered), near)
+            left = np.where(share > 0, power * np.maximum(1 - gathered / share, 0), 0.0)
             if self.outside == "black":
                 met = met + np.maximum(1 - met - rest, 0)
             mean = np.where(met > 0, far / met, 0.0)

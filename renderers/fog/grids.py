@@ -67,14 +67,14 @@ def _hdf5(path, dataset):
         for step in (step for step in dataset.split("/") if step):
             link = where.get(step, getlink=True) if isinstance(where, h5py.Group) and step in where else None
             if link is None:
-                raise UsageError(f'{path}: found no dataset "{dataset}"; the file holds {_held(file)}')
+                raise UsageError(f'{path}: found no dataset "{dataset}"; the file holds {_datasets(file)}')
             if not isinstance(link, h5py.HardLink):
                 raise UsageError(f'{path}: found "{dataset}", a link to another place; a dataset in the file itself would do')
             where = where[step]
         if not isinstance(where, h5py.Dataset):
             raise UsageError(f'{path}: found "{dataset}", a group; the name of a dataset would do')
         if where.is_virtual or where.external or where.compression not in _FILTERS:
-            raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a way that is known here')
+            raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a layout that is known here')
         _check_shape(path, where.shape or (), where.dtype)
         # what a bomb of zeros unpacks to; 1100 is the most that deflate can save
         if where.chunks and where.size * where.dtype.itemsize > 1100 * where.id.get_storage_size() + (1 << 20):
@@ -82,7 +82,7 @@ def _hdf5(path, dataset):
         return (_floats(where[()]),)
 
 
-def _held(file):
+def _datasets(file):
     """The names of datasets, some of them where there are many."""
     import h5py
 
@@ -107,9 +107,9 @@ def _vol(path, _dataset):
             raise UsageError(f"{path}: found version {version}, encoding {encoding}, {channels} channels; "
                              "version 3, encoding 1 (float32) and one channel would do")
         _check_shape(path, (x, y, z), np.dtype(np.float32))
-        held = os.fstat(file.fileno()).st_size - _HEAD.size
-        if held != 4 * x * y * z:
-            raise UsageError(f"{path}: found {held:,} bytes for {x} x {y} x {z} values; {4 * x * y * z:,} would do")
+        size = os.fstat(file.fileno()).st_size - _HEAD.size
+        if size != 4 * x * y * z:
+            raise UsageError(f"{path}: found {size:,} bytes for {x} x {y} x {z} values; {4 * x * y * z:,} would do")
         values = np.fromfile(file, "<f4")
     lo, hi = box[:3], box[3:]
     if not (np.isfinite(box).all() and all(low < high for low, high in zip(lo, hi))):
@@ -122,13 +122,13 @@ def _floats(values):
 
 
 def _check_shape(path, shape, dtype):
-    said = " x ".join(map(str, shape)) or "one number"
+    shown = " x ".join(map(str, shape)) or "one number"
     if dtype.kind not in "fiu":
         raise UsageError(f"{path}: found values of type {dtype}; real numbers would do")
     if len(shape) != 3 or min(shape) < 1:
-        raise UsageError(f"{path}: found {said}{' values' * bool(shape)}; three axes (x, y, z) with an entry or more would do")
+        raise UsageError(f"{path}: found {shown}{' values' * bool(shape)}; three axes (x, y, z) with an entry or more would do")
     if math.prod(shape) > MOST:
-        raise UsageError(f"{path}: found {said} values; at most {MOST:,} would do")
+        raise UsageError(f"{path}: found {shown} values; at most {MOST:,} would do")
 
 
 def _check_values(path, values):

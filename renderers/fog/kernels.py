@@ -39,7 +39,7 @@ class Fog:
     depth : (T,) 1, optical depths, 24 a decade from 1e-3 to 1e3
     ratio : (X,) 1, distance from the axis over the lever, 24 a decade; narrower than any kernel to wider than all
     shape : (C, T, X) 1, r z Psi/P; 0 where a channel does not scatter
-    own : (C, T) 1, power of a model for comparison over M0 = e^-tau_a (1 - e^-tau_s), 1 at most; None for transport
+    model_power : (C, T) 1, power of a model for comparison over M0 = e^-tau_a (1 - e^-tau_s), 1 at most; None for transport
     width : (C, T) 1, ratio that is called one length by a cut-off: sqrt(3/2 M2/M0)/z of the small-angle beam
     """
 
@@ -50,7 +50,7 @@ class Fog:
     depth: np.ndarray
     ratio: np.ndarray
     shape: np.ndarray
-    own: np.ndarray | None
+    model_power: np.ndarray | None
     width: np.ndarray
 
     @cached_property
@@ -77,16 +77,17 @@ class Fog:
         if energy == "kept":
             most = _columns.slab(1.0, self.g, self.peak, tau)[0]
             return -np.expm1(-tau) * np.divide(passed, most, out=np.zeros_like(most), where=most > 0), np.zeros_like(back)
-        if self.own is None:
+        if self.model_power is None:
             return passed, back
         place = self.place(tau, self.depth)
-        own = np.stack([np.interp(place[..., c], np.arange(len(row)), row) for c, row in enumerate(self.own)], axis=-1)
-        return own * np.exp(-(1 - albedo) * tau) * -np.expm1(-albedo * tau), back
+        power = np.stack([np.interp(place[..., c], np.arange(len(row)), row) for c, row in enumerate(self.model_power)],
+                         axis=-1)
+        return power * np.exp(-(1 - albedo) * tau) * -np.expm1(-albedo * tau), back
 
-    def place(self, value, of):
-        """Where values lie on the nodes `of` (depth or ratio), as a fractional index inside of the table."""
+    def place(self, value, nodes):
+        """Where values lie on the `nodes` (depth or ratio), as a fractional index inside of the table."""
         with np.errstate(divide="ignore"):
-            return np.clip((np.log(value) - math.log(of[0])) / STEP, 0, len(of) - 1.001)
+            return np.clip((np.log(value) - math.log(nodes[0])) / STEP, 0, len(nodes) - 1.001)
 
     def look(self, channel, tau, ratio):
         """s(tau, x) of a channel, broadcast; 0 beyond the largest ratio.  The NumPy twin of what the filter does."""
@@ -150,48 +151,49 @@ def fog_of(asset, channels=3, kernel="flux"):
     last = min(float(beam["depth"][-1]), DEEPEST)
     depth = SHALLOWEST * np.exp(STEP * np.arange(1 + round(math.log(DEEPEST / SHALLOWEST) / STEP)))
     q = _spread(np.atleast_1d(beam["gaussian_b"])[:, None], albedo[:, None], np.append(depth, last))
-    # own depth inside of the asset's tables, the deepest one stretched beyond
-    held = np.minimum(depth, last)
+    # each depth inside of the asset's tables, the deepest one stretched beyond
+    inside = np.minimum(depth, last)
     with np.errstate(divide="ignore", invalid="ignore"):
         stretch = np.where((depth > last) & (albedo[:, None] > 0), np.sqrt(q[:, :-1] / q[:, -1:]), 1.0)
 
     def raw(at, wide, ratio):
         """r z Psi (L, T, X) of depths `at` whose ratios are `wide` (L, T) times those of the asset."""
-        found = np.empty((len(albedo), len(at), len(ratio)))
+        values = np.empty((len(albedo), len(at), len(ratio)))
         for k in range(len(albedo)):
             x = ratio / wide[k][:, None]
             r = np.minimum(x * at[:, None], _LARGEST)
             value = at[:, None] ** 2 * x * _kernel(beam, at[:, None], r, kernel)[k] / wide[k][:, None]
-            found[k] = np.where(r < _LARGEST, value, 0.0)
-        found[albedo == 0] = 0
-        if not (np.isfinite(found) & (found >= 0)).all():
+            values[k] = np.where(r < _LARGEST, value, 0.0)
+        values[albedo == 0] = 0
+        if not (np.isfinite(values) & (values >= 0)).all():
             raise AssetError(f"{path}: kernel {kernel!r} is not finite; bake the asset again")
-        return found
+        return values
 
     g, peak = _columns.moments(asset.medium.phase)
-    within = _within(_SEARCH, raw(held, stretch, _SEARCH))
+    within = _within(_SEARCH, raw(inside, stretch, _SEARCH))
     once = within[..., -1]
     if kernel in _TRANSPORT:
-        arriving = _arriving(lambda tau: _columns.slab(albedo[:, None], g[:, None], peak[:, None], tau), once, held, depth)
+        arriving = _arriving(lambda tau: _columns.slab(albedo[:, None], g[:, None], peak[:, None], tau), once, inside, depth)
         # 0 is transport; where the small-angle model stands in for it light passes once already
         once = np.where(np.asarray(beam["model"])[:, None] == 0, arriving, once)
-    whole = np.minimum(within, once[..., None]).reshape(-1, len(_SEARCH))
-    whole = whole[whole[..., -1] > 0]
+    inner = np.minimum(within, once[..., None]).reshape(-1, len(_SEARCH))
+    inner = inner[inner[..., -1] > 0]
     first, final = 0, len(_SEARCH) - 1
-    if len(whole):
-        share = whole / whole[..., -1:]
+    if len(inner):
+        share = inner / inner[..., -1:]
         first = max(int((share > _INSIDE).any(0).argmax()) - 1, 0)
         final = int((share > 1 - _OUTSIDE).all(0).argmax())
     lowest = _SEARCH[first]
     ratio = lowest * np.exp(STEP * np.arange(2 + math.ceil(math.log(_SEARCH[final] / lowest) / STEP)))
-    shape, total = _normalised(ratio, _once(ratio, raw(held, stretch, ratio), once))
-    own = None
+    shape, total = _normalised(ratio, _once(ratio, raw(inside, stretch, ratio), once))
+    model_power = None
     if kernel not in _TRANSPORT:
-        M0 = np.exp(-(1 - albedo[:, None]) * held) * -np.expm1(-albedo[:, None] * held)
-        own = np.minimum(np.divide(total, M0, out=np.zeros_like(M0), where=M0 > 0), 1)[order]
+        M0 = np.exp(-(1 - albedo[:, None]) * inside) * -np.expm1(-albedo[:, None] * inside)
+        model_power = np.minimum(np.divide(total, M0, out=np.zeros_like(M0), where=M0 > 0), 1)[order]
     nodes = np.asarray(beam["depth"], float)
-    width = np.stack([np.interp(np.log(held), np.log(nodes), row / nodes) for row in np.asarray(beam["beta"], float)]) * stretch
-    return Fog(sigma_t[order], (sigma_t * albedo)[order], g[order], peak[order], depth, ratio, shape[order], own, width[order])
+    width = np.stack([np.interp(np.log(inside), np.log(nodes), row / nodes) for row in np.asarray(beam["beta"], float)]) * stretch
+    return Fog(sigma_t[order], (sigma_t * albedo)[order], g[order], peak[order], depth, ratio, shape[order], model_power,
+               width[order])
 
 
 def _spread(B, albedo, tau):
@@ -216,8 +218,8 @@ def _within(ratio, shape):
     return np.cumsum(np.concatenate([g[..., :1], (g[..., 1:] + g[..., :-1]) / 2 * step], axis=-1), axis=-1)
 
 
-def _arriving(slab, total, held, depth):
-    """What of a plane integral (..., T) at depths `held` is the light that arrives for the first time, at `depth`.
+def _arriving(slab, total, inside, depth):
+    """What of a plane integral (..., T) at depths `inside` is the light that arrives for the first time, at `depth`.
 
     Shallow, what a slab lets pass, as the integral holds a glow that is not there; deep, that share of the integral which P1
     gives, as P1's decay with depth is not exact but cancels in the ratio.
@@ -227,8 +229,8 @@ def _arriving(slab, total, held, depth):
         passed, _, crossing = slab(tau)
         return passed, np.divide(passed, crossing, out=np.ones_like(passed), where=crossing > 0)
 
-    passed, share = first(held)
-    shallow = np.exp(-held / _SHALLOW)
+    passed, share = first(inside)
+    shallow = np.exp(-inside / _SHALLOW)
     arriving = np.maximum(passed, 1e-300) ** shallow * (share * total) ** (1 - shallow)
     return arriving * np.divide(first(depth)[1], share, out=np.ones_like(share), where=share > 0)
 
@@ -244,13 +246,13 @@ def _once(ratio, shape, power):
 def _normalised(ratio, shape):
     """Shapes with integral 1, and what it was; a depth behind which nothing is left has the nearest shape that is known."""
     total = _within(ratio, shape)[..., -1]
-    seen = total > _NOTHING
-    made = np.divide(shape, total[..., None], out=np.zeros_like(shape), where=seen[..., None])
+    known = total > _NOTHING
+    normalised = np.divide(shape, total[..., None], out=np.zeros_like(shape), where=known[..., None])
     for k in range(len(shape)):
-        there = np.flatnonzero(seen[k])
-        if len(there):
-            made[k] = made[k, there[np.abs(there - np.arange(len(seen[k]))[:, None]).argmin(1)]]
-    return made, total
+        rows = np.flatnonzero(known[k])
+        if len(rows):
+            normalised[k] = normalised[k, rows[np.abs(rows - np.arange(len(known[k]))[:, None]).argmin(1)]]
+    return normalised, total
 
 
 def _bilinear(table, i, j):

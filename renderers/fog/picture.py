@@ -95,18 +95,18 @@ def read_color(path, layer=None):
 def _layer(path, channels, layer):
     """Red, green and blue of a layer; of the only one, or the nameless one, where none is named."""
     prefix = "" if layer is None else f"{layer}."
-    found = [layer or ""] if all(prefix + c in channels for c in "RGB") else []
-    if layer is None and not found:
-        found = [name.removesuffix(".R") for name in channels if name.endswith(".R")
-                 and all(f"{name[:-1]}{c}" in channels for c in "GB")]
-    if len(found) == 1:
-        prefix = f"{found[0]}." if found[0] else ""
+    layers = [layer or ""] if all(prefix + c in channels for c in "RGB") else []
+    if layer is None and not layers:
+        layers = [name.removesuffix(".R") for name in channels if name.endswith(".R")
+                  and all(f"{name[:-1]}{c}" in channels for c in "GB")]
+    if len(layers) == 1:
+        prefix = f"{layers[0]}." if layers[0] else ""
         return np.stack([channels[prefix + c] for c in "RGB"], axis=2)
     grey = f"{prefix}Y"
-    if not found and grey in channels:
+    if not layers and grey in channels:
         return np.repeat(channels[grey][..., None], 3, axis=2)
-    wanted = "the name of one as `layer:`" if found else f"{prefix}R, {prefix}G and {prefix}B, or {grey},"
-    raise UsageError(f"{path}: found the channels {_listed(channels)}; {wanted} would do")
+    expected = "the name of one as `layer:`" if layers else f"{prefix}R, {prefix}G and {prefix}B, or {grey},"
+    raise UsageError(f"{path}: found the channels {_listed(channels)}; {expected} would do")
 
 
 def read_depth(path, channel=None):

@@ -188,8 +188,8 @@ def _light(light: Mapping, values: dict, key: str) -> Iterator[Problem]:
     node = light.get(amount)
     if node is not None and _entries(node, values, f"{key}.{amount}") == 2:
         yield owner(node).problem("found 2 entries", "expected one, or three: red, green and blue")
-    found = triple(values, f"{key}.direction") if "direction" in light else None
-    if found is not None and not np.any(found):
+    direction = triple(values, f"{key}.direction") if "direction" in light else None
+    if direction is not None and not np.any(direction):
         yield owner(light["direction"]).problem("found a direction of length 0", "expected one such as [0, 0, -1]")
 
 

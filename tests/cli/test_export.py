@@ -240,7 +240,7 @@ def hail(tmp_path_factory, root):
     return path, tree, broad
 
 
-def test_a_peak_that_no_grid_holds_goes_straight_on(call, hail, tmp_path):
+def test_a_peak_that_no_grid_resolves_counts_as_unscattered(call, hail, tmp_path):
     """Most of it: sigma_t and sigma_s lose it, at each wavelength its own share, and the table is right for what remains."""
     path, tree, broad = hail
     status, out, err = call("export", path, "--to", "mitsuba", "-o", tmp_path, "--each-wavelength", "--json")
@@ -258,7 +258,7 @@ def test_a_peak_that_no_grid_holds_goes_straight_on(call, hail, tmp_path):
         table = np.interp(np.cos(side), np.linspace(-1, 1, len(values)), values)
         assert np.allclose(table, evaluate(tree["medium/theta"].data, broad[i], side), rtol=0.01)
     said = call("export", path, "--to", "mitsuba", "-o", tmp_path)[2]
-    assert "it goes straight on" in said and "by that and one table" in said
+    assert "it counts as unscattered" in said and "by that and one table" in said
 
 
 def test_nearly_useless_fragments_say_so_first():

@@ -58,7 +58,7 @@ def test_each_picture_with_its_data(call, mix, tree, tmp_path):
     salt = tree["grains/salt"]
     share = 100 * salt["forward_delta"].data
     assert share.min() > 10 and f"{share[0]:.3g} %" in found["salt_phase"]["caption"]  # opposite faces of a cube are parallel
-    assert "leaves unchanged" not in found["glass_phase"]["caption"]
+    assert "unscattered (delta)" not in found["glass_phase"]["caption"]
     assert f"{int(salt['paths'].data[0]):,}".replace(",", " ") in found["walks"]["caption"]
     assert "glass: in closed form" in found["walks"]["caption"]
     walks = table(tmp_path / "mix_walks.csv")
@@ -254,7 +254,7 @@ def test_light_that_is_not_turned_is_not_exported(call, mix, tree, tmp_path):
     assert status == 0, err
     (lost,) = json.loads(out)["lost"]
     assert lost["unchanged"] == pytest.approx(share.max()) and lost["resampling"]["misdirected"] < 1e-3
-    assert "leave unchanged" in (tmp_path / "mix.xml").read_text()
+    assert "unscattered (delta) transmission" in (tmp_path / "mix.xml").read_text()
     status, out, err = call("export", mix, "--to", "hg", "-o", tmp_path)
     assert status == 0 and "taken out of coefficients" in err, err
     made = json.loads((tmp_path / "mix_lobes.json").read_text())["wavelengths"]

@@ -114,18 +114,18 @@ def test_hg_gives_itself_back(g):
         lobes = found[name].lobes
         assert len(lobes.g) == 1 and lobes.g[0] == pytest.approx(g, abs=1e-4), name  # interpolation: as 1 / angles^2
         assert found[name].misfit.misdirected < 3e-4
-    assert _Search(*fine(lambda t: draine(t, g, 0.0), 4000)).one().g[0] == pytest.approx(g, abs=4e-6)
+    assert _Search(*fine(lambda t: draine(t, g, 0.0), 4000)).one_hg().g[0] == pytest.approx(g, abs=4e-6)
 
 
 def test_mixtures_give_themselves_back():
     true = Lobes((0.6, 0.4), (0.95, -0.3), (0.0, 0.0))
     table = fine(true)
     search = _Search(*table)
-    for lobes in (search.two([search.one()], None), search.two([search.one()], true.mean_cosine), matched(*table)):
+    for lobes in (search.two([search.one_hg()], None), search.two([search.one_hg()], true.mean_cosine), matched(*table)):
         assert np.allclose([*lobes.weight, *lobes.g], [*true.weight, *true.g], atol=1e-3)
     true = Lobes((0.55, 0.45), (0.987, 0.56), (0.0, 20.0))
     search = _Search(*fine(true, 1000))
-    found = search.two_draine([search.one()], None)
+    found = search.two_draine([search.one_hg()], None)
     assert np.allclose([*found.weight, *found.g], [*true.weight, *true.g], atol=2e-3)
     assert found.alpha == pytest.approx(true.alpha, rel=0.03)
 
@@ -213,7 +213,7 @@ def test_what_extremes_give():
     isotropic = fits(np.array([0.0, math.pi]), np.full(2, 1 / (4 * math.pi)))
     assert all(fit.lobes.g[0] == pytest.approx(0, abs=1e-6) and fit.misfit.misdirected < 1e-6 for fit in isotropic.values())
     search = _Search(*fine(lambda t: draine(t, 0.0, 1.0)))
-    rayleigh = search.one_draine(search.one())
+    rayleigh = search.one_draine(search.one_hg())
     assert rayleigh.g[0] == pytest.approx(0, abs=1e-4) and rayleigh.alpha[0] == pytest.approx(1, abs=1e-3)
     # a peak at x = 1e5: one lobe takes it, within what a lobe's tails lose; one HG of the exact g sees nothing of it
     found = fits(*fine(peaked))

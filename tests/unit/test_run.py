@@ -17,6 +17,7 @@ import bakery.stages
 from bakery import plan as planning
 from bakery import run
 from bakery.errors import StageError
+from bakery.recipe import load
 from bakery.run import compiling, execute
 from bakery.run.cache import Cache
 from bakery.run.executors import Context

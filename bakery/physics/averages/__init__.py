@@ -110,18 +110,18 @@ def averages(
     Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
-    made, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii, angles=angles,
-                                       integrated=integrated, remember=remember)
+    prediction, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii,
+                                             angles=angles, integrated=integrated, remember=remember)
     k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
     work = Work(map, report)
-    work.expect(made)
-    crosses = [cross_sections(c, own.nodes, np.asarray(wavelength), k, tolerance, work)
-               for c, own in zip(components, channels[:: len(k)])]
+    work.expect(prediction)
+    crosses = [cross_sections(c, channel.nodes, np.asarray(wavelength), k, tolerance, work)
+               for c, channel in zip(components, channels[:: len(k)])]
     reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
                       for c in channels])
     theta = first_grid(channels, tolerance, angles)
     margin = math.inf if angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
-    target, known = math.inf if radii else SHARE * tolerance, None
+    target, earlier = math.inf if radii else SHARE * tolerance, None
     if integrated and any(choice.taken for choice in choices):
         # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
         margin, target = margin / 2, target / 2
@@ -133,26 +133,26 @@ def averages(
 
     for _ in range(_TRIES):
         try:
-            table = grid.refine(theta, evaluate, margin, reach, known, finest=finest, most=0.0 if radii else target,
+            table = grid.refine(theta, evaluate, margin, reach, earlier, finest=finest, most=0.0 if radii else target,
                                 integrated=integrated)
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
-        found = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
-                 for i, channel in enumerate(channels)]
-        if angles or radii or work.unfinished or all(error <= tolerance for *_, error in found):
+        finished = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
+                    for i, channel in enumerate(channels)]
+        if angles or radii or work.unfinished or all(error <= tolerance for *_, error in finished):
             break
         # the normalisation, or angles between the first ones, took more than their share: leave more room
         if integrated:
             margin, target = 0.7 * margin, 0.7 * target
         else:
-            theta, margin, known = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
+            theta, margin, earlier = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
     out = []
     for i, (component, cross) in enumerate(zip(components, crosses)):
-        own = found[i * len(k) : (i + 1) * len(k)]
+        spectrum = finished[i * len(k) : (i + 1) * len(k)]
         out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
-                           np.array([f[0] for f in own]), np.array([f[1] for f in own]),
-                           np.array([max(f[3], float(e)) for f, e in zip(own, cross.all_error)]), cross.absorption_error,
-                           np.array([f[2] for f in own]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
+                           np.array([f[0] for f in spectrum]), np.array([f[1] for f in spectrum]),
+                           np.array([max(f[3], float(e)) for f, e in zip(spectrum, cross.all_error)]), cross.absorption_error,
+                           np.array([f[2] for f in spectrum]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
     return table.theta, out
 
 
@@ -195,9 +195,9 @@ def _rippled(x, width):
 def _too_many(channels, tolerance):
     worst = max(channels, key=lambda c: predicted_angles(features_of(c), tolerance))
     x, width = max(features_of(worst), key=lambda f: predicted_angles([f], tolerance))
-    what = f"spheres of one size, x = {x:.3g}," if width == 0 else f"sizes of a relative width of {width:.2g} at x = {x:.3g}"
+    cause = f"spheres of one size, x = {x:.3g}," if width == 0 else f"sizes of a relative width of {width:.2g} at x = {x:.3g}"
     count = predicted_angles([(x, width)], tolerance)
-    return (f"{worst.component} at {worst.wavelength:g} um: {what} scatter in ripples of "
+    return (f"{worst.component} at {worst.wavelength:g} um: {cause} scatter in ripples of "
             f"{math.degrees(math.pi / x):.2g} degrees, about {count:.2g} angles at a tolerance of {tolerance:g}, "
             f"and at most {grid.LIMIT:g} are stored; give the size a width (distribution: lognormal, sigma: 1.05) "
             "or take a larger tolerance")

@@ -1,7 +1,8 @@
 """Angular sums over the nodes, refined angle by angle until the quadrature has converged.
 
-Angles stop being computed when they have converged, and only the stubborn ones (the glory, where spheres without absorption
-converge like 1/nodes) go on.  Sums of blocks are formed in their order, so values do not depend on where the blocks were run.
+Angles stop being computed when they have converged, and only the slowly converging ones (the glory, where spheres without
+absorption converge like 1/nodes) go on.  Sums of blocks are formed in their order, so values do not depend on where the
+blocks were run.
 """
 
 from __future__ import annotations
@@ -79,9 +80,9 @@ class _Batch:
         self.begun, self.areas = False, areas
         self.left = np.zeros(count, bool)  # angles that nodes do not bring to the target
         ripple = math.pi / max(x for x, _ in features_of(channel))
-        here = np.arange(count)
-        low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), here - _WINDOW)
-        high = np.maximum(np.searchsorted(theta, theta + ripple, side="right"), here + _WINDOW + 1)
+        index = np.arange(count)
+        low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), index - _WINDOW)
+        high = np.maximum(np.searchsorted(theta, theta + ripple, side="right"), index + _WINDOW + 1)
         self.window = np.maximum(low, 0), np.minimum(high, count)
 
     def wanted(self):
@@ -124,26 +125,26 @@ class _Batch:
             self.change[index] = np.divide(step, new[0], out=np.zeros_like(step), where=new[0] > 0)
 
     def average(self, index, level):
-        whole = float(np.sum(self.channel.nodes.fixed()[1])) + self.weights[level + 1]
-        return (self.fixed[:, index] + self.sums[:, index]) / whole
+        total = float(np.sum(self.channel.nodes.fixed()[1])) + self.weights[level + 1]
+        return (self.fixed[:, index] + self.sums[:, index]) / total
 
     def error(self):
         """(A,): change on halving and half the change before, added in squares; the largest among neighbours.
 
         Where only the mean over all angles counts, each angle has its own.
         """
-        own = np.hypot(self.change, self.earlier / 2)
-        return own if self.areas is not None else grid.largest(own, *self.window)
+        estimate = np.hypot(self.change, self.earlier / 2)
+        return estimate if self.areas is not None else grid.largest(estimate, *self.window)
 
     def values(self):
-        whole = float(np.sum(self.channel.nodes.fixed()[1])) + np.array(self.weights)[self.level + 1]
-        return (self.fixed + self.sums) / whole
+        total = float(np.sum(self.channel.nodes.fixed()[1])) + np.array(self.weights)[self.level + 1]
+        return (self.fixed + self.sums) / total
 
 
 def _run(jobs, polarized, rays, work):
     """Sum the jobs block by block, holding a bounded number of results at a time, and hand each to its batch."""
     sums = [np.zeros((batch.elements, len(index))) for batch, index, _ in jobs]
-    held, tasks, places = 0, [], []
+    size, tasks, places = 0, [], []
 
     def flush():
         for (job, part), block in zip(places, work.map(angular_block, tasks)):
@@ -162,10 +163,10 @@ def _run(jobs, polarized, rays, work):
             work.charge(seconds, f"{channel.component} at {channel.wavelength:g} um")
             tasks.append((channel.m, x[spheres], weight[spheres], batch.theta[index[part]], polarized, by))
             places.append((job, part))
-            held += 8 * batch.elements * len(part) + 16 * len(spheres)
-            if held > HELD:
+            size += 8 * batch.elements * len(part) + 16 * len(spheres)
+            if size > HELD:
                 flush()
-                held = 0
+                size = 0
     if tasks:
         flush()
     for (batch, index, level), total in zip(jobs, sums):

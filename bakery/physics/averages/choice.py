@@ -1,6 +1,6 @@
 """From which size on rays stand for series: decided by the measured error of rays, and by whether they save time.
 
-The metric is what a renderer feels: the integrated difference of the size-averaged phase functions, over the integral (twice
+The metric is what matters to a renderer: the integrated difference of the size-averaged phase functions, over the integral (twice
 the share of light that goes elsewhere).  Cross sections always come from series, which without angles cost next to nothing.
 The error is measured on sample spheres drawn evenly from the distribution's own nodes.  Errors of single spheres partly
 cancel in an average; fewer samples cancel less, so the figure errs on the safe side.  No clock takes part: the choice depends on
@@ -129,15 +129,15 @@ def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     if not len(large):
         return _never(f"hardly any size parameter is above {lowest:.4g}")
     theta = _angles(m, features)
-    series, one = np.zeros((len(x), len(theta))), np.ones(1)
-    other = np.zeros_like(series)
+    series, unit_weight = np.zeros((len(x), len(theta))), np.ones(1)
+    by_ray = np.zeros_like(series)
     for i in range(len(x)):
-        by_series(complex(m), x[i : i + 1], one, theta, series[i])
+        by_series(complex(m), x[i : i + 1], unit_weight, theta, series[i])
     for i in large:
-        by_rays(complex(m), x[i : i + 1], one, theta, other[i], rays.orders, **rays.options)
+        by_rays(complex(m), x[i : i + 1], unit_weight, theta, by_ray[i], rays.orders, **rays.options)
     exact, _ = phase.normalised(theta, weight @ series)
     # from above: the average with rays for all samples from i on
-    change = np.cumsum((weight[:, None] * (other - series))[large][::-1], axis=0)[::-1]
+    change = np.cumsum((weight[:, None] * (by_ray - series))[large][::-1], axis=0)[::-1]
     hybrid, _ = phase.normalised(theta, np.maximum(weight @ series + change, 0.0))
     error = 2 * math.pi * np.sum(phase.areas(theta) * np.abs(hybrid - exact), axis=-1)
     good = error <= allowed
@@ -178,5 +178,5 @@ def _angles(m, features):
 
 
 def _largest_near(values):
-    here = np.arange(len(values))
-    return grid.largest(values, np.maximum(here - _NEIGHBOURS, 0), np.minimum(here + _NEIGHBOURS + 1, len(values)))
+    index = np.arange(len(values))
+    return grid.largest(values, np.maximum(index - _NEIGHBOURS, 0), np.minimum(index + _NEIGHBOURS + 1, len(values)))

@@ -49,13 +49,13 @@ def cross_block(m, x):
 def cross_sections(component, nodes, wavelength, k, tolerance, work):
     """The component's cross sections at the first level where all its means have converged at all wavelengths, or at the last."""
     r = nodes.fixed()[0]
-    known = {None: _spheres(component, r, k, work)}
+    by_level = {None: _spheres(component, r, k, work)}
     means = []
     for level in range(nodes.levels):
         if nodes.refinable:
-            known[level] = _spheres(component, nodes.fresh(level)[0], k, work)
+            by_level[level] = _spheres(component, nodes.fresh(level)[0], k, work)
         radius, weight = nodes.whole(level)
-        values = _assembled(nodes, known, level)
+        values = _assembled(nodes, by_level, level)
         means.append(np.stack([np.sum(values[0] * weight, axis=-1), np.sum(values[1] * weight, axis=-1)]))
         error, absorption, alone = _halving(means, tolerance) if nodes.refinable else np.zeros((3, len(k)))
         if not nodes.refinable or (
@@ -102,13 +102,13 @@ def _spheres(component, radius, k, work):
     return np.stack([q[0] * area, q[1] * area, q[2]])
 
 
-def _assembled(nodes, known, level):
+def _assembled(nodes, by_level, level):
     """Values of all nodes of a level by ascending radius, from those of the levels."""
     radius = [nodes.fixed()[0]]
-    values = [known[None]]
+    values = [by_level[None]]
     if nodes.refinable:
         for j in range(level + 1):
             radius.append(nodes.fresh(j)[0])
-            values.append(known[j])
+            values.append(by_level[j])
     order = np.argsort(np.concatenate(radius), kind="stable")
     return np.concatenate(values, axis=2)[:, :, order]

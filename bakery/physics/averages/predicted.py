@@ -49,9 +49,9 @@ def angular_seconds(m, x, angles: int, per_angle: float = INTENSITY, rays: Rays 
     seconds = np.full(x.shape, (RAY + RAY_ORDERS * rays.orders**2) * angles)
     if rays.edge is not None:
         # small or soft spheres take the series of coefficients from n = 1 on (bakery.goa._asymptotic.reach)
-        whole = (x < 430) | (abs(m - 1) < np.maximum(0.02, 10 * x ** (-2 / 3)))
+        from_first = (x < 430) | (abs(m - 1) < np.maximum(0.02, 10 * x ** (-2 / 3)))
         start = START + START_EDGE * np.cbrt(x) + bubble * START_CRITICAL * np.sqrt(x)
-        seconds += np.where(whole, terms(x) * COEFFICIENT, start) + (EDGE + bubble * CRITICAL * np.sqrt(x)) * angles
+        seconds += np.where(from_first, terms(x) * COEFFICIENT, start) + (EDGE + bubble * CRITICAL * np.sqrt(x)) * angles
     return seconds
 
 
@@ -74,11 +74,11 @@ def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: b
         def sums(radius, passes, shown, channel=channel, choice=choice):
             x = channel.k * radius
             large = x >= choice.switch
-            found = float(np.sum(terms(x[~large]))) * (COEFFICIENT * passes + per_angle * shown)
+            seconds = float(np.sum(terms(x[~large]))) * (COEFFICIENT * passes + per_angle * shown)
             if large.any():
                 without = float(np.sum(angular_seconds(channel.m, x[large], 0, rays=rays)))
-                found += without * (passes - 1) + float(np.sum(angular_seconds(channel.m, x[large], shown, rays=rays)))
-            return found
+                seconds += without * (passes - 1) + float(np.sum(angular_seconds(channel.m, x[large], shown, rays=rays)))
+            return seconds
 
         fixed = channel.nodes.fixed()[0]
         seconds += float(np.sum(terms(channel.k * fixed))) * CROSS + sums(fixed, 5, computed)

@@ -20,16 +20,17 @@ class Work:
     def __init__(self, map, report):
         self.map, self.report, self.seconds, self.unfinished = map, report, 0.0, False
 
-    def expect(self, made):
-        if made.seconds > LONGEST and made.angles <= grid.LIMIT:
+    def expect(self, prediction):
+        if prediction.seconds > LONGEST and prediction.angles <= grid.LIMIT:
             raise StageError(
-    f"about {made.seconds / 3600:.3g} hours of one core for {made.angles} angles and {made.spheres} spheres, more than "
-    f"the {LONGEST / 3600:g} hours allowed; smaller spheres, narrower sizes, a larger tolerance or measure: integrated would do")
+    f"about {prediction.seconds / 3600:.3g} hours of one core for {prediction.angles} angles and {prediction.spheres} spheres, "
+    f"more than the {LONGEST / 3600:g} hours allowed; smaller spheres, narrower sizes, a larger tolerance or "
+    "measure: integrated would do")
 
-    def charge(self, seconds, what):
+    def charge(self, seconds, label):
         self.seconds += seconds
         if self.seconds > LONGEST:
-            raise StageError(f"{what}: the work has grown beyond {LONGEST / 3600:g} hours of one core; smaller spheres, "
+            raise StageError(f"{label}: the work has grown beyond {LONGEST / 3600:g} hours of one core; smaller spheres, "
                              "a narrower size range, a larger tolerance or measure: integrated would do")
 
 
@@ -37,6 +38,6 @@ def cut(cost):
     """Ranges of consecutive items, each of at most `BLOCK` seconds or one item."""
     if not len(cost):
         return []
-    which = np.floor(np.cumsum(cost) / BLOCK).astype(np.int64)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1, [len(cost)]])
+    block = np.floor(np.cumsum(cost) / BLOCK).astype(np.int64)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1, [len(cost)]])
     return list(zip(edges[:-1].tolist(), edges[1:].tolist()))

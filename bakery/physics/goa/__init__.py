@@ -131,10 +131,10 @@ def _fields(m, x, theta, orders, rainbow, axis, edge):
     field = np.empty((min(x.size, TOGETHER), theta.size, 2), dtype=np.complex128)
     for start in range(0, x.size, TOGETHER):
         group = np.arange(start, min(start + TOGETHER, x.size))
-        some = field[:group.size]
-        _field.ray_block(x[group], theta, items, rays, scales[group], some)
-        _edge.wave_block(m, x[group], theta, scales[group], some)
-        yield group, some
+        block = field[:group.size]
+        _field.ray_block(x[group], theta, items, rays, scales[group], block)
+        _edge.wave_block(m, x[group], theta, scales[group], block)
+        yield group, block
 
 
 def _sums(m, x, weight, theta, orders, rainbow, axis, edge):

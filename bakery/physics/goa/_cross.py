@@ -19,16 +19,16 @@ def _lost(m, x, sin2, cos, bubble):
     if not bubble and k > 0.0:  # the true bending: N sin tt = sin ti, N the effective index
         real = w.real * w.real
         depth = 4.0 * x * w.imag * real / (real + sin2)
-    kept = -np.expm1(-depth)
+    absorptance = -np.expm1(-depth)
     mm = m * m
     # 1 - |r|^2 from its own digits
     through1 = 4.0 * cos * w.real / abs(cos + w) ** 2
     through2 = 4.0 * cos * (mm * np.conj(w)).real / abs(mm * cos + w) ** 2
-    lost = 0.0
+    absorbed = 0.0
     for through in (through1, through2):
-        if through > 0.0 and kept > 0.0:
-            lost += through * kept / (through + (1.0 - through) * kept)
-    return 0.5 * lost
+        if through > 0.0 and absorptance > 0.0:
+            absorbed += through * absorptance / (through + (1.0 - through) * absorptance)
+    return 0.5 * absorbed
 
 
 @njit(**STRICT)

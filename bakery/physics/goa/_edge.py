@@ -86,46 +86,46 @@ def _angles(theta, ahead):
             source[count] = a
             count += 1
     for t in range(number):
-        own = constants[t]
+        tile = constants[t]
         for j in range(ANGLES):
-            b = own[BETA + j]
+            b = tile[BETA + j]
             s, c = sincos(0.5 * b)
             sine, cosine = 2.0 * s * c, 1.0 - 2.0 * s * s
             near = b < 0.05
             d = 0.05 if near else b
             sine, cosine, half = (0.05 if near else sine), (0.0 if near else cosine), (0.05 if near else s)
-            own[HALF_SIN + j], own[HALF_COS + j], own[LEAN + j] = s, c, s / c
-            own[BEND + j] = b / 3.0 * (1.0 + b * b / 15.0) if near else 1.0 / d - cosine / sine
-            own[LIFT + j] = -b / 6.0 * (1.0 + b * b / 60.0) if near else c / half - 2.0 / d
-            own[ROOT + j] = 1.0 + b * b / 12.0 if near else np.sqrt(d / sine)
+            tile[HALF_SIN + j], tile[HALF_COS + j], tile[LEAN + j] = s, c, s / c
+            tile[BEND + j] = b / 3.0 * (1.0 + b * b / 15.0) if near else 1.0 / d - cosine / sine
+            tile[LIFT + j] = -b / 6.0 * (1.0 + b * b / 60.0) if near else c / half - 2.0 / d
+            tile[ROOT + j] = 1.0 + b * b / 12.0 if near else np.sqrt(d / sine)
         for j in range(ANGLES):
-            tiles[t, V, j] = 2.0 * own[HALF_SIN + j] ** 2
+            tiles[t, V, j] = 2.0 * tile[HALF_SIN + j] ** 2
     return tiles, constants, source
 
 
 @njit(**STRICT)
-def _bessel_start(nu, own):
+def _bessel_start(nu, tile):
     """The five Bessel functions at the order nu of one tile."""
     for j in range(ANGLES):
-        own[SINE + j], own[COSINE + j] = sincos((nu - 0.5) * own[BETA + j])  # one sine for five arguments
-    for which in range(5):
-        below, kind, of_bend, of_lift, of_lean = STARTS[which]
-        order, turn, row = nu - below, (1.0 if below == 0.0 else -1.0), BEFORE + which * ANGLES
+        tile[SINE + j], tile[COSINE + j] = sincos((nu - 0.5) * tile[BETA + j])  # one sine for five arguments
+    for function in range(5):
+        below, kind, of_bend, of_lift, of_lean = STARTS[function]
+        order, turn, row = nu - below, (1.0 if below == 0.0 else -1.0), BEFORE + function * ANGLES
         for j in range(ANGLES):
-            s, c, half_s, half_c = own[SINE + j], own[COSINE + j], turn * own[HALF_SIN + j], own[HALF_COS + j]
+            s, c, half_s, half_c = tile[SINE + j], tile[COSINE + j], turn * tile[HALF_SIN + j], tile[HALF_COS + j]
             s, c = s * half_c + c * half_s, c * half_c - s * half_s
-            shift = (of_bend * own[BEND + j] + of_lift * own[LIFT + j] + of_lean * own[LEAN + j]) / order  # < 0.01
+            shift = (of_bend * tile[BEND + j] + of_lift * tile[LIFT + j] + of_lean * tile[LEAN + j]) / order  # < 0.01
             ds, dc = shift * (1.0 - shift * shift * (1.0 / 6.0)), 1.0 - 0.5 * shift * shift
-            u = order * own[BETA + j] + shift
-            zero, one, two = bessel_far(u if u > BESSEL_END else BESSEL_END, s * dc + c * ds, c * dc - s * ds)
-            own[row + j] = zero if kind == 0.0 else (one if kind == 1.0 else two)
+            u = order * tile[BETA + j] + shift
+            j0, j1, j2 = bessel_far(u if u > BESSEL_END else BESSEL_END, s * dc + c * ds, c * dc - s * ds)
+            tile[row + j] = j0 if kind == 0.0 else (j1 if kind == 1.0 else j2)
         for j in range(ANGLES):
-            b = own[BETA + j]
+            b = tile[BETA + j]
             if order * b < BESSEL_END + 0.1:
-                u = order * b + (of_bend * own[BEND + j] + of_lift * own[LIFT + j] + of_lean * own[LEAN + j]) / order
+                u = order * b + (of_bend * tile[BEND + j] + of_lift * tile[LIFT + j] + of_lean * tile[LEAN + j]) / order
                 if u < BESSEL_END:
-                    zero, one, two = bessel_near(max(u, 0.0))
-                    own[row + j] = zero if kind == 0.0 else (one if kind == 1.0 else two)
+                    j0, j1, j2 = bessel_near(max(u, 0.0))
+                    tile[row + j] = j0 if kind == 0.0 else (j1 if kind == 1.0 else j2)
 
 
 @njit(**STRICT)
@@ -140,23 +140,23 @@ def _start(tiles, constants, first, sign, behind):
     n = float(first)
     swing = 1.0 if first % 2 else -1.0
     for t in range(tiles.shape[0]):
-        own = constants[t]
-        _bessel_start(n + 0.5, own)
+        tile = constants[t]
+        _bessel_start(n + 0.5, tile)
         for j in range(ANGLES):
-            root = own[ROOT + j]
+            root = tile[ROOT + j]
             stretched = root * root * root  # with b/sin b
-            before, after = (n - 1.0) * n * stretched * own[BEFORE + j], n * (n + 1.0) * stretched * own[AFTER + j]
+            before, after = (n - 1.0) * n * stretched * tile[BEFORE + j], n * (n + 1.0) * stretched * tile[AFTER + j]
             ahead = _closed(n, before, after)
             if behind:  # pi_n(pi - b) = (-1)^(n+1) pi_n(b)
                 tiles[t, DIF_R, j] += sign * swing * _closed(n, -before, after)
             else:
                 tiles[t, SUM_R, j] += sign * ahead
             if sign > 0.0:
-                q = root * own[Q_AFTER + j]
-                tiles[t, P, j] = root * own[P_AFTER + j]
+                q = root * tile[Q_AFTER + j]
+                tiles[t, P, j] = root * tile[P_AFTER + j]
                 tiles[t, E, j] = -tiles[t, V, j] * ahead
                 tiles[t, Q, j] = q
-                tiles[t, F, j] = (q - root * own[Q_BEFORE + j]) * (n - 1.0) * (n + 1.0) / n
+                tiles[t, F, j] = (q - root * tile[Q_BEFORE + j]) * (n - 1.0) * (n + 1.0) / n
 
 
 @njit(**STRICT)
@@ -209,31 +209,31 @@ def _near(m, x, spans, count):
 @njit(**STRICT)
 def _whole(m, x, scales, spans):
     """Which of the spheres x (R,) need their coefficients from n = 1 on, and the largest of them (0: none)."""
-    whole, size = np.zeros(x.shape[0], np.bool_), 0.0
+    from_first, size = np.zeros(x.shape[0], np.bool_), 0.0
     for r in range(x.shape[0]):
         if scales[r, 1] > 0.0 and not _near(m, x[r], spans, _spans(x[r], scales[r], spans)):
-            whole[r], size = True, max(size, x[r])
-    return whole, size
+            from_first[r], size = True, max(size, x[r])
+    return from_first, size
 
 
 @njit(**STRICT)
 def wave_block(m, x, theta, scales, out):
     """Add the edge sums of the spheres x (R,) to out (R, A, 2), S1 and S2 for exp(+i w t); those without a window stay."""
     spans = np.empty((2, 2), np.int64)
-    whole, size = _whole(m, x, scales, spans)
+    from_first, size = _whole(m, x, scales, spans)
     width = LANES if x.shape[0] > 1 and terms(size) <= 12_000 else 1
     work, lane, xs = np.empty((terms(size) + 6 if size > 0.0 else 0, 4, width)), np.empty((27, width)), np.empty(width)
-    here, table = np.empty((0, 4)), np.empty((4, 0))
+    coefficients, table = np.empty((0, 4)), np.empty((4, 0))
     order, front, back = np.empty((CHUNK, 3)), np.empty((CHUNK, 4)), np.empty((CHUNK, 4))
     ahead, ahead_constants, ahead_source = _angles(theta, True)
     behind, behind_constants, behind_source = _angles(theta, False)
     for r in range(x.shape[0]):
         if r % width == 0:
-            wanted = False
+            needed = False
             for j in range(width):
                 k = min(r + j, x.shape[0] - 1)
-                xs[j], wanted = min(x[k], size), wanted or whole[k]
-            if wanted:
+                xs[j], needed = min(x[k], size), needed or from_first[k]
+            if needed:
                 _coefficients(m, xs, lane, work)
         if scales[r, 1] <= 0.0:
             continue
@@ -247,16 +247,16 @@ def wave_block(m, x, theta, scales, out):
             if span == 1:  # what the first span has had already
                 _start(ahead, ahead_constants, spans[0, 1], -1.0, False)
                 _start(behind, behind_constants, spans[0, 1], -1.0, True)
-            if not whole[r]:
-                if high - low > here.shape[0]:
-                    here, table = np.empty((high - low + 100, 4)), np.empty((4, high - low + 101))
-                stretch(m, x[r], low, high, table, here)
+            if not from_first[r]:
+                if high - low > coefficients.shape[0]:
+                    coefficients, table = np.empty((high - low + 100, 4)), np.empty((4, high - low + 101))
+                stretch(m, x[r], low, high, table, coefficients)
             for start in range(low, high, CHUNK):
                 count = min(CHUNK, high - start)
-                if whole[r]:
+                if from_first[r]:
                     _mix(work[start - 1 :, :, r % width], terms(x[r]) + 1 - start, start, count, scales[r], order, front, back)
                 else:
-                    _mix(here[start - low :], count, start, count, scales[r], order, front, back)
+                    _mix(coefficients[start - low :], count, start, count, scales[r], order, front, back)
                 for t in range(ahead.shape[0]):
                     _sweep(order, front, 0, count, ahead[t])
                 for t in range(behind.shape[0]):

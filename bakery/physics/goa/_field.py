@@ -119,9 +119,9 @@ def gather(field, weight, sums):
     for r in range(field.shape[0]):
         w = weight[r]
         for a in range(field.shape[1]):
-            one, two = field[r, a, 0], field[r, a, 1]
-            i1, i2 = one.real**2 + one.imag**2, two.real**2 + two.imag**2
-            cross = np.conj(two) * one
+            s1, s2 = field[r, a, 0], field[r, a, 1]
+            i1, i2 = s1.real**2 + s1.imag**2, s2.real**2 + s2.imag**2
+            cross = np.conj(s2) * s1
             sums[0, a] += 0.5 * w * (i1 + i2)
             sums[1, a] += 0.5 * w * (i2 - i1)
             sums[2, a] += w * cross.real
@@ -206,11 +206,11 @@ def _rainbow(x, count, kappa, scales, clear, w, other, out, r, a):
     _moduli(x, scales, clear, w)
     _moduli(x, scales, clear, other)
     for j in range(count):
-        one, two = w[MOD * WIDTH + j], other[MOD * WIDTH + j]
+        w_mod, other_mod = w[MOD * WIDTH + j], other[MOD * WIDTH + j]
         sine = x * w[SINE * WIDTH + j]
         if sine < 1.0:
-            one, two = one * np.sqrt(sine), two * np.sqrt(sine)
-        if one == 0.0 and two == 0.0:
+            w_mod, other_mod = w_mod * np.sqrt(sine), other_mod * np.sqrt(sine)
+        if w_mod == 0.0 and other_mod == 0.0:
             continue
         e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
         f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
@@ -219,8 +219,8 @@ def _rainbow(x, count, kappa, scales, clear, w, other, out, r, a):
         quarter = np.sqrt(np.sqrt(zeta))
         wave = np.sqrt(np.pi) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
         ai, slope = wave * (ai * quarter), wave * complex(0.0, slope / quarter)
-        out[r, a + j, 0] += (one * e1 + two * f1) * ai + (one * e1 - two * f1) * slope
-        out[r, a + j, 1] += (one * e2 + two * f2) * ai + (one * e2 - two * f2) * slope
+        out[r, a + j, 0] += (w_mod * e1 + other_mod * f1) * ai + (w_mod * e1 - other_mod * f1) * slope
+        out[r, a + j, 1] += (w_mod * e2 + other_mod * f2) * ai + (w_mod * e2 - other_mod * f2) * slope
 
 
 @njit(**STRICT)
@@ -232,14 +232,14 @@ def _axis(x, count, kappa, sign, end, scales, clear, w, other, out, r, a):
     for j in range(WIDTH):
         half = w[HALF * WIDTH + j]
         half = half if half > BESSEL_END else BESSEL_END
-        zero, one, two = bessel_far(half, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
-        w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j] = zero, one, two
+        j0, j1, j2 = bessel_far(half, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
+        w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j] = j0, j1, j2
     for j in range(count):
-        one, two, half = w[MOD * WIDTH + j], other[MOD * WIDTH + j], w[HALF * WIDTH + j]
+        w_mod, other_mod, half = w[MOD * WIDTH + j], other[MOD * WIDTH + j], w[HALF * WIDTH + j]
         if w[CUBE * WIDTH + j] > 0.0:
-            one *= _flattened(x, w[SLOPE * WIDTH + j], w[CUBE * WIDTH + j])
-            two *= _flattened(x, other[SLOPE * WIDTH + j], other[CUBE * WIDTH + j])
-        if one == 0.0 and two == 0.0:
+            w_mod *= _flattened(x, w[SLOPE * WIDTH + j], w[CUBE * WIDTH + j])
+            other_mod *= _flattened(x, other[SLOPE * WIDTH + j], other[CUBE * WIDTH + j])
+        if w_mod == 0.0 and other_mod == 0.0:
             continue
         e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
         f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
@@ -251,8 +251,8 @@ def _axis(x, count, kappa, sign, end, scales, clear, w, other, out, r, a):
             gs = -j2 / half
             fs -= gs
         wave = np.sqrt(0.5 * np.pi * half) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
-        p1, m1 = one * e1 + two * f1, one * e1 - two * f1
-        p2, m2 = one * e2 + two * f2, one * e2 - two * f2
+        p1, m1 = w_mod * e1 + other_mod * f1, w_mod * e1 - other_mod * f1
+        p2, m2 = w_mod * e2 + other_mod * f2, w_mod * e2 - other_mod * f2
         turned = wave * -1j
         out[r, a + j, 0] += wave * (p1 * f + p2 * (end * g)) + turned * (m1 * fs + m2 * (end * gs))
         out[r, a + j, 1] += wave * (p2 * f + p1 * (end * g)) + turned * (m2 * fs + m1 * (end * gs))
@@ -275,11 +275,11 @@ def _dark(x, count, kappa, end, scales, clear, w, out, r, a):
         if big > DARKEST or w[EXISTS * WIDTH + j] == 0.0:
             continue
         weight = complex(1.0)
-        apart = 1e-3 * scales[1]
-        if lam + apart >= clear:
+        step = 1e-3 * scales[1]
+        if lam + step >= clear:
             # Where the share of the rays changes across the pair, both sides of the rainbow have to meet: the share of a complex
             # ray, to first order in Im lam and fading where that is no longer small.
-            rise, deep = (window(lam - apart, scales) - window(lam + apart, scales)) / (2.0 * apart), x * w[LAM_I * WIDTH + j]
+            rise, deep = (window(lam - step, scales) - window(lam + step, scales)) / (2.0 * step), x * w[LAM_I * WIDTH + j]
             weight = complex(1.0 - window(lam, scales), rise * deep / (1.0 + (deep / scales[1]) ** 2))
             if weight == 0.0:
                 continue

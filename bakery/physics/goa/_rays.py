@@ -46,20 +46,20 @@ def _stretch(beta, first, last, middle, sign, low, high):
         return first, first
     rising = (sign * beta[last - 1] >= sign * beta[first]) if last - first > 1 else True
     ends = np.empty(2, np.int64)
-    for which in range(2):
+    for side in range(2):
         a, b = first, last
         while a < b:
             i = (a + b) // 2
             target = middle + sign * beta[i]
             if rising:
-                before = target < low if which == 0 else target <= high
+                before = target < low if side == 0 else target <= high
             else:
-                before = target > high if which == 0 else target >= low
+                before = target > high if side == 0 else target >= low
             if before:
                 a = i + 1
             else:
                 b = i
-        ends[which] = a
+        ends[side] = a
     return ends[0], max(ends[0], ends[1])
 
 
@@ -153,44 +153,45 @@ def _row(spans, part, side, angle):
 
 
 @njit(**STRICT)
-def _pairs(here, spans, angle, rainbow, axis, rays):
+def _pairs(present, spans, angle, rainbow, axis, rays):
     """Pairs at an angle, added up: 1, 2 across the axis (part 0, 1), 4, 8 across the rainbow (side 0, 1).
 
     A ray may have a partner across the rainbow and one across the axis: the smaller phase difference wins.
     """
     bows, rings = 0, 0
     for k in range(2):
-        bows += (4 << k) * (rainbow and here[0, k] and here[1, k])
-        rings += (1 << k) * (axis and here[k, 0] and here[k, 1])
+        bows += (4 << k) * (rainbow and present[0, k] and present[1, k])
+        rings += (1 << k) * (axis and present[k, 0] and present[k, 1])
     if bows == 0 or rings == 0:
         return bows + rings
-    across, kept = np.inf, 0
+    across, chosen = np.inf, 0
     for k in range(2):
         if bows & (4 << k):
             across = min(across, max(rays[PATH, _row(spans, 0, k, angle)] - rays[PATH, _row(spans, 1, k, angle)], 0.0))
     for k in range(2):
         if rings & (1 << k):
             around = max(rays[PATH, _row(spans, k, 0, angle)] - rays[PATH, _row(spans, k, 1, angle)], 0.0)
-            kept += (1 << k) * (around <= across)
-    return kept if kept else bows
+            chosen += (1 << k) * (around <= across)
+    return chosen if chosen else bows
 
 
 @njit(**STRICT)
 def _gather(spans, kappas, signs, kind, end, rainbow, axis, first, last, rays, items, used):
     """Items of the rays of one pole, cut where pairs change: spans (2, 2, 3), first and last angle and row of part and side."""
-    here = np.empty((2, 2), np.bool_)
+    present = np.empty((2, 2), np.bool_)
     while first < last:
         stop = last
         for part in range(2):
             for side in range(2):
-                here[part, side] = spans[part, side, 0] <= first < spans[part, side, 1]
+                present[part, side] = spans[part, side, 0] <= first < spans[part, side, 1]
                 for edge in range(2):
                     if first < spans[part, side, edge] < stop:
                         stop = spans[part, side, edge]
-        pairs = _pairs(here, spans, first, rainbow, axis, rays)
-        if here[0, 0] and here[0, 1] and here[1, 0] + here[1, 1] > 0 or here[1, 0] and here[1, 1] and here[0, 0] + here[0, 1] > 0:
+        pairs = _pairs(present, spans, first, rainbow, axis, rays)
+        if present[0, 0] and present[0, 1] and present[1, 0] + present[1, 1] > 0 \
+                or present[1, 0] and present[1, 1] and present[0, 0] + present[0, 1] > 0:
             angle = first + 1
-            while angle < stop and _pairs(here, spans, angle, rainbow, axis, rays) == pairs:
+            while angle < stop and _pairs(present, spans, angle, rainbow, axis, rays) == pairs:
                 angle += 1
             stop = angle
         count = stop - first
@@ -198,15 +199,15 @@ def _gather(spans, kappas, signs, kind, end, rainbow, axis, first, last, rays, i
             if pairs & (1 << k):
                 used = _emit(items, used, AXIS, first, count, _row(spans, k, 0, first), _row(spans, k, 1, first), kappas[0],
                              signs[k], end)
-                here[k, 0], here[k, 1] = False, False
+                present[k, 0], present[k, 1] = False, False
         for k in range(2):
             if pairs & (4 << k):
                 used = _emit(items, used, RAINBOW, first, count, _row(spans, 0, k, first), _row(spans, 1, k, first), kappas[k],
                              1.0, end)
-                here[0, k], here[1, k] = False, False
+                present[0, k], present[1, k] = False, False
         for part in range(2):
             for side in range(2):
-                if here[part, side]:
+                if present[part, side]:
                     used = _emit(items, used, kind if part == 0 else SINGLE, first, count, _row(spans, part, side, first), -1,
                                  kappas[side], signs[part], end)
         first = stop

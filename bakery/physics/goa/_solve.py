@@ -72,7 +72,7 @@ def real_rays(n, p, side, low, high, w):
             size = abs(step)
             scale = new if new < root else root
             near = good & (size <= 1e-4 * scale)
-            done = near | (size < 1e-15) | (g == 0.0)
+            converged = near | (size < 1e-15) | (g == 0.0)
             step = step if size < 1e-2 else 0.0
             # sin and cos at the new place from those at the old one: the steps that end a search are small
             small, inner = step * step, step * share
@@ -82,7 +82,7 @@ def real_rays(n, p, side, low, high, w):
             w[V + j] = cv * (1.0 - 0.5 * inner * inner) - sv * inner if active else w[V + j]
             w[T + j] = new if active else t
             w[LOW + j], w[HIGH + j], w[STEP + j] = lower, upper, size
-            w[ACTIVE + j] = 0.0 if done else w[ACTIVE + j]
+            w[ACTIVE + j] = 0.0 if converged else w[ACTIVE + j]
         if _all_done(w):
             break
 
@@ -145,15 +145,15 @@ def complex_rays(n, p, bow, w):
             x, y = tr - bow - er, ti - ei
             size, scale = er * er + ei * ei, x * x + y * y
             inside = (abs(y) < 6.0) & (x + bow > 0.0) & (x + bow < 0.5 * np.pi)
-            done = (size < 1e-30 + 1e-10 * scale) | (not inside)
+            converged = (size < 1e-30 + 1e-10 * scale) | (not inside)
             w[FOUND + j] = (1.0 if inside & (y < 0.0) & (size < 1e-8 * scale) else 0.0) if active else w[FOUND + j]
             w[T + j], w[T_I + j] = (x + bow if active else tr), (y if active else ti)
-            w[ACTIVE + j] = 0.0 if done else w[ACTIVE + j]
+            w[ACTIVE + j] = 0.0 if converged else w[ACTIVE + j]
         if _all_done(w):
             break
     for j in range(WIDTH):
-        found = w[FOUND + j] > 0.0
-        tr, ti = (w[T + j] if found else bow), (w[T_I + j] if found else -0.1)
+        traced = w[FOUND + j] > 0.0
+        tr, ti = (w[T + j] if traced else bow), (w[T_I + j] if traced else -0.1)
         w[T + j], w[T_I + j] = tr, ti
         w[S + j], w[S_I + j], w[C + j], w[C_I + j] = waves(tr, ti)
         _, _, w[V + j], w[V_I + j] = waves((w[B + j] + tr) * share, ti * share)

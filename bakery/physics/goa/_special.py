@@ -88,8 +88,8 @@ def sincos(angle):
         -1.0 / 3628800.0 + y * (1.0 / 479001600.0 - y / 87178291200.0))))))
     quadrant = int(k) & 3
     odd = (quadrant & 1) != 0
-    one, two = (c if odd else s), (s if odd else c)
-    return (-one if quadrant >= 2 else one), (-two if quadrant == 1 or quadrant == 2 else two)
+    sine, cosine = (c if odd else s), (s if odd else c)
+    return (-sine if quadrant >= 2 else sine), (-cosine if quadrant == 1 or quadrant == 2 else cosine)
 
 
 @intrinsic
@@ -171,13 +171,13 @@ def bessel_near(u):
     """J0(u), J1(u)/u, J2(u) for 0 <= u <= 12."""
     node = int(u / STEP + 0.5)
     h = u - node * STEP
-    zero, one = BESSEL[node, 0, TERMS - 1], BESSEL[node, 1, TERMS - 1]
+    j0, j1 = BESSEL[node, 0, TERMS - 1], BESSEL[node, 1, TERMS - 1]
     for k in range(TERMS - 2, -1, -1):
-        zero, one = zero * h + BESSEL[node, 0, k], one * h + BESSEL[node, 1, k]
+        j0, j1 = j0 * h + BESSEL[node, 0, k], j1 * h + BESSEL[node, 1, k]
     if u < 0.25:  # 2 J1/u - J0 loses the digits of u^2/8
         y = -0.25 * u * u
-        return zero, one, -0.5 * y * (1.0 + y / 3.0 * (1.0 + y / 8.0 * (1.0 + y / 15.0)))
-    return zero, one, 2.0 * one - zero
+        return j0, j1, -0.5 * y * (1.0 + y / 3.0 * (1.0 + y / 8.0 * (1.0 + y / 15.0)))
+    return j0, j1, 2.0 * j1 - j0
 
 
 @njit(**INLINE)
@@ -191,9 +191,9 @@ def bessel_far(u, sin, cos):
     q0 = v * (-1.0 / 8.0 + w * (75.0 / 1024.0 + w * (-59535.0 / 262144.0)))
     p1 = 1.0 + w * (15.0 / 128.0 + w * (-4725.0 / 32768.0))
     q1 = v * (3.0 / 8.0 + w * (-105.0 / 1024.0 + w * (72765.0 / 262144.0)))
-    zero = scale * (p0 * c - q0 * s)
-    one = scale * (p1 * s + q1 * c) * v
-    return zero, one, 2.0 * one - zero
+    j0 = scale * (p0 * c - q0 * s)
+    j1 = scale * (p1 * s + q1 * c) * v
+    return j0, j1, 2.0 * j1 - j0
 
 
 @njit(**STRICT)

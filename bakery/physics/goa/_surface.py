@@ -35,18 +35,18 @@ def _reflected(er, ei, sr, si, cr, ci):
 
 
 @njit(**STRICT)
-def _through(p, one, o):
-    """(1 - r^2)(-r)^(p-1) of the r in the last rows, into four rows from `one`: both real parts, both imaginary parts."""
-    two, one_i, two_i = one + WIDTH, one + 2 * WIDTH, one + 3 * WIDTH
+def _through(p, re1, o):
+    """(1 - r^2)(-r)^(p-1) of the r in the last rows, into four rows from `re1`: both real parts, both imaginary parts."""
+    re2, im1, im2 = re1 + WIDTH, re1 + 2 * WIDTH, re1 + 3 * WIDTH
     for j in range(WIDTH):
         a, b = times(o[_X1 + j], o[_Y1 + j], o[_X1 + j], o[_Y1 + j])
         c, d = times(o[_X2 + j], o[_Y2 + j], o[_X2 + j], o[_Y2 + j])
-        o[one + j], o[one_i + j], o[two + j], o[two_i + j] = 1.0 - a, -b, 1.0 - c, -d
+        o[re1 + j], o[im1 + j], o[re2 + j], o[im2 + j] = 1.0 - a, -b, 1.0 - c, -d
     for _ in range(p - 1):
         for j in range(WIDTH):
-            a, b = times(o[one + j], o[one_i + j], -o[_X1 + j], -o[_Y1 + j])
-            c, d = times(o[two + j], o[two_i + j], -o[_X2 + j], -o[_Y2 + j])
-            o[one + j], o[one_i + j], o[two + j], o[two_i + j] = a, b, c, d
+            a, b = times(o[re1 + j], o[im1 + j], -o[_X1 + j], -o[_Y1 + j])
+            c, d = times(o[re2 + j], o[im2 + j], -o[_X2 + j], -o[_Y2 + j])
+            o[re1 + j], o[im1 + j], o[re2 + j], o[im2 + j] = a, b, c, d
 
 
 @njit(**STRICT)

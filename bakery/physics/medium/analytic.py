@@ -65,12 +65,12 @@ def tabulated(kind, tolerance, wavelengths, g=None, spread=None, table=None):
         if not (np.abs(g) < 1).all():
             raise ValueError("the Henyey-Greenstein function needs -1 < g < 1")
         rows = [lambda t, g=float(value): henyey_greenstein(t, g) for value in np.unique(g)]
-        which = np.searchsorted(np.unique(g), g)
+        source_row = np.searchsorted(np.unique(g), g)
         finest = float(1 - np.abs(g).max())
     else:
         rows = [{"isotropic": lambda t: np.full_like(t, 1 / (4 * math.pi)), "rayleigh": rayleigh,
                  "gaussian": lambda t: gaussian(t, spread)}[kind]]
-        which = np.zeros(wavelengths, int)
+        source_row = np.zeros(wavelengths, int)
         finest = min(spread, 1.0) if kind == "gaussian" else 1.0
     if kind == "isotropic":
         theta = np.array([0.0, math.pi])
@@ -80,13 +80,13 @@ def tabulated(kind, tolerance, wavelengths, g=None, spread=None, table=None):
         values = np.array([[np.maximum(row(theta), SMALLEST)] for row in rows])
         return values, np.zeros((len(rows), len(theta))), np.zeros((len(rows), len(theta)), int)
 
-    made = grid.refine(grid.start([(1 / finest, 1.0)]), evaluate, tolerance)
-    values, was = phase.normalised(made.theta, made.values[:, 0])
-    cells = made.between / was[:, None]
+    refined = grid.refine(grid.start([(1 / finest, 1.0)]), evaluate, tolerance)
+    values, was = phase.normalised(refined.theta, refined.values[:, 0])
+    cells = refined.between / was[:, None]
     error = np.maximum(np.concatenate([cells[:, :1], cells], axis=1), np.concatenate([cells, cells[:, -1:]], axis=1))
-    shift = np.sum(cells * phase.steps(made.theta), axis=-1) * 2 * math.pi
+    shift = np.sum(cells * phase.steps(refined.theta), axis=-1) * 2 * math.pi
     error = error + shift[:, None] * values
-    return made.theta, values[which], error[which], float((made.relative + shift).max())
+    return refined.theta, values[source_row], error[source_row], float((refined.relative + shift).max())
 
 
 def predicted_angles(kind, tolerance, g=None, spread=None, table=None) -> int:

@@ -112,12 +112,12 @@ def layer(medium: Diffusion, r, z, source, thickness=math.inf, pairs=PAIRS):
     present = (~endless | (i == 0)) & (medium.strength[..., None] > 0)
     total = slope = 0.0
     for sign, at in ((1.0, i * period + source), (-1.0, i * period - source - 2 * z_b)):
-        way = z - at
+        dz = z - at
         with np.errstate(all="ignore"):
-            d = np.hypot(r, way)
-            one = np.where(present & (d < np.inf), sign * np.exp(-sigma_tr * d) / d, 0.0)
-            drop = np.where((one == 0) | (d == 0), 0.0, -one * (sigma_tr + 1 / d) * (way / d))
-        total, slope = total + one, slope + drop
+            d = np.hypot(r, dz)
+            term = np.where(present & (d < np.inf), sign * np.exp(-sigma_tr * d) / d, 0.0)
+            drop = np.where((term == 0) | (d == 0), 0.0, -term * (sigma_tr + 1 / d) * (dz / d))
+        total, slope = total + term, slope + drop
     over = medium.strength / (4 * math.pi)
     return over * np.sum(total, axis=-1), over * np.sum(slope, axis=-1)
 

@@ -78,10 +78,10 @@ def start(features, bows=()):
     while theta[-1] < math.pi:
         if len(theta) > LIMIT:
             raise TooManyAngles(f"more than {LIMIT} angles")
-        here = theta[-1]
-        h = step(here)
+        last = theta[-1]
+        h = step(last)
         # a place ahead may ask for smaller steps than the present one: do not jump over it
-        theta.append(here + max(min(h, step(min(here + h, math.pi)) * 2), h / 8))
+        theta.append(last + max(min(h, step(min(last + h, math.pi)) * 2), h / 8))
     theta[-1] = math.pi
     if len(theta) > 2 and theta[-1] - theta[-2] < 0.3 * (theta[-2] - theta[-3]):
         del theta[-2]
@@ -90,14 +90,14 @@ def start(features, bows=()):
 
 def bows(n):
     """Rainbow angles (rad) of order p = 2 and 3 for a real relative index n; those that exist."""
-    found = []
+    angles = []
     for p in (2, 3):
         if 1 < n < p:
             incident = math.acos(math.sqrt((n * n - 1) / (p * p - 1)))
             inside = math.asin(math.sin(incident) / n)
             turned = 2 * (incident - inside) + (p - 1) * (math.pi - 2 * inside)
-            found.append(abs(math.remainder(turned, 2 * math.pi)))
-    return found
+            angles.append(abs(math.remainder(turned, 2 * math.pi)))
+    return angles
 
 
 def middle(a, b):
@@ -107,7 +107,7 @@ def middle(a, b):
     return np.where(a + b < math.pi, 2 * np.arcsin(np.minimum(low, 1)), math.pi - 2 * np.arcsin(np.minimum(high, 1)))
 
 
-def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, finest=0.0, most=math.inf,
+def refine(theta, evaluate, tolerance, crest=None, earlier=None, limit=LIMIT, finest=0.0, most=math.inf,
            integrated=False):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
@@ -119,7 +119,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     tolerance : the interpolation error plus the value's own error, over the reference value, stays below it
     crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
         the ripples of equal spheres), else the value itself
-    known : values, error, tag at theta, from an earlier call
+    earlier : values, error, tag at theta, from an earlier call
     integrated : what the interpolant misses beyond the values' own errors, summed over all cells, stays below the tolerance as a
         share of the integral over the sphere, instead of each cell below it
     most : of the values' own error, as much as counts where a cell is judged: more angles do not lower what is beyond it
@@ -134,7 +134,7 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
     Few sizes leave ripples of single spheres, which are errors of the values and no structure of their average.  Resolving them
     took 11,896 angles for hail (0.5 to 3 mm) at 3 % of the light; bisecting only what exceeds them takes 504.
     """
-    values, error, tag = evaluate(theta, None) if known is None else known
+    values, error, tag = evaluate(theta, None) if earlier is None else earlier
     channels = values.shape[0]
     reach = np.zeros(channels) if crest is None else np.asarray(crest, float)
     cells = len(theta) - 1
@@ -154,15 +154,16 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         at_new, error_new, tag_new = evaluate(new, np.maximum(tag[:, cell], tag[:, cell + 1]))
         reference = _reference(theta, values[:, 0], new, at_new[:, 0], reach)
         miss = np.abs((values[:, :, cell] + values[:, :, cell + 1]) / 2 - at_new).max(axis=1)
-        own = error_new * at_new[:, 0]
+        value_error = error_new * at_new[:, 0]
         # in a sum over cells independent errors add in squares; where each counts, they may have the same sign
-        between[:, cell] = np.hypot(miss, own) if integrated else miss + own
+        between[:, cell] = np.hypot(miss, value_error) if integrated else miss + value_error
         worst[:, cell] = np.divide(between[:, cell], reference, out=np.zeros_like(miss), where=reference > 0)
-        counted = np.minimum(own, most * reference) if most < math.inf else own
+        counted = np.minimum(value_error, most * reference) if most < math.inf else value_error
         judged = np.divide(miss + counted, reference, out=np.zeros_like(miss), where=reference > 0)
         if integrated:
-            held = error * values[:, 0]
-            excess[:, cell] = np.maximum(miss - np.maximum(own, np.maximum(held[:, cell], held[:, cell + 1])), 0.0)
+            node_error = error * values[:, 0]
+            at_ends = np.maximum(node_error[:, cell], node_error[:, cell + 1])
+            excess[:, cell] = np.maximum(miss - np.maximum(value_error, at_ends), 0.0)
             shares = excess * _light(theta, values[:, 0])
             if (shares.sum(axis=1) <= tolerance).all():
                 break
@@ -178,11 +179,11 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         step = cell[uneven.any(axis=0)]
         if len(step):
             # a jump between values made at different levels is no structure: make both at the higher one instead of bisecting it
-            wanted = tag.copy()
+            level = tag.copy()
             for end, other in ((step, step + 1), (step + 1, step)):
-                np.maximum.at(wanted, (slice(None), end), tag[:, other])
+                np.maximum.at(level, (slice(None), end), tag[:, other])
             node = np.unique(np.concatenate([step, step + 1]))
-            values[:, :, node], error[:, node], tag[:, node] = evaluate(theta[node], wanted[:, node])
+            values[:, :, node], error[:, node], tag[:, node] = evaluate(theta[node], level[:, node])
             undecided[np.clip(np.concatenate([node - 1, node]), 0, cells - 1)] = True
             undecided[split] = False
         if not len(split):
@@ -202,8 +203,8 @@ def refine(theta, evaluate, tolerance, crest=None, known=None, limit=LIMIT, fine
         undecided[split + np.arange(len(split))] = True
         cells = len(theta) - 1
     reference = _reference(theta, values[:, 0], theta, values[:, 0], reach)
-    own = np.divide(error * values[:, 0], reference, out=np.zeros_like(error), where=reference > 0)
-    return Refined(theta, values, error, tag, between, np.maximum(worst.max(axis=1), own.max(axis=1)))
+    value_error = np.divide(error * values[:, 0], reference, out=np.zeros_like(error), where=reference > 0)
+    return Refined(theta, values, error, tag, between, np.maximum(worst.max(axis=1), value_error.max(axis=1)))
 
 
 def _light(theta, f):

@@ -58,17 +58,17 @@ def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
     """
     search = _Search(theta, phase)
     g = float(np.clip(mean_cosine(theta, phase), NARROWEST - 1, 1 - NARROWEST))
-    same, one = Lobes((1.0,), (g,), (0.0,)), search.one()
-    draine_one = search.one_draine(one)
-    two, two_g = search.two([one], None), search.two([same], g)
-    found = {"hg_g": same, "hg": one, "draine": draine_one, "hg2_moments": matched(theta, phase), "hg2": two, "hg2_g": two_g,
-             "hg_draine": search.two_draine([one, draine_one, two], None), "hg_draine_g": search.two_draine([same, two_g], g)}
-    made = {name: Fit(lobes, misfit(theta, phase, lobes)) for name, lobes in found.items() if lobes is not None}
+    same, hg = Lobes((1.0,), (g,), (0.0,)), search.one_hg()
+    draine_one = search.one_draine(hg)
+    two, two_g = search.two([hg], None), search.two([same], g)
+    mixtures = {"hg_g": same, "hg": hg, "draine": draine_one, "hg2_moments": matched(theta, phase), "hg2": two, "hg2_g": two_g,
+                "hg_draine": search.two_draine([hg, draine_one, two], None), "hg_draine_g": search.two_draine([same, two_g], g)}
+    fitted = {name: Fit(lobes, misfit(theta, phase, lobes)) for name, lobes in mixtures.items() if lobes is not None}
     if diameter is not None:
         for name, size in (("hg_draine_published", diameter), ("hg_draine_published_best", search.diameter())):
             if PUBLISHED[0] < size <= PUBLISHED[1]:
-                made[name] = Fit(published(size), misfit(theta, phase, published(size)), size)
-    return made
+                fitted[name] = Fit(published(size), misfit(theta, phase, published(size)), size)
+    return fitted
 
 
 def matched(theta, phase) -> Lobes | None:
@@ -112,7 +112,7 @@ class _Search:
         self.grid = np.linspace(-_STEEPEST, _STEEPEST, 2 * math.ceil(_STEEPEST / _SCAN) + 1)
         self.rows = np.array([draine(self.at, *_shape(u)) for u in self.grid])
 
-    def one(self) -> Lobes:
+    def one_hg(self) -> Lobes:
         """The best single HG lobe."""
         return _single(_shape(_bounded(lambda u: self._misdirected(draine(self.at, *_shape(u))),
                                        np.linspace(-_STEEPEST, _STEEPEST, 4 * len(self.grid) + 1))))
@@ -168,8 +168,8 @@ class _Search:
             weight = self._median(first, others)
         else:
             mean, means = draine_mean_cosine(*shape), np.array([draine_mean_cosine(*other) for other in shapes])
-            apart = mean - means
-            weight = np.divide(g - means, apart, out=np.full_like(apart, np.nan), where=apart != 0)
+            difference = mean - means
+            weight = np.divide(g - means, difference, out=np.full_like(difference, np.nan), where=difference != 0)
         possible = (weight >= 0) & (weight <= 1)
         loss = self._misdirected(others + np.where(possible, weight, 0.0)[:, None] * (first - others))
         return weight, np.where(possible, loss, np.inf)
@@ -177,10 +177,10 @@ class _Search:
     def _median(self, first, others):
         """The weights in [0, 1] that misdirect least: the sum of solid |a - b| |w - (f - b)/(a - b)| is least at the weighted
         median of the ratios."""
-        apart = first - others
-        ratio = np.divide(self.table - others, apart, out=np.zeros_like(apart), where=apart != 0)
+        difference = first - others
+        ratio = np.divide(self.table - others, difference, out=np.zeros_like(difference), where=difference != 0)
         order = np.argsort(ratio, axis=-1)
-        heavy = np.cumsum(np.take_along_axis(self.solid * np.abs(apart), order, -1), axis=-1)
+        heavy = np.cumsum(np.take_along_axis(self.solid * np.abs(difference), order, -1), axis=-1)
         at = np.argmax(heavy >= 0.5 * heavy[:, -1:], axis=-1)[:, None]
         return np.clip(np.take_along_axis(ratio, np.take_along_axis(order, at, -1), -1)[:, 0], 0.0, 1.0)
 
@@ -218,8 +218,8 @@ def _bounded(loss, grid) -> float:
 
     best = int(np.argmin([loss(x) for x in grid]))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-10})
-    return float(min((found.x, grid[best]), key=loss))
+    minimum = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    return float(min((minimum.x, grid[best]), key=loss))
 
 
 def _refined(loss, starts):

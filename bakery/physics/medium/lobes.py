@@ -180,13 +180,13 @@ def misfit(theta, phase, lobes: Lobes) -> Misfit:
     table, fit = evaluate(theta, phase, at), lobes(at)
     log = np.log10(np.maximum(fit, FAINT) / np.maximum(table, FAINT))
     angle = solid / (2 * math.pi**2 * np.sin(at))  # d theta / pi
-    own = np.maximum(lobes(theta), FAINT) / np.maximum(phase, FAINT)
-    worst = int(np.argmax(np.abs(np.log(own))))
+    ratio = np.maximum(lobes(theta), FAINT) / np.maximum(phase, FAINT)
+    worst = int(np.argmax(np.abs(np.log(ratio))))
     below = np.flatnonzero(phase < 0.5 * phase[0])
     edge = float(theta[below[0]]) if below.size else math.pi
     inside = at < edge
     return Misfit(
         misdirected=float(0.5 * np.sum(solid * np.abs(fit - table))), g=float(lobes.mean_cosine - mean_cosine(theta, phase)),
         log_sphere=float(np.sqrt(np.sum(solid * log**2) / (4 * math.pi))), log_angle=float(np.sqrt(np.sum(angle * log**2))),
-        factor=float(own[worst]), factor_at=float(theta[worst]), peak=float(np.sum((solid * fit)[inside])),
+        factor=float(ratio[worst]), factor_at=float(theta[worst]), peak=float(np.sum((solid * fit)[inside])),
         peak_table=float(np.sum((solid * table)[inside])), peak_angle=edge)

@@ -99,9 +99,9 @@ def loss(theta, phase, values) -> Loss:
     edge = float(s[below[0]]) if below.size else 1.0
     inside = right <= edge
     source = float(np.sum((width * 0.5 * (at_left + at_right))[inside]))
-    kept = float(np.sum((width * 0.5 * (table_left + table_right))[inside]))
+    peak_table = float(np.sum((width * 0.5 * (table_left + table_right))[inside]))
     return Loss(misdirected=float(2 * np.pi * np.sum(width * mean)), largest=float(relative[worst]),
-                largest_at=float(theta[worst]), g=float(-8 * np.pi * np.sum(moment)), peak=max(0.0, 1 - kept / source),
+                largest_at=float(theta[worst]), g=float(-8 * np.pi * np.sum(moment)), peak=max(0.0, 1 - peak_table / source),
                 peak_angle=float(2 * np.arcsin(np.sqrt(edge))))
 
 
@@ -118,10 +118,10 @@ def adaptive_table(theta, phase, limit=1e-3, smallest=6, largest=20):
     """
     for exponent in range(smallest, largest + 1):
         values = regular_table(theta, phase, 2**exponent + 1).astype(np.float32)
-        lost = loss(theta, phase, values)
-        if lost.misdirected <= limit:
+        resampling = loss(theta, phase, values)
+        if resampling.misdirected <= limit:
             break
-    return values, lost
+    return values, resampling
 
 
 def _segments(s, value, grid):

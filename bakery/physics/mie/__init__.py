@@ -115,10 +115,10 @@ def amplitudes(m, x, theta):
     def run(job):
         index, places, part = job
         piece = np.empty((min(places.size, _kernels.LANES), angles[part].size, 4))
-        for some in np.split(places, range(_kernels.LANES, places.size, _kernels.LANES)):  # few at a time: stays in the cache
-            _kernels.amplitude_block(index, x[some], angles[part], piece[:some.size])
-            both = piece[:some.size].view(np.complex128)
-            s1[some, part], s2[some, part] = both[..., 0], both[..., 1]
+        for block in np.split(places, range(_kernels.LANES, places.size, _kernels.LANES)):  # few at a time: stays in the cache
+            _kernels.amplitude_block(index, x[block], angles[part], piece[:block.size])
+            pair = piece[:block.size].view(np.complex128)
+            s1[block, part], s2[block, part] = pair[..., 0], pair[..., 1]
 
     _in_threads(run, jobs)
     return s1.reshape(shape + theta.shape)[()], s2.reshape(shape + theta.shape)[()]
@@ -161,8 +161,8 @@ def _checked(m, x):
 
     def refuse(bad, values, why):
         if bad.any():
-            found = values[bad][0]
-            text = f"{found.real:g}" + (f"{found.imag:+g}i" if found.imag else "")
+            value = values[bad][0]
+            text = f"{value.real:g}" + (f"{value.imag:+g}i" if value.imag else "")
             raise ValueError(f"{'x' if values is x else 'm'} = {text}: {why}")
 
     conductor = np.isinf(m.real) & (m.real > 0.0) & (m.imag == 0.0)
@@ -180,9 +180,9 @@ def _by_index(m, x):
     """(index, places of its spheres in ascending order of x), one for each distinct index."""
     if m.size and np.all(m == m[0]):
         return [(complex(m[0]), np.argsort(x, kind="stable"))]
-    values, which = np.unique(m, return_inverse=True)
-    order = np.lexsort((x, which))
-    starts = np.searchsorted(which[order], np.arange(values.size + 1))
+    values, group = np.unique(m, return_inverse=True)
+    order = np.lexsort((x, group))
+    starts = np.searchsorted(group[order], np.arange(values.size + 1))
     return [(complex(value), order[a:b]) for value, a, b in zip(values, starts[:-1], starts[1:])]
 
 

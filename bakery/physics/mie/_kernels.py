@@ -164,8 +164,8 @@ def _coefficient_code(width, absorbing, near=False):
                     if not absorbing:
                         square = (nr * nr * scale).where(*live)
                         return square, None, square, (nr * dr * scale).where(*live)
-                    square, lost = (nr.times_plus(nr, ni * ni) * scale).where(*live), (si * scale).where(*live)
-                    return square, lost, square + lost, (nr.times_plus(dr, ni * di) * scale).where(*live)
+                    square, absorbed = (nr.times_plus(nr, ni * ni) * scale).where(*live), (si * scale).where(*live)
+                    return square, absorbed, square + absorbed, (nr.times_plus(dr, ni * di) * scale).where(*live)
 
                 h = after * xi
                 if near:

@@ -40,8 +40,8 @@ class Wide:
         if not isinstance(other, ir.Value):
             return ir.Constant(self.value.type, [float(other)] * width)
         first = ir.Constant(ir.IntType(32), 0)
-        one = self.builder.insert_element(ir.Constant(self.value.type, ir.Undefined), other, first)
-        return self.builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width))
+        lane = self.builder.insert_element(ir.Constant(self.value.type, ir.Undefined), other, first)
+        return self.builder.shuffle_vector(lane, lane, ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width))
 
     def fill(self, other):
         return Wide(self.builder, self.like(other))

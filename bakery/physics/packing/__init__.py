@@ -56,7 +56,7 @@ class Packing:
     Attributes
     ----------
     centers : (N, 3) in [0, cell);  radii : (N,) in the caller's order, mean 1;  cell : (3,)
-    fraction : volume of the spheres over that of the cell, as reached;  wished : as asked
+    fraction : volume of the spheres over that of the cell, as reached;  wished : as requested
     reached : whether they agree;  status : "reached", "jammed", "budget" or "crystal";  reason : in words, "" if reached
     pressure : Z = PV/NkT over the last window; nan for one sphere
     order : bond order Q6 over all bonds; nan where it is not looked at (below fraction 0.48 or 64 spheres)
@@ -100,8 +100,8 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
     Returns
     -------
     Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the spheres jam
-        short of the wish (tried again with slower growth) or order themselves (tried again from another start), `reached` is
-        False and the densest disordered attempt is returned
+        short of the requested fraction (tried again with slower growth) or order themselves (tried again from another start),
+        `reached` is False and the densest disordered attempt is returned
 
     Raises
     ------
@@ -120,16 +120,16 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
     from bakery.physics.packing.ceiling import limit
 
     radii, edges = _checked(fraction, radii, cell, limit)
-    wished = float(fraction)
+    target = float(fraction)
     if radii.size == 1:
-        return Packing(0.5 * edges[None], radii, edges, wished, wished, True, "reached", "", np.nan, np.nan,
+        return Packing(0.5 * edges[None], radii, edges, target, target, True, "reached", "", np.nan, np.nan,
                        float(0.5 * edges.min() - 1.0), 0.0, 0, 0, 1)
     stretch = limit(radii) / limit(np.ones(2))
-    plan = _schedule(schedule, wished / stretch)
+    plan = _schedule(schedule, target / stretch)
     best, collisions, events = None, 0, 0
     for attempt in range(ATTEMPTS):
         rng = generator(seed, "packing.centers", stream, attempt)
-        tile = _attempt(wished, radii, edges, plan, stretch, rng, report, budget or _BUDGET)
+        tile = _attempt(target, radii, edges, plan, stretch, rng, report, budget or _BUDGET)
         collisions, events = collisions + tile.collisions, events + tile.events
         if best is None or _merit(tile) > _merit(best):
             best = tile
@@ -145,7 +145,7 @@ def predicted(fraction, count, spread=0.0, schedule="final") -> float:
 
     Parameters
     ----------
-    fraction : wished
+    fraction : requested
     count : spheres
     spread : standard deviation over mean of the radii
     schedule : as for `pack`
@@ -211,11 +211,11 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
     from bakery.physics.packing.dynamics import OutOfBudget, Spheres
 
     descending = np.argsort(-radii, kind="stable")
-    wanted = max(_collisions(fraction / stretch, plan, radii.size) * radii.size, 1.0)
+    expected = max(_collisions(fraction / stretch, plan, radii.size) * radii.size, 1.0)
 
     def tell(spheres):
         if report is not None:
-            report(min(spheres.fraction, fraction), spheres.pressure, min(spheres.collisions / wanted, 0.99))
+            report(min(spheres.fraction, fraction), spheres.pressure, min(spheres.collisions / expected, 0.99))
 
     spheres = Spheres(radii[descending], edges, rng, tell)
     rest = _rest(fraction, plan)
@@ -234,8 +234,8 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
     except OutOfBudget:
         status = "budget"
         reason = f"stopped at {spheres.fraction:.6g} after {spheres.collisions / radii.size:.0f} collisions a sphere"
-    whole = status == "reached"
-    scale = 1.0 if whole else spheres.scale  # radii become those asked for, so the cell of what is smaller grows
+    complete = status == "reached"
+    scale = 1.0 if complete else spheres.scale  # radii become those asked for, so the cell of what is smaller grows
     centers, edges = np.empty((radii.size, 3)), edges / scale
     centers[descending] = spheres.places / scale
     gap, shrink = structure.smallest_gap(centers, radii, edges), 0.0
@@ -251,7 +251,7 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
         order = structure.bond_order(centers, radii, edges).q6
         if order > 3.0 / np.sqrt(radii.size) + 0.03:  # at random 1.1/sqrt(N), standard deviation 0.25/sqrt(N)
             status, reason = "crystal", f"ordered itself: bond order Q6 {order:.3g}, at random {1.1 / np.sqrt(radii.size):.2g}"
-    return Packing(centers, radii, edges, fraction if whole and not shrink else structure.fraction(radii, edges), fraction,
+    return Packing(centers, radii, edges, fraction if complete and not shrink else structure.fraction(radii, edges), fraction,
                    status == "reached", status, reason, float(spheres.pressure), float(order), gap, shrink, spheres.collisions,
                    int(spheres.tally.sum()), 1)
 

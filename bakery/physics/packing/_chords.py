@@ -76,8 +76,8 @@ def first_hit(o, d, cell, m, start, image, square, limit):
             every[k] = h[k] / abs(d[k])
     best = limit
     while True:
-        here = (index[0] * m[1] + index[1]) * m[2] + index[2]
-        for s in range(start[here], start[here + 1]):
+        cell_index = (index[0] * m[1] + index[1]) * m[2] + index[2]
+        for s in range(start[cell_index], start[cell_index + 1]):
             x, y, z = image[s, 0] - o[0], image[s, 1] - o[1], image[s, 2] - o[2]
             along = x * d[0] + y * d[1] + z * d[2]
             if along > 0:

@@ -106,9 +106,9 @@ def call_ahead(st, i):
         node = (node - 1) >> 2
     call_record(st, int(st.tree[node, 4 + best_of(st, node)]))
     node = (node - 1) >> 2
-    who = int(st.tree[node, 4 + best_of(st, node)])
-    call_list(st, who)
-    partner = st.index[who, PARTNER]
+    sphere = int(st.tree[node, 4 + best_of(st, node)])
+    call_list(st, sphere)
+    partner = st.index[sphere, PARTNER]
     if partner >= 0:
         call_record(st, partner >> 5)
     node = (node - 1) >> 2
@@ -120,11 +120,11 @@ def call_ahead(st, i):
 @njit(**INNER)
 def runner_up(st, first):
     """Who is likely to be next: the best of the root's four but the first."""
-    best, who = np.inf, 0
+    best, sphere = np.inf, 0
     for slot in range(4):
         if slot != first and st.tree[0, slot] < best:
-            best, who = st.tree[0, slot], int(st.tree[0, 4 + slot])
-    return who
+            best, sphere = st.tree[0, slot], int(st.tree[0, 4 + slot])
+    return sphere
 
 
 @njit(**STRICT)
@@ -165,7 +165,7 @@ def touching(st, i, x, y, z, b, out, most):
     Ends when there are more than `most`.  Cells are counted on past the border of the periodic cell: each is another image, so
     small cells need no rule of their own.
     """
-    found = 0
+    number = 0
     for level in range(st.reach.size):
         nx, ny, nz = st.cells[level, 0], st.cells[level, 1], st.cells[level, 2]
         sx, sy, sz = st.cell[0] / nx, st.cell[1] / ny, st.cell[2] / nz
@@ -183,12 +183,12 @@ def touching(st, i, x, y, z, b, out, most):
                         dz = st.bubble[j, 2] + iz * st.cell[2] - z
                         s = b + st.bubble[j, 3]
                         if dx * dx + dy * dy + dz * dz < s * s and j != i:
-                            if found == most:
-                                return found + 1
-                            out[found] = 32 * j + CENTRE + 9 * ix + 3 * iy + iz
-                            found += 1
+                            if number == most:
+                                return number + 1
+                            out[number] = 32 * j + CENTRE + 9 * ix + 3 * iy + iz
+                            number += 1
                         j = st.following[j]
-    return found
+    return number
 
 
 @njit(**STRICT)
@@ -221,17 +221,17 @@ def best_of(st, node):
 def reschedule(st, i, due):
     """Enter the time of i's pending event into its record and the tree; the walk ends where nothing changes."""
     st.sphere[i, DUE] = due
-    node, slot, who = leaf_of(st, i), i & 3, float(i)
+    node, slot, sphere = leaf_of(st, i), i & 3, float(i)
     while True:
         st.tree[node, slot] = due
-        st.tree[node, 4 + slot] = who
+        st.tree[node, 4 + slot] = sphere
         if node == 0:
             return
         best = best_of(st, node)
-        due, who = st.tree[node, best], st.tree[node, 4 + best]
+        due, sphere = st.tree[node, best], st.tree[node, 4 + best]
         slot = (node - 1) & 3
         node = (node - 1) >> 2
-        if st.tree[node, slot] == due and st.tree[node, 4 + slot] == who:
+        if st.tree[node, slot] == due and st.tree[node, 4 + slot] == sphere:
             return
 
 
@@ -275,8 +275,8 @@ def predict(st, i, t):
         dx = (x - st.shift[code, 0]) - (st.sphere[j, X] + st.sphere[j, V] * t)
         dy = (y - st.shift[code, 1]) - (st.sphere[j, X + 1] + st.sphere[j, V + 1] * t)
         dz = (z - st.shift[code, 2]) - (st.sphere[j, X + 2] + st.sphere[j, V + 2] * t)
-        both = radius + st.sphere[j, R]
-        s, g = both * scale, both * rate
+        radii = radius + st.sphere[j, R]
+        s, g = radii * scale, radii * rate
         a = ux * ux + uy * uy + uz * uz - g * g
         b = dx * ux + dy * uy + dz * uz - s * g
         c = dx * dx + dy * dy + dz * dz - s * s
@@ -331,8 +331,8 @@ def collide(st, i, j, code, t):
     dz = (si[2] + si[5] * t - st.shift[code, 2]) - (sj[2] + sj[5] * t)
     d = np.sqrt(dx * dx + dy * dy + dz * dz)
     nx, ny, nz = dx / d, dy / d, dz / d
-    both = si[6] + sj[6]
-    s, g = both * (st.clock[SCALE] + st.clock[RATE] * t), both * st.clock[RATE]
+    radii = si[6] + sj[6]
+    s, g = radii * (st.clock[SCALE] + st.clock[RATE] * t), radii * st.clock[RATE]
     kick = g - ((si[3] - sj[3]) * nx + (si[4] - sj[4]) * ny + (si[5] - sj[5]) * nz)
     kick = max(kick, 1e-12)  # never 0: the pair must part even where rounding says that it stands still
     si[3] += kick * nx
@@ -396,10 +396,10 @@ def relist(st, i, t):
 @njit(**STRICT)
 def list_of(st, i):
     """Fill i's own list; False where it is full."""
-    own = st.near[st.index[i, FIRST]:st.index[i, ROOM]]
-    found = touching(st, i, st.bubble[i, 0], st.bubble[i, 1], st.bubble[i, 2], st.bubble[i, 3], own, own.size)
-    st.index[i, LAST] = st.index[i, FIRST] + min(found, own.size)
-    return found <= own.size
+    listed = st.near[st.index[i, FIRST]:st.index[i, ROOM]]
+    number = touching(st, i, st.bubble[i, 0], st.bubble[i, 1], st.bubble[i, 2], st.bubble[i, 3], listed, listed.size)
+    st.index[i, LAST] = st.index[i, FIRST] + min(number, listed.size)
+    return number <= listed.size
 
 
 @njit(**STRICT)
@@ -451,7 +451,7 @@ def advance(st):
 @njit(**STRICT)
 def run(st, stop, collisions, events):
     """Handle events up to a time, a number of collisions in all, or a number of events, and say which it was."""
-    done = 0
+    handled = 0
     deep = st.tree.shape[0] > DEEP
     ahead = -1
     while True:
@@ -463,9 +463,9 @@ def run(st, stop, collisions, events):
         if st.tally[COLLISIONS] >= collisions:
             st.clock[TIME] += 0.5 * (t - st.clock[TIME])  # between two events, where no pair is in touch
             return WINDOW
-        if done >= events:
+        if handled >= events:
             return PAUSED
-        done += 1
+        handled += 1
         i = int(st.tree[0, 4 + first])
         st.clock[TIME] = t
         partner = st.index[i, PARTNER]
@@ -475,12 +475,12 @@ def run(st, stop, collisions, events):
                 call_neighbours(st, i)
                 if partner >= 0:
                     call_neighbours(st, partner >> 5)
-            who = runner_up(st, first)
-            if who != ahead:
-                ahead = who
-                call_neighbours(st, who)
-                if st.index[who, PARTNER] >= 0:
-                    call_neighbours(st, st.index[who, PARTNER] >> 5)
+            second = runner_up(st, first)
+            if second != ahead:
+                ahead = second
+                call_neighbours(st, second)
+                if st.index[second, PARTNER] >= 0:
+                    call_neighbours(st, st.index[second, PARTNER] >> 5)
         if partner >= 0:
             other = partner >> 5
             collide(st, i, other, partner & 31, t)
@@ -495,11 +495,11 @@ def run(st, stop, collisions, events):
                 return FULL
         else:
             st.tally[CHECKS] += 1
-        one, two = i, other
+        first_changed, second_changed = i, other
         while i >= 0:  # one call of `predict` in the code, for it is compiled in place
             predict(st, i, t)
             i, other = other, -1
         if deep:
-            while one >= 0:
-                call_ahead(st, one)
-                one, two = two, -1
+            while first_changed >= 0:
+                call_ahead(st, first_changed)
+                first_changed, second_changed = second_changed, -1

@@ -37,10 +37,10 @@ def _on_a_line(radii) -> float:
     """Share of the line in rods."""
     radii = np.sort(radii)
     met = np.cumsum(radii**2)  # a line meets a sphere as often as its shadow is large
-    which = np.searchsorted(met, (np.arange(RODS) + 0.5) / RODS * met[-1])
+    sphere = np.searchsorted(met, (np.arange(RODS) + 0.5) / RODS * met[-1])
     # uniform over the shadow, in an order foreign to the radii
     chord = np.sqrt((np.arange(RODS) * 0.6180339887498949 + 0.5) % 1.0)
-    rods = np.sort(radii[np.minimum(which, radii.size - 1)] * chord)[::-1]
+    rods = np.sort(radii[np.minimum(sphere, radii.size - 1)] * chord)[::-1]
     gaps = [-GAP * rods[0]]
     for rod in rods[1:]:
         widest = -heapq.heappop(gaps)

@@ -13,7 +13,7 @@ from bakery.physics.packing import _kernels as kernels
 from bakery.physics.packing._kernels import State
 
 WINDOW = 20  # collisions a sphere between two settings of the clock and of the temperature
-NEIGHBOURS = 12.0  # wished length of a list of equal spheres
+NEIGHBOURS = 12.0  # target length of a list of equal spheres
 PULSE = 0.2  # seconds that one call into a kernel should take: an interrupt and `tell` get through between two
 
 

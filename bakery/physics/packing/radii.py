@@ -36,10 +36,10 @@ def species(shares, radii, count: int) -> np.ndarray:
     ------
     ValueError : a species would have no sphere
     """
-    wanted = np.asarray(shares, float) * count
-    number = np.floor(wanted + 1e-9).astype(int)
+    exact = np.asarray(shares, float) * count
+    number = np.floor(exact + 1e-9).astype(int)
     left = count - number.sum()
-    number[np.argsort(-(wanted - number), kind="stable")[:left]] += 1
+    number[np.argsort(-(exact - number), kind="stable")[:left]] += 1
     if not number.all():
         missing = int(np.argmin(number))
         raise ValueError(f"a share of {shares[missing]:g} of {count} spheres is none")

@@ -64,22 +64,22 @@ def neighbours(centers, radii, cell, reach: float, factor: float = 0.0) -> Itera
     from scipy.spatial import cKDTree
 
     centers, radii, cell = (np.asarray(a, float) for a in (centers, radii, cell))
-    here = np.mod(centers, cell)
+    wrapped = np.mod(centers, cell)
     kind = np.floor(np.log2(radii / radii.min())).astype(int)
     kinds = np.unique(kind)
     largest = {k: radii[kind == k].max() for k in kinds}
-    for theirs in kinds:
-        of = np.flatnonzero(kind == theirs)
-        position, owner = images(centers[of], cell, reach + factor * (radii.max() + largest[theirs]))
-        tree, owner = cKDTree(position), of[owner]
-        for ours in kinds:
-            limit = reach + factor * (largest[ours] + largest[theirs])
-            own = np.flatnonzero(kind == ours)
-            for first in range(0, own.size, _CHUNK):
-                part = own[first:first + _CHUNK]
-                found = cKDTree(here[part]).sparse_distance_matrix(tree, limit, output_type="coo_matrix")
-                i, j, distance = part[found.row], owner[found.col], found.data
-                vector = position[found.col] - here[i]
+    for image_kind in kinds:
+        members = np.flatnonzero(kind == image_kind)
+        position, owner = images(centers[members], cell, reach + factor * (radii.max() + largest[image_kind]))
+        tree, owner = cKDTree(position), members[owner]
+        for centre_kind in kinds:
+            limit = reach + factor * (largest[centre_kind] + largest[image_kind])
+            centre = np.flatnonzero(kind == centre_kind)
+            for first in range(0, centre.size, _CHUNK):
+                part = centre[first:first + _CHUNK]
+                pairs = cKDTree(wrapped[part]).sparse_distance_matrix(tree, limit, output_type="coo_matrix")
+                i, j, distance = part[pairs.row], owner[pairs.col], pairs.data
+                vector = position[pairs.col] - wrapped[i]
                 keep = (distance <= reach + factor * (radii[i] + radii[j])) & ((i != j) | (np.abs(vector).max(1) > 0))
                 order = np.lexsort((distance[keep], j[keep], i[keep]))
                 yield i[keep][order], j[keep][order], vector[keep][order], distance[keep][order]
@@ -94,10 +94,10 @@ def smallest_gap(centers, radii, cell) -> float:
     diameter = 2 * radii.mean()
     reach = 0.05 * diameter
     while True:
-        found = [(distance - radii[i] - radii[j]).min() for i, j, _, distance in neighbours(centers, radii, cell, reach, 1.0)
-                 if i.size]
-        if found:
-            return float(min(found) / diameter)
+        gaps = [(distance - radii[i] - radii[j]).min() for i, j, _, distance in neighbours(centers, radii, cell, reach, 1.0)
+                if i.size]
+        if gaps:
+            return float(min(gaps) / diameter)
         reach *= 2
 
 
@@ -128,15 +128,15 @@ def contacts(centers, radii, cell) -> Contacts:
     pairs = [np.stack([i, j]) for i, j, _, _ in neighbours(centers, radii, cell, 2 * CONTACT * radii.mean(), 1.0)]
     i, j = np.concatenate(pairs, axis=1)
     number = np.bincount(i, minlength=count)
-    held = np.ones(count, bool)
+    backbone = np.ones(count, bool)
     while True:
-        left = np.bincount(i[held[i] & held[j]], minlength=count)
-        loose = held & (left < 4)
+        left = np.bincount(i[backbone[i] & backbone[j]], minlength=count)
+        loose = backbone & (left < 4)
         if not loose.any():
             break
-        held &= ~loose
+        backbone &= ~loose
     return Contacts(float(number.mean()), float(_between_octants(number[:, None], _octant(centers, cell))[0]),
-                    float(1 - held.mean()))
+                    float(1 - backbone.mean()))
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ def chord_edges(mean: float) -> np.ndarray:
     return np.concatenate([[0.0], -mean * np.log(survival), [9 * mean]])
 
 
-def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, each: Callable | None = None,
+def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, map_tasks: Callable | None = None,
                   most: int = 1 << 26) -> Chords:
     """Distribution of the chords between spheres along isotropic uniform lines.
 
@@ -287,7 +287,7 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, each
     centers : (N, 3), radii : (N,), cell : (3,), one unit of length
     tolerance : relative standard error of the mean and of every bin that holds at least 1/64 of the chords
     stream : task index -> numpy Generator; a task draws its lines from its own
-    each : `[function(*task) for task in tasks]`, in order, on any workers; one by one if not given
+    map_tasks : `[function(*task) for task in tasks]`, in order, on any workers; one by one if not given
     most : chords at most; beyond, the errors say what was reached
 
     Notes
@@ -303,18 +303,18 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, each
     m = np.maximum(np.floor(cell / (0.8 * (np.prod(cell) / len(radii)) ** (1 / 3))), 1).astype(np.int64)
     share = np.cumsum(radii**2) / np.sum(radii**2)
     grid = (centers, radii, share, cell, m, *_chords.lists(centers, radii, cell, m), edges, limit)
-    each = each or (lambda function, tasks: [function(*task) for task in tasks])
+    map_tasks = map_tasks or (lambda function, tasks: [function(*task) for task in tasks])
     counts, sums, longest, cut, tasks = np.zeros(edges.size - 1, np.int64), np.zeros(_chords.MOMENTS), 0.0, 0, 0
-    wanted = 8
-    while tasks < wanted:
-        for found in each(_block, [(stream, index, grid) for index in range(tasks, wanted)]):
-            counts, sums, longest, cut = counts + found[0], sums + found[1], max(longest, found[2]), cut + found[3]
-        tasks = wanted
+    target = 8
+    while tasks < target:
+        for block in map_tasks(_block, [(stream, index, grid) for index in range(tasks, target)]):
+            counts, sums, longest, cut = counts + block[0], sums + block[1], max(longest, block[2]), cut + block[3]
+        tasks = target
         lines = int(counts.sum())
         p, z = counts / lines, sums / lines
         full = p >= 1 / 64
         variance = max((z[1] - z[0] ** 2) / z[0] ** 2, np.max((1 - p[full]) / p[full], initial=0))
-        wanted = max(min(math.ceil(variance / tolerance**2 / _LINES), most // _LINES), tasks)
+        target = max(min(math.ceil(variance / tolerance**2 / _LINES), most // _LINES), tasks)
     edges[-1] = max(edges[-1], longest * (1 + 1e-12))
     width = np.diff(edges)
     spread = z[1] / (2 * z[0] ** 2)

@@ -66,11 +66,11 @@ def percus_yevick(r, fraction):
     def q(t):
         return 0.5 * slope * (t**2 - 1) + value * (t - 1)
 
-    here = np.eye(nodes.size) - 12 * f * forward(q)
+    operator = np.eye(nodes.size) - 12 * f * forward(q)
     before = 12 * f * backward(q)
     y = -nodes  # r h in the core
     for shell in range(1, last + 1):
-        y = np.linalg.solve(here, before @ y)
+        y = np.linalg.solve(operator, before @ y)
         inside = outside & (np.floor(x) == shell)
         g[inside] = 1 + _interpolated(nodes, y, x[inside] - shell) / x[inside]
     return g
@@ -183,9 +183,9 @@ def _lagrange(nodes, x):
     n = nodes.size - 1
     w = (-1.0) ** np.arange(n + 1)
     w[[0, n]] *= 0.5
-    apart = x[..., None] - nodes
-    hit = apart == 0
-    terms = w / np.where(hit, 1.0, apart)
+    difference = x[..., None] - nodes
+    hit = difference == 0
+    terms = w / np.where(hit, 1.0, difference)
     values = terms / terms.sum(-1, keepdims=True)
     return np.where(hit.any(-1, keepdims=True), hit, values)
 

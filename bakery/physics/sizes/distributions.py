@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-_MONODISPERSE = 1e-9  # relative width below which sizes cannot be told apart: phases change by < 1e-3 even at x = 1e6
+_MONODISPERSE = 1e-9  # relative width below which sizes cannot be distinguished: phases change by < 1e-3 even at x = 1e6
 _NOTHING = 1e-30  # share of a law between min and max below which nothing is said to be left
 _GAUSS, _GAUSS_WEIGHT = np.polynomial.legendre.leggauss(5)  # exact to degree 9
 
@@ -90,9 +90,9 @@ class Gamma:
     def moment(self, power, lower=0.0, upper=math.inf):
         """Integral of r^power dn from `lower` to `upper`, um^power; exact."""
         k = self.shape
-        whole = self.scale**power * math.prod(k + j for j in range(int(power)))
+        complete = self.scale**power * math.prod(k + j for j in range(int(power)))
         if power != int(power):
-            whole = self.scale**power * math.exp(math.lgamma(k + power) - math.lgamma(k))
+            complete = self.scale**power * math.exp(math.lgamma(k + power) - math.lgamma(k))
         a, b = lower / self.scale, upper / self.scale
         p = k + power
         # each from the side where it is small
@@ -100,7 +100,7 @@ class Gamma:
             share = special.gammaincc(p, a) - special.gammaincc(p, b)
         else:
             share = special.gammainc(p, b) - special.gammainc(p, a)
-        return whole * float(share)
+        return complete * float(share)
 
     def reach(self):
         """Radii outside which neither the number nor the r^6-weighted density is visible to double precision."""
@@ -217,9 +217,9 @@ def population(size) -> Population:
     ------
     ValueError : nothing is left between `min` and `max`, or a parameter is out of its range
     """
-    found = _parts(size)
-    total = math.fsum(weight for weight, *_ in found)
-    return Population(tuple(Part(law, weight / total, low, high) for weight, law, low, high in found))
+    pieces = _parts(size)
+    total = math.fsum(weight for weight, *_ in pieces)
+    return Population(tuple(Part(law, weight / total, low, high) for weight, law, low, high in pieces))
 
 
 def _parts(size):
@@ -227,24 +227,24 @@ def _parts(size):
     low = 0.0 if size.min is None else float(size.min)
     high = math.inf if size.max is None else float(size.max)
     if size.distribution == "mixture":
-        found = []
+        uncut = []
         for share, inner in size.of:
             pieces = _parts(inner)
             total = math.fsum(weight for weight, *_ in pieces)
-            found += [(share * weight / total, *rest) for weight, *rest in pieces]
+            uncut += [(share * weight / total, *rest) for weight, *rest in pieces]
     else:
-        found = [(1.0, _law(size), 0.0, math.inf)]
-    kept = []
-    for weight, law, lower, upper in found:
+        uncut = [(1.0, _law(size), 0.0, math.inf)]
+    cut = []
+    for weight, law, lower, upper in uncut:
         before = law.moment(0, lower, upper)
         lower, upper = max(lower, low), min(upper, high)
         left = law.moment(0, lower, upper) if lower <= upper else 0.0
         if weight > 0 and left > _NOTHING:
-            kept.append((weight * left / before, law, lower, upper))
-    if not kept:
+            cut.append((weight * left / before, law, lower, upper))
+    if not cut:
         raise ValueError(f"no particle has a radius between min = {low:g} um and max = {high:g} um; a wider interval would do"
                          + (", or distribution: single" if low == high else ""))
-    return kept
+    return cut
 
 
 def _law(size):

@@ -18,7 +18,7 @@ import numpy as np
 from bakery.physics.sizes.distributions import Part, Population, Single
 
 LAST_NODES = 2**18  # nodes of a part at the last level; in a mixture the finest part may have four times as many
-_FIRST_STEP = 4.0  # step in size parameter, at the sizes that scatter most, of the first level: coarser tells nothing
+_FIRST_STEP = 4.0  # step in size parameter, at the sizes that scatter most, of the first level: a coarser one is useless
 _COARSE = 16
 _FEWEST, _MOST = 64, 4096  # nodes of the first level
 

@@ -46,7 +46,7 @@ OUTPUTS = (
     Output("albedo", "(L,)", "1", "that the tables were made for, without the peak", within=(0, 1)),
     Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered", within=(0, 1)),
     Output("peak_angle", "(L,)", "rad", "angle below which light is in that peak; 0 where there is none"),
-    Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those of light in the peak that goes straight on"),
+    Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those where light in the peak is unscattered"),
     Output("phase", "(L, A)", "1/sr", "phase function of the tables on medium/theta: without the peak, integral 1"),
     Output("k0", "(L,)", "1", "decay of diffuse light beyond the extent, per mean free path"),
     Output("extent", "(L,)", "1", "where the tables end, mean free paths"),
@@ -146,7 +146,7 @@ def compute(inputs: dict, context) -> Result:
     tasks = [(k, kind, media[k], asked)
              for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
     found: list = []
-    for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress can be told
+    for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress is reported
         found += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
         errors = [one.table.error_with_solver for *_, one in found if not isinstance(one, str)]
         context.report(len(found) / len(tasks), max(errors, default=None))
