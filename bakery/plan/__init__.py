@@ -141,6 +141,6 @@ def make(
             why = differences(before, inputs) if before else []
             if not why:
                 why = [f"not in {output}" if previous is not None else f"no {output} yet", "not in the cache"]
-        steps.append(Step(stage, key, found, action, tuple(why), price(stage, key, stage.cost(recipe)), force))
+        steps.append(Step(stage, key, inputs, action, tuple(why), price(stage, key, stage.cost(recipe)), force))
     held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
     return Plan(recipe, output, tuple(steps), write=not held, loaded=loaded)

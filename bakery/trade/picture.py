@@ -95,7 +95,7 @@ def _limits(axes, seconds, error) -> None:
     for set_limits, values, axis in ((axes.set_xlim, seconds, axes.xaxis), (axes.set_ylim, error, axes.yaxis)):
         low, high = np.log10(values.min()), np.log10(values.max())
         room = max(0.08 * (high - low), 0.12)
-        put(10 ** (low - room), 10 ** (high + room))
+        set_limits(10 ** (low - room), 10 ** (high + room))
         plain_decades(axis)
 
 

@@ -195,4 +195,4 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
                                     _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
-    return found.reshape(rays.shape)
+    return values.reshape(rays.shape)

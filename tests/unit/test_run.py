@@ -285,7 +285,6 @@ def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter"])
 def test_stages_name_modules_that_hold_kernels(name, monkeypatch):
-    from bakery.recipe import load
 
     monkeypatch.undo()  # of the house's own stages
     all_stages.cache_clear()
