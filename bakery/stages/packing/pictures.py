@@ -8,7 +8,6 @@ import numpy as np
 
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.draw.view import looking_from, srgb
-from bakery.physics.packing import theory
 from bakery.store.tree import Group
 
 EQUAL = 1e-9  # relative spread below which radii count as equal
@@ -35,7 +34,7 @@ def pictures(packing: Group) -> Iterator:
         yield from dictionary(tiles)
 
 
-def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
+def rendered(centers, radii, cell, pixels: int = 800) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
     """The tile from a corner, with three of its periodic images behind it.
 
     Parameters
@@ -74,7 +73,7 @@ def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tupl
     from_sun = seen @ to_sun.T
     shadow_low = (from_sun[:, :2] - radius[:, None]).min(0)
     shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
-    shadow_pixel = (shadow_high - shadow_low).max() / 2400
+    shadow_pixel = (shadow_high - shadow_low).max() / 1400
     size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
     _, shadow = _spheres.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1]))
 
@@ -100,7 +99,7 @@ def spheres(tile: Group):
 
     def draw(figure):
         axes = figure.add_subplot()
-        _show(axes, tile, 1300)
+        _show(axes, tile, 800)
         axes.set_title(f"{_kind(radii).capitalize()}, fraction {fraction:.4g}")
 
     return Picture("tile", "Tile", f"In colour {_kind(radii)}, filling {100 * fraction:.4g} % of the cell whose edges are "
@@ -110,15 +109,12 @@ def spheres(tile: Group):
 
 
 def pair_correlation(tile: Group):
-    """g2 with its error, and the fluid's where the spheres are one."""
+    """g2 with its error."""
     from bakery.report.figures import Picture
 
-    group, fraction, fluid = tile["pair_correlation"], _fraction(tile), _fluid(tile)
+    group, fraction = tile["pair_correlation"], _fraction(tile)
     columns = [(heading, group[name].data) for heading, name in
                (("r [mean radius]", "r"), ("g [1]", "g"), ("standard error of g [1]", "g_error"))]
-    if fluid:
-        means = theory.in_bins(lambda x: theory.verlet_weis(x, fraction), group["edges"].data)
-        columns.append(("g of Verlet and Weis [1]", means))
 
     def draw(figure):
         axes = figure.subplots()
@@ -127,9 +123,8 @@ def pair_correlation(tile: Group):
         axes.set_title(f"Pair correlation at fraction {fraction:.4g}")
         axes.legend(loc="upper right")
 
-    said = "  The curve is the fluid's, by Verlet and Weis." if fluid else ""
     return Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
-                   f"density, on a square-root axis; the band is what other tiles of the kind would differ by.{said}",
+                   "density, on a square-root axis; the band is what other tiles of the kind would differ by.",
                    (7.6, 4.2), draw, tuple(columns))
 
 
@@ -137,19 +132,18 @@ def chord_length(tile: Group):
     """Chords between spheres against Dixmier's law."""
     from bakery.report.figures import Picture
 
-    group, radii, fraction = tile["chord_length"], tile["radii"].data, _fraction(tile)
+    group, fraction = tile["chord_length"], _fraction(tile)
     edges, density, error = (group[name].data for name in ("edges", "density", "density_error"))
-    mean = float(theory.mean_chord(fraction, radii))
-    law = (np.exp(-edges[:-1] / mean) - np.exp(-edges[1:] / mean)) / np.diff(edges)
+    mean, law = _exponential(group)
     last = min(edges[-1], 8.5 * mean)
 
     def draw(figure):
         left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
-        fine = np.linspace(0, last, 400)
         left.fill_between(edges, *(np.append(v, v[-1]) for v in (np.maximum(density - error, 1e-9 / mean), density + error)),
                           step="post", color=NEUTRAL[1], alpha=0.22, linewidth=0)
         left.stairs(density, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4, label="this tile")
-        left.plot(fine, theory.dixmier(fine, fraction, radii), color=INK, linewidth=1.1, label="Dixmier: exponential")
+        ends = np.array([0.0, last])
+        left.plot(ends, np.exp(-ends / mean) / mean, color=INK, linewidth=1.1, label="Dixmier: exponential")
         shown = density[(density > 0) & (edges[1:] <= last)]
         left.set(yscale="log", xlim=(0, last), xlabel="chord (mean radii)", ylabel="probability density",
                  ylim=(0.3 * min(shown.min(), np.exp(-last / mean) / mean), 3 * density.max()))
@@ -186,7 +180,7 @@ def dictionary(tiles: list[Group]) -> Iterator:
     def sheet(figure):
         panels = np.atleast_1d(figure.subplots(down, across)).ravel()
         for axes, tile in zip(panels, tiles, strict=False):
-            _show(axes, tile, 500)
+            _show(axes, tile, 320)
             axes.set_title(f"{_fraction(tile):.4g}")
         for axes in panels[len(tiles):]:
             axes.set_axis_off()
@@ -212,7 +206,7 @@ def dictionary(tiles: list[Group]) -> Iterator:
 
     if known:
         yield Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
-                      "density, on a square-root axis.  The curve is the fluid's, by Verlet and Weis.",
+                      "density, on a square-root axis.",
                       (2.9 * across, 0.6 + 2.1 * down), multiples, _long(known, "pair_correlation", ("g", "g_error")))
 
     def over_law(figure):
@@ -220,8 +214,7 @@ def dictionary(tiles: list[Group]) -> Iterator:
         axes.axhline(1, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
         for tile, f, colour in zip(tiles, fractions, colours, strict=True):
             edges, density = tile["chord_length/edges"].data, tile["chord_length/density"].data
-            mean = float(theory.mean_chord(f, tile["radii"].data))
-            law = (np.exp(-edges[:-1] / mean) - np.exp(-edges[1:] / mean)) / np.diff(edges)
+            mean, law = _exponential(tile["chord_length"])
             axes.plot(0.5 * (edges[1:] + edges[:-1]) / mean, density / law, color=colour, linewidth=1.3, label=f"{f:.4g}")
         axes.set(xlim=(0, 5), ylim=(0, None), xlabel="chord over its mean", ylabel="density over Dixmier's law")
         axes.set_title("Chords between spheres")
@@ -233,23 +226,22 @@ def dictionary(tiles: list[Group]) -> Iterator:
 
 
 def _draw_g2(axes, tile: Group) -> None:
-    """g2 with its error, and the fluid's where the spheres are one."""
-    group, fraction = tile["pair_correlation"], _fraction(tile)
+    """g2 with its error."""
+    group = tile["pair_correlation"]
     edges, g, error = (group[name].data for name in ("edges", "g", "g_error"))
     axes.axhline(1, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     axes.fill_between(edges, *(np.append(v, v[-1]) for v in (g - error, g + error)), step="post", color=NEUTRAL[1], alpha=0.22,
                       linewidth=0, label="± standard error")
     axes.stairs(g, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4, label="this tile")
-    if _fluid(tile):
-        fine = np.linspace(max(edges[0], 2), edges[-1], 800)
-        axes.plot(fine, theory.verlet_weis(fine, fraction), color=INK, linewidth=1.1, label="Verlet and Weis (fluid)")
     # square roots: spheres in contact are many times as frequent as any other distance, and all of it is to be seen
     axes.set_yscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     axes.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.08 * float((g + error).max())))
 
 
-def _fluid(tile: Group) -> bool:
-    return _equal(tile["radii"].data) and _fraction(tile) <= theory.FREEZING + 0.01
+def _exponential(chords: Group) -> tuple[float, np.ndarray]:
+    """The exact mean that the bake stored, and the density in each bin of the exponential law with it: Dixmier's."""
+    mean, edges = float(chords["mean_exact"].data[0]), chords["edges"].data
+    return mean, (np.exp(-edges[:-1] / mean) - np.exp(-edges[1:] / mean)) / np.diff(edges)
 
 
 def _long(tiles, group: str, names) -> tuple:
