@@ -50,6 +50,7 @@ def called(root) -> set[str]:
         if event == "call" and name.startswith(physics):
             found.add(name.removeprefix(physics))
 
+    list(pictures(root))  # imports run the bodies of modules
     sys.setprofile(watch)
     try:
         for picture in pictures(root):

@@ -128,7 +128,8 @@ def sections(shown: Shown):
         for axes, i in zip(panels, rows, strict=True):
             for name, (label, ink, line) in SHOWN.items():
                 axes.plot(r, shown.spread[name][i], color=ink, linestyle=line, linewidth=1.5, label=label)
-            axes.set(yscale="log", xlabel="r (mfp)", xlim=(0, shown.edges[-1]))
+            top = max(value[i].max() for value in shown.spread.values())
+            axes.set(yscale="log", xlabel="r (mfp)", xlim=(0, shown.edges[-1]), ylim=(top / 10**_DECADES, 2 * top))
             axes.set_title(f"depth {shown.depth[i]:.3g} mfp")
         panels[0].set_ylabel("2π r Ψ (1/mfp)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -160,6 +161,7 @@ def errors(group: Group, um, lit: list[int]):
         axes.set(xscale="log", xlim=(_LEAST, 2 * max(most, 5 * _LEAST)), ylim=(at[-1] - 0.5, 0.5), xlabel="error (%)")
         axes.set_yticks(at, [f"{x:g} µm" for x in um[lit]])
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_formatter(lambda value, _: "")
         axes.grid(axis="y", visible=False)
         axes.tick_params(axis="y", length=0, labelcolor=QUIET)
         axes.set_title("Errors of the tables")

@@ -182,16 +182,21 @@ def errors(group: Group, kinds: list[str], lit: list[int]):
     values = {name: np.concatenate([stated[kind][name] for kind in kinds]) for name in _STATED}
 
     def draw(figure):
+        from matplotlib.ticker import LogLocator
+
         axes = figure.subplots()
         at = -np.arange(len(rows), dtype=float)
         axes.hlines(at, values["error"], values["error_worst"], color=QUIET, linewidth=0.8, zorder=1)
         for (name, label), ink, mark in zip(_STATED.items(), NEUTRAL, ("o", "s", "D"), strict=True):
-            axes.plot(values[name], at, mark, color=ink, markersize=5, linestyle="none", label=label)
+            axes.plot(values[name], at, mark, color=ink, markersize=7 if mark == "s" else 4.5, linestyle="none", label=label,
+                      markerfacecolor="none" if mark == "s" else ink)
         shown = np.concatenate([value[value > 0] for value in values.values()])
         if shown.size:
             axes.set(xscale="log", xlim=(shown.min() / 1.5, 1.5 * shown.max()))
         axes.set(ylim=(at[-1] - 0.6, 0.6), xlabel="error of a lobe (%)")
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        if shown.size:
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_minor_formatter(lambda value, _: "")
         axes.set_yticks(at, [f"{kind}, {x:g} µm" for kind, x in rows])
         axes.grid(axis="y", visible=False)
@@ -200,8 +205,8 @@ def errors(group: Group, kinds: list[str], lit: list[int]):
         figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
     return Picture("multiple_errors", "Errors of the tables of multiple scattering", "What the bake found: relative difference "
-                   "of a lobe over directions, root mean square over positions between the corners of the table; the same with what "
-                   "the solver (or the noise of photons) adds; and that of the worst position.",
+                   "of a lobe over directions, root mean square over positions between the corners of the table; the same with "
+                   "what the solver (or the noise of photons) adds; and that of the worst position.",
                    (7.4, 1.4 + 0.28 * len(rows)), draw,
                    (("source", [kind for kind, _ in rows]), ("wavelength [um]", np.array([x for _, x in rows])),
                     *((f"{name} [%]", value) for name, value in values.items())))
