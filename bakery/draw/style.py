@@ -56,6 +56,12 @@ def look(name: str) -> Iterator[None]:
 
 def saved(figure, form: str) -> bytes:
     """The figure as `png` or `svg` without date and version; letters of an SVG are outlines, so it needs no fonts."""
+    from bakery.draw.ticks import plain_powers
+
+    if figure.get_layout_engine() is not None:  # once for all forms: matplotlib would do it for each, and draw each twice for it
+        plain_powers(figure)
+        figure.get_layout_engine().execute(figure)
+        figure.set_layout_engine("none")
     buffer = io.BytesIO()
     figure.savefig(buffer, format=form, metadata=_NO_DATE[form])
     return buffer.getvalue()

@@ -222,7 +222,7 @@ def sketched():
     """Pictures are laid out and drawn, but coarsely and into no file: writing PNG and SVG takes most of the time of `plot`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from bakery.report import figures
+    from bakery.draw import picture as figures
 
     def sketch(figure, form):
         if form == "png":

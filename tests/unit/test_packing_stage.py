@@ -357,6 +357,7 @@ def test_a_sphere_covers_its_disc():
 
 
 def test_pictures_of_a_tile_and_of_a_dictionary(two):
+    from bakery.physics.packing import theory
     from bakery.stages.packing.pictures import pictures
 
     many = {picture.name: picture for picture in pictures(two.tree)}
@@ -365,8 +366,10 @@ def test_pictures_of_a_tile_and_of_a_dictionary(two):
     assert list(one) == ["tile", "pair_correlation", "chord_length"]
     for picture in (*many.values(), *one.values()):
         assert len({len(values) for _, values in picture.columns}) == 1
-    headings = [heading for heading, _ in one["pair_correlation"].columns]
-    assert "g of Verlet and Weis [1]" in headings  # a fluid of equal spheres has a theory
+    tile, law = two.tree["packing/f40"], dict(one["chord_length"].columns)["Dixmier [1/mean radius]"]
+    fraction, radii = float(tile["fraction"].data[0]), tile["radii"].data
+    at = np.linspace(tile["chord_length/edges"].data[:-1], tile["chord_length/edges"].data[1:], 101)
+    assert np.allclose(law, np.mean(theory.dixmier(0.5 * (at[1:] + at[:-1]), fraction, radii), axis=0), rtol=1e-3)
 
 
 @pytest.mark.parametrize("name", ["tile", "chord_length"])

@@ -1,6 +1,6 @@
-"""Pictures of narrow beams: kernels beside counted photons in false colour, along the radius, and their errors.
+"""Pictures of narrow beams: the baked kernels in false colour, along the radius, and the errors that the bake measured.
 
-All is light that goes on forward, which every kernel knows.  Lengths are mean free paths.
+Lengths are mean free paths.  `benchmarks/beam_pictures.py` draws the same beside counted photons and other models.
 """
 
 from __future__ import annotations
@@ -12,99 +12,91 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
-from bakery.physics.beam import named, photons, single
-from bakery.stages.beam.view import kernels_of
+from bakery.physics.beam.kinds import MEASURES
+from bakery.stages.beam.view import tables_of
 from bakery.store.tree import Group
 
-_FARTHEST, _CELLS, _EVERY = 5.0, 50, 5  # mfp; planes, and rings, of a map; every fifth plane is one of errors
-_PHOTONS = 100_000
+_FARTHEST, _CELLS = 5.0, 50  # mfp; planes, and rings, of a map
 _HELD = 0.95  # of the forward light at the last plane within the rings
-_MOST = 8  # wavelengths whose errors are drawn
-_SEED = 11
 _DECADES = 3  # of the colour scale
 _LEAST = 0.1  # percent, errors below are drawn there
-_SURE = 0.15  # relative standard error above which a point is left out
-# kernel -> its name in words, colour, line
-SHOWN = {"best": ("transport", "#1f77a4", "-"), "small_angle_absorbing": ("small-angle, absorption", "#2f8f5b", "-"),
-         "erf": ("error function", "#b3541e", "-"), "path_integral": ("path integral", "#8a4fbf", (0, (5, 2))),
-         "elek": ("Elek et al., approximate", "#c2378a", (0, (2, 1.5))), "single": ("scattered once", QUIET, (0, (1, 1.2)))}
-_MAPS = ("best", "erf", "small_angle_absorbing", "path_integral", "elek")
+# table -> its name in words, colour, line
+SHOWN = {"fluence": ("all directions", INK, "-"), "forward": ("forward, fluence", "#1f77a4", "-"),
+         "flux": ("forward, flux", "#b3541e", "-"), "small_angle": ("small-angle model", "#2f8f5b", (0, (5, 2)))}
+_MARKS = ("o", "s", "D")
 
 
 @dataclass(frozen=True)
 class Shown:
-    """One wavelength: its kernels and what photons counted, on planes and rings."""
+    """The tables of one wavelength, averaged over rings.
+
+    Attributes
+    ----------
+    um : wavelength
+    depth : (D,) mfp
+    edges : (R + 1,) mfp, of the rings
+    spread : name in `SHOWN` -> (D, R) 2 pi r Psi, 1/mfp
+    error : name -> relative root mean square difference from photons, where the bake measured it
+    """
 
     um: float
-    kernels: named.Kernels
-    counted: photons.Counted
+    depth: np.ndarray
+    edges: np.ndarray
+    spread: dict[str, np.ndarray]
+    error: dict[str, float]
 
-    def label(self, name: str) -> str:
-        return "small-angle model" if name == "best" and not self.kernels.transport else SHOWN[name][0]
-
-    def rings(self, name: str, measure: str = "fluence") -> np.ndarray:
-        """(D, R) mfp^-2: a kernel's forward light averaged over the rings, as fluence or as flux."""
-        depth, edges = self.counted.depth, self.counted.edges
-        if name == "best":
-            return self.kernels.rings(depth, edges, "forward" if measure == "fluence" else "flux")
-        if name == "single":
-            which = ("fluence", "flux").index(measure)
-            albedo, line = self.kernels.albedo, self.kernels.line
-            return named.ring_averages(lambda z, r: single.single(albedo, line, z, r)[0][which], depth, edges)
-        return self.kernels.rings(depth, edges, name)
+    @property
+    def radius(self) -> np.ndarray:
+        return 0.5 * (self.edges[1:] + self.edges[:-1])
 
 
 def pictures(root: Group) -> Iterator:
-    """Maps and sections at the middle one of the wavelengths that scatter, errors at all of them (eight at most)."""
-    medium, group = root.members.get("medium"), root["beam"]
-    if not isinstance(medium, Group) or not {"theta", "phase", "albedo"} <= medium.members.keys() \
-            or not {"depth", "ratio", "model", "gaussian_b", *named.TABLES} <= group.members.keys():
+    """Maps and sections at the middle one of the wavelengths that scatter, errors at all of them."""
+    group = root["beam"]
+    if not {"depth", "ratio", *SHOWN} <= group.members.keys():
         return
     um = root["wavelength"].data
-    sets = kernels_of(group, medium)
-    lit = [int(k) for k in np.argsort(um, kind="stable") if sets[k].albedo > 0]
+    lit = [int(k) for k in np.argsort(um, kind="stable") if group["forward"].data[k].any()]
     if not lit:
         return
-    middle = lit[len(lit) // 2]
-    chosen = sorted({lit[round(i)] for i in np.linspace(0, len(lit) - 1, min(len(lit), _MOST))} | {middle}, key=lit.index)
-    shown = counted(float(um[middle]), sets[middle], _CELLS)
+    shown = looked_up(group, um, lit[len(lit) // 2])
     yield maps(shown)
     yield sections(shown)
-    yield errors([shown if k == middle else counted(float(um[k]), sets[k], _CELLS // _EVERY) for k in chosen], shown.um)
+    if {f"{name}_{end}" for name in MEASURES for end in ("rms", "noise")} <= group.members.keys():
+        yield errors(group, um, lit)
 
 
-def counted(um: float, kernels: named.Kernels, planes: int) -> Shown:
-    """Follows photons through a number of planes to 5 mfp, or as deep as the tables go, and rings that hold most of the light."""
-    deepest = min(_FARTHEST, float(kernels.table("forward").depth[-1]))
-    table = kernels.table("forward")
+def looked_up(group: Group, um, k: int) -> Shown:
+    """The tables at wavelength number k, on planes to 5 mfp, or as deep as they go, and rings that hold most of the light."""
+    tables = {name: tables_of(group, name)[k] for name in SHOWN}
+    table = tables["forward"]
+    deepest = min(_FARTHEST, float(table.depth[-1]))
     radius = deepest * np.geomspace(1e-5, 1, 400)
     within = table.within(deepest, radius)
     reach = float(np.interp(_HELD, within / within[-1], radius))
-    reach = deepest if reach > deepest / 2 else reach
-    found = photons.count(kernels.albedo, kernels.theta, kernels.phase, deepest * np.arange(1, planes + 1) / planes,
-                          np.linspace(0, reach, _CELLS + 1), _PHOTONS, seed=_SEED, back=False)
-    return Shown(um, kernels, found)
+    edges = np.linspace(0, deepest if reach > deepest / 2 else reach, _CELLS + 1)
+    depth = deepest * np.arange(1, _CELLS + 1) / _CELLS
+    ring = np.pi * (edges[1:] + edges[:-1])
+    error = {name: float(group[f"{name}_rms"].data[k]) for name in SHOWN if f"{name}_rms" in group.members}
+    return Shown(float(um[k]), depth, edges, {name: ring * made.rings(depth, edges) for name, made in tables.items()}, error)
 
 
 def maps(shown: Shown):
-    """2 pi r Psi over depth and distance from the axis: photons, and kernels in the same colours."""
-    at = shown.counted
-    ring = 2 * np.pi * at.radius
-    seen = {"photons": ring * at.fluence} | {name: ring * shown.rings(name) for name in _MAPS}
-    top = float(np.percentile(seen["photons"], 99.7))
-    error = {name: photons.rms(value / ring, at, "fluence")[0] for name, value in seen.items() if name != "photons"}
-    step = at.depth[1] - at.depth[0]
+    """2 pi r Psi over depth and distance from the axis, of each table in the same colours."""
+    top = float(np.percentile(shown.spread["fluence"], 99.7))
+    step = shown.depth[1] - shown.depth[0]
 
     def draw(figure):
         from matplotlib.colors import LogNorm
 
         norm = LogNorm(top / 10**_DECADES, top, clip=True)
-        panels = figure.subplots(2, 3, sharex=True, sharey=True)
-        for axes, (name, value) in zip(panels.flat, seen.items(), strict=True):
+        panels = figure.subplots(2, 2, sharex=True, sharey=True)
+        for axes, (name, value) in zip(panels.flat, shown.spread.items(), strict=True):
             shade = axes.imshow(np.concatenate([value.T[::-1], value.T]), norm=norm, cmap="inferno", aspect="auto",
                                 interpolation="nearest", origin="lower",
-                                extent=(step / 2, at.depth[-1] + step / 2, -at.edges[-1], at.edges[-1]))
-            axes.set_title("photons" if name == "photons" else f"{shown.label(name)}: {_percent(error[name])} %")
+                                extent=(step / 2, shown.depth[-1] + step / 2, -shown.edges[-1], shown.edges[-1]))
+            error = f": {_percent(shown.error[name])} %" if name in shown.error else ""
+            axes.set_title(SHOWN[name][0].capitalize() + error)
             axes.grid(False)
         for axes in panels[-1]:
             axes.set_xlabel("depth z (mfp)")
@@ -112,130 +104,72 @@ def maps(shown: Shown):
             axes.set_ylabel("r (mfp)")
             axes.yaxis.set_major_formatter(lambda value, _: f"{abs(value):g}")
         figure.colorbar(shade, ax=panels, shrink=0.85, pad=0.015, label="2π r Ψ (1/mfp)", extend="both")
-        figure.suptitle(f"Spread of a narrow beam: {_words(shown)}", x=0.01, ha="left", fontsize=10.5, fontweight="bold")
+        figure.suptitle(f"Spread of a narrow beam: {shown.um:g} µm", x=0.01, ha="left", fontsize=10.5, fontweight="bold")
 
-    noise = 100 * photons.rms(at.fluence, at, "fluence")[1]
-    said = (f"Scattered light that goes on forward, in rings around a beam of power 1 that enters at the left: "
-            f"{_number(at.photons)} photons counted ({noise:.2g} % noise), and kernels in the same colours.  Percent: root mean "
-            "square difference from the photons over the map, less their noise.")
-    heads = ["z [mfp]", "r [mfp]", "photons [1/mfp]", "photons standard error [1/mfp]"]
-    z, r = np.meshgrid(at.depth, at.radius, indexing="ij")
-    columns = [z, r, seen["photons"], ring * at.fluence_error] + [seen[name] for name in seen if name != "photons"]
-    heads += [f"{shown.label(name)} [1/mfp]" for name in seen if name != "photons"]
-    return Picture("beam_maps", "Narrow beam: kernels beside photons", said, (11.4, 5.8), draw,
-                   tuple((head, column.ravel()) for head, column in zip(heads, columns, strict=True)))
+    said = ("Scattered light in rings around a beam of power 1 that enters at the left, from the asset's tables: that of all "
+            "directions, that which goes on forward as fluence and as power through a surface across the beam (flux), and the "
+            "small-angle model.")
+    said += "  Percent: root mean square difference from photons that the bake counted, less their noise." if shown.error else ""
+    z, r = np.meshgrid(shown.depth, shown.radius, indexing="ij")
+    columns = (("z [mfp]", z), ("r [mfp]", r), *((f"{SHOWN[name][0]} [1/mfp]", value) for name, value in shown.spread.items()))
+    return Picture("beam_maps", "Narrow beam", said, (8.6, 5.8), draw,
+                   tuple((head, column.ravel()) for head, column in columns))
 
 
 def sections(shown: Shown):
-    """2 pi r Psi against r at three depths, with counted photons."""
-    at, names = shown.counted, list(SHOWN)
-    ring = 2 * np.pi * at.radius
-    rows = [len(at.depth) // 5 - 1, len(at.depth) // 2 - 1, len(at.depth) - 1]
-    curves = {name: ring * shown.rings(name) for name in names}
-    value, error = ring * at.fluence, ring * at.fluence_error
+    """2 pi r Psi against r at three depths."""
+    rows = [len(shown.depth) // 5 - 1, len(shown.depth) // 2 - 1, len(shown.depth) - 1]
+    r = shown.radius
 
     def draw(figure):
         panels = figure.subplots(1, 3, sharex=True)
         for axes, i in zip(panels, rows, strict=True):
-            for name in names:
-                axes.plot(at.radius, curves[name][i], color=SHOWN[name][1], linestyle=SHOWN[name][2],
-                          linewidth=2.2 if name == "best" else 1.3, label=shown.label(name))
-            sure = error[i] < _SURE * value[i]
-            axes.errorbar(at.radius[sure], value[i][sure], yerr=error[i][sure], fmt="o", color=INK, markersize=2.6,
-                          elinewidth=0.9, capsize=1.5, linestyle="none", label="photons")
-            low = value[i][sure].min() if sure.any() else curves["best"][i].max() / 1e3
-            axes.set(yscale="log", xlabel="r (mfp)", xlim=(0, at.edges[-1]),
-                     ylim=(0.5 * low, 2 * max(curve[i].max() for curve in curves.values())))
-            axes.set_title(f"depth {at.depth[i]:.3g} mfp")
+            for name, (label, ink, line) in SHOWN.items():
+                axes.plot(r, shown.spread[name][i], color=ink, linestyle=line, linewidth=1.5, label=label)
+            top = max(value[i].max() for value in shown.spread.values())
+            axes.set(yscale="log", xlabel="r (mfp)", xlim=(0, shown.edges[-1]), ylim=(top / 10**_DECADES, 2 * top))
+            axes.set_title(f"depth {shown.depth[i]:.3g} mfp")
         panels[0].set_ylabel("2π r Ψ (1/mfp)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        figure.suptitle(f"Kernels (lines) and photons (points): {_words(shown)}", x=0.01, ha="left", fontsize=10.5,
-                        fontweight="bold")
+        figure.suptitle(f"Spread of a narrow beam: {shown.um:g} µm", x=0.01, ha="left", fontsize=10.5, fontweight="bold")
 
-    said = ("Scattered light that goes on forward, per distance from the axis, at three depths; "
-            f"{_number(at.photons)} photons with standard errors, both averaged over the same rings.  Points whose standard "
-            f"error is above {100 * _SURE:g} % are left out.")
-    columns = [("z [mfp]", np.repeat(at.depth[rows], at.radius.size)), ("r [mfp]", np.tile(at.radius, len(rows))),
-               ("photons [1/mfp]", value[rows].ravel()), ("photons standard error [1/mfp]", error[rows].ravel())]
-    columns += [(f"{shown.label(name)} [1/mfp]", curves[name][rows].ravel()) for name in names]
-    return Picture("beam_sections", "Narrow beam along the radius", said, (11.4, 4.6), draw, tuple(columns))
+    columns = (("z [mfp]", np.repeat(shown.depth[rows], r.size)), ("r [mfp]", np.tile(r, len(rows))),
+               *((f"{SHOWN[name][0]} [1/mfp]", value[rows].ravel()) for name, value in shown.spread.items()))
+    return Picture("beam_sections", "Narrow beam along the radius", "Scattered light per distance from the axis at three depths, "
+                   "from the asset's tables, averaged over rings.", (9.6, 3.9), draw, columns)
 
 
-def errors(all_shown: list[Shown], drawn: float):
-    """Root mean square difference from photons: of each plane at one wavelength, and over all planes at each."""
-    every = [(one.um, name, measure, *_planes(one, name, measure)[1])
-             for one in all_shown for name in SHOWN for measure in ("fluence", "flux")]
-    names = {name: " or ".join(dict.fromkeys(one.label(name) for one in all_shown)) for name in SHOWN}
-    shown = next(one for one in all_shown if one.um == drawn)
-    over = {name: _planes(shown, name, "fluence")[0] for name in SHOWN}
-    depth = _errors(shown).depth
-    ink = dict(zip((one.um for one in all_shown), colours([one.um for one in all_shown]), strict=True))
-    noise = float(np.mean([row[-1] for row in every]))
+def errors(group: Group, um, lit: list[int]):
+    """The errors against photons that the bake stored, at each wavelength."""
+    values = {name: tuple(100 * group[f"{name}_{end}"].data[lit] for end in ("rms", "noise")) for name in MEASURES}
+    ink = colours(um[lit])
 
     def draw(figure):
-        left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
-        for name, rows in over.items():
-            left.plot(depth, np.maximum(100 * rows[:, 0], _LEAST), color=SHOWN[name][1], linestyle=SHOWN[name][2], marker="o",
-                      markersize=3.2, linewidth=2.2 if name == "best" else 1.3, label=shown.label(name))
-        left.fill_between(depth, _LEAST, 100 * over["best"][:, 1], color=FAINT, label="noise of the photons", zorder=0)
-        left.set(yscale="log", xlabel="depth z (mfp)", ylabel="error, forward fluence (%)", xlim=(0, None), ylim=(_LEAST, None))
-        left.set_title(f"Each plane, {drawn:g} µm")
-        right.axvspan(_LEAST, 100 * noise, color=FAINT, zorder=0)
-        lines = {name: -i for i, name in enumerate(names)}
-        count = len(all_shown)
-        spread = {one.um: 0.5 * (i - (count - 1) / 2) / max(count - 1, 1) for i, one in enumerate(all_shown)}
-        for um, name, measure, error, _ in every:
-            right.plot(max(100 * error, _LEAST), lines[name] - spread[um], marker="o" if measure == "fluence" else "D",
-                       color=ink[um], markerfacecolor=ink[um] if measure == "fluence" else "none", markersize=5.5,
-                       linestyle="none", clip_on=False)
-        for um, colour in ink.items():
-            right.plot([], [], "o", color=colour, label=f"{um:g} µm")
-        right.plot([], [], "o", color=INK, label="fluence")
-        right.plot([], [], "D", color=INK, markerfacecolor="white", label="flux")
-        right.set(xscale="log", xlim=(_LEAST, None), ylim=(0.6 - len(names), 0.6), xlabel="error, all planes (%)")
-        right.set_yticks(list(lines.values()), list(names.values()))
-        right.set_title("All planes, each wavelength")
-        for axis in (left.yaxis, right.xaxis):
-            axis.set_major_formatter(lambda value, _: f"{value:g}")
-        figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=3)
-        figure.legend(*right.get_legend_handles_labels(), loc="outside lower right", ncols=min(len(ink) + 2, 5))
-        figure.suptitle("Errors of kernels against photons", x=0.01, ha="left", fontsize=10.5, fontweight="bold")
+        axes = figure.subplots()
+        at = -np.arange(len(lit), dtype=float)
+        for name, mark, shift in zip(MEASURES, _MARKS, (0.2, 0.0, -0.2), strict=True):
+            error, noise = values[name]
+            axes.hlines(at + shift, _LEAST, np.maximum(noise, _LEAST), color=FAINT, linewidth=5, zorder=1)
+            axes.scatter(np.maximum(error, _LEAST), at + shift, marker=mark, color=ink, s=28, zorder=3, clip_on=False)
+            axes.plot([], [], mark, color=INK, markersize=5, linestyle="none", label=SHOWN[name][0])
+        axes.plot([], [], color=FAINT, linewidth=5, label="noise of the photons")
+        most = max(value.max() for pair in values.values() for value in pair)
+        axes.set(xscale="log", xlim=(_LEAST, 2 * max(most, 5 * _LEAST)), ylim=(at[-1] - 0.5, 0.5), xlabel="error (%)")
+        axes.set_yticks(at, [f"{x:g} µm" for x in um[lit]])
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_formatter(lambda value, _: "")
+        axes.grid(axis="y", visible=False)
+        axes.tick_params(axis="y", length=0, labelcolor=QUIET)
+        axes.set_title("Errors of the tables")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
-    said = (f"Root mean square difference of 2π r Ψ from {_number(shown.counted.photons)} photons a wavelength over ten planes "
-            f"and {_CELLS} rings, relative, less the photons' noise (grey; what lies in it may be 0).  Light that goes on "
-            f"forward: as fluence, and as power through a surface across the beam (flux).  Below {_LEAST:g} % drawn there.")
-    columns = (("wavelength [um]", np.array([row[0] for row in every])), ("kernel", [names[row[1]] for row in every]),
-               ("measure", [row[2] for row in every]), ("error [1]", np.array([row[3] for row in every])),
-               ("noise [1]", np.array([row[4] for row in every])))
-    return Picture("beam_errors", "Narrow beam: errors of kernels", said, (11.4, 5.0), draw, columns)
-
-
-def _errors(one: Shown) -> photons.Counted:
-    """What was counted on the ten planes of errors."""
-    at, every = one.counted, max(len(one.counted.depth) * _EVERY // _CELLS, 1)
-    keep = slice(every - 1, None, every)
-    return photons.Counted(at.depth[keep], at.edges, at.flux[keep], at.flux_error[keep], at.fluence[keep], at.fluence_error[keep],
-                           at.photons)
-
-
-def _planes(one: Shown, name: str, measure: str):
-    """Errors and noise (10, 2) of single planes, and of all together."""
-    at = _errors(one)
-    every = len(one.counted.depth) // len(at.depth)
-    value = one.rings(name, measure)[every - 1::every]
-    alone = [photons.rms(value[i:i + 1], photons.Counted(at.depth[i:i + 1], at.edges, *(
-        whole[i:i + 1] for whole in (at.flux, at.flux_error, at.fluence, at.fluence_error)), at.photons), measure)
-        for i in range(len(at.depth))]
-    return np.array(alone), photons.rms(value, at, measure)
-
-
-def _words(shown: Shown) -> str:
-    return f"{shown.um:g} µm, albedo {shown.kernels.albedo:.4g}"
+    columns = [("wavelength [um]", um[lit])]
+    columns += [(f"{SHOWN[name][0]} {end} [%]", column) for name, pair in values.items()
+                for end, column in zip(("error", "noise"), pair, strict=True)]
+    return Picture("beam_errors", "Narrow beam: errors", "Root mean square difference of 2π r Ψ from the photons that the bake "
+                   f"counted, relative, less their noise (grey; what lies in it may be 0).  Below {_LEAST:g} % drawn there.",
+                   (7.0, 1.5 + 0.4 * len(lit)), draw, tuple(columns))
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.2g}" if share < 0.995 else f"{100 * share:.0f}"
-
-
-def _number(count: int) -> str:
-    return f"{count:,}".replace(",", " ")

@@ -9,7 +9,6 @@ import numpy as np
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.draw.view import looking_from, srgb
-from bakery.physics.packing import theory
 from bakery.stages.packing.view import tiles
 from bakery.store.tree import Group
 
@@ -20,17 +19,17 @@ _SMALL, _LARGE = np.array([0.04, 0.30, 0.42]), np.array([0.85, 0.36, 0.07])
 
 def pictures(root: Group) -> Iterator:
     """Every picture of a `packing` group: three of a tile, three of all tiles of a dictionary together."""
-    found = list(tiles(root["packing"]).values())
-    if len(found) == 1:
-        yield spheres(found[0])
-        if "pair_correlation" in found[0].members:
-            yield pair_correlation(found[0])
-        yield chord_length(found[0])
-    elif found:
-        yield from dictionary(found)
+    packed = list(tiles(root["packing"]).values())
+    if len(packed) == 1:
+        yield spheres(packed[0])
+        if "pair_correlation" in packed[0].members:
+            yield pair_correlation(packed[0])
+        yield chord_length(packed[0])
+    elif packed:
+        yield from dictionary(packed)
 
 
-def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
+def rendered(centers, radii, cell, pixels: int = 800) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
     """The tile from a corner, with three of its periodic images behind it.
 
     Parameters
@@ -69,7 +68,7 @@ def rendered(centers, radii, cell, pixels: int = 1300) -> tuple[np.ndarray, tupl
     from_sun = seen @ to_sun.T
     shadow_low = (from_sun[:, :2] - radius[:, None]).min(0)
     shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
-    shadow_pixel = (shadow_high - shadow_low).max() / 2400
+    shadow_pixel = (shadow_high - shadow_low).max() / 1400
     size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
     _, shadow = _spheres.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1]))
 
@@ -93,7 +92,7 @@ def spheres(tile: Group):
 
     def draw(figure):
         axes = figure.add_subplot()
-        _show(axes, tile, 1300)
+        _show(axes, tile, 800)
         axes.set_title(f"{_kind(radii).capitalize()}, fraction {fraction:.4g}")
 
     return Picture("tile", "Tile", f"In colour {_kind(radii)}, filling {100 * fraction:.4g} % of the cell whose edges are "
@@ -103,13 +102,10 @@ def spheres(tile: Group):
 
 
 def pair_correlation(tile: Group):
-    """g2 with its error, and the fluid's where the spheres are one."""
-    group, fraction, fluid = tile["pair_correlation"], _fraction(tile), _fluid(tile)
+    """g2 with its error."""
+    group, fraction = tile["pair_correlation"], _fraction(tile)
     columns = [(heading, group[name].data) for heading, name in
                (("r [mean radius]", "r"), ("g [1]", "g"), ("standard error of g [1]", "g_error"))]
-    if fluid:
-        means = theory.in_bins(lambda x: theory.verlet_weis(x, fraction), group["edges"].data)
-        columns.append(("g of Verlet and Weis [1]", means))
 
     def draw(figure):
         axes = figure.subplots()
@@ -118,27 +114,25 @@ def pair_correlation(tile: Group):
         axes.set_title(f"Pair correlation at fraction {fraction:.4g}")
         axes.legend(loc="upper right")
 
-    said = "  The curve is the fluid's, by Verlet and Weis." if fluid else ""
     return Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
-                   f"density, on a square-root axis; the band is what other tiles of the kind would differ by.{said}",
+                   "density, on a square-root axis; the band is what other tiles of the kind would differ by.",
                    (7.6, 4.2), draw, tuple(columns))
 
 
 def chord_length(tile: Group):
     """Chords between spheres against Dixmier's law."""
-    group, radii, fraction = tile["chord_length"], tile["radii"].data, _fraction(tile)
+    group, fraction = tile["chord_length"], _fraction(tile)
     edges, density, error = (group[name].data for name in ("edges", "density", "density_error"))
-    mean = float(theory.mean_chord(fraction, radii))
-    law = (np.exp(-edges[:-1] / mean) - np.exp(-edges[1:] / mean)) / np.diff(edges)
+    mean, law = _exponential(group)
     last = min(edges[-1], 8.5 * mean)
 
     def draw(figure):
         left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
-        fine = np.linspace(0, last, 400)
         left.fill_between(edges, *(np.append(v, v[-1]) for v in (np.maximum(density - error, 1e-9 / mean), density + error)),
                           step="post", color=NEUTRAL[1], alpha=0.22, linewidth=0)
         left.stairs(density, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4, label="this tile")
-        left.plot(fine, theory.dixmier(fine, fraction, radii), color=INK, linewidth=1.1, label="Dixmier: exponential")
+        ends = np.array([0.0, last])
+        left.plot(ends, np.exp(-ends / mean) / mean, color=INK, linewidth=1.1, label="Dixmier: exponential")
         shown = density[(density > 0) & (edges[1:] <= last)]
         left.set(yscale="log", xlim=(0, last), xlabel="chord (mean radii)", ylabel="probability density",
                  ylim=(0.3 * min(shown.min(), np.exp(-last / mean) / mean), 3 * density.max()))
@@ -161,30 +155,30 @@ def chord_length(tile: Group):
                     ("standard error of density [1/mean radius]", error), ("Dixmier [1/mean radius]", law)))
 
 
-def dictionary(tiles: list[Group]) -> Iterator:
+def dictionary(packed: list[Group]) -> Iterator:
     """A sheet of all tiles, their pair correlations and their chords, one colour a fraction."""
     from matplotlib import colormaps
 
-    fractions = np.array([_fraction(tile) for tile in tiles])
-    colours = colormaps["viridis"](0.9 * (1 - np.arange(len(tiles)) / max(len(tiles) - 1, 1)))
-    across = min(len(tiles), max(3, round(np.sqrt(1.5 * len(tiles)))))
-    down = -(-len(tiles) // across)
+    fractions = np.array([_fraction(tile) for tile in packed])
+    colours = colormaps["viridis"](0.9 * (1 - np.arange(len(packed)) / max(len(packed) - 1, 1)))
+    across = min(len(packed), max(3, round(np.sqrt(1.5 * len(packed)))))
+    down = -(-len(packed) // across)
 
     def sheet(figure):
         panels = np.atleast_1d(figure.subplots(down, across)).ravel()
-        for axes, tile in zip(panels, tiles, strict=False):
-            _show(axes, tile, 500)
+        for axes, tile in zip(panels, packed, strict=False):
+            _show(axes, tile, 320)
             axes.set_title(f"{_fraction(tile):.4g}")
-        for axes in panels[len(tiles):]:
+        for axes in panels[len(packed):]:
             axes.set_axis_off()
 
     names = ("fraction", "contacts_per_sphere", "contacts_per_sphere_error", "rattlers", "bond_order", "bond_order_random",
              "bond_order_local", "smallest_gap")
     yield Picture("tiles", "Tiles", "Each tile in colour; behind it, pale, three of its periodic images.",
                   (3.4 * across, 0.4 + 2.7 * down), sheet,
-                  tuple((f"{name} [1]", np.array([tile[name].data[0] for tile in tiles])) for name in names))
+                  tuple((f"{name} [1]", np.array([tile[name].data[0] for tile in packed])) for name in names))
 
-    known = [tile for tile in tiles if "pair_correlation" in tile.members]
+    known = [tile for tile in packed if "pair_correlation" in tile.members]
 
     def multiples(figure):
         panels = np.atleast_1d(figure.subplots(down, across)).ravel()
@@ -199,16 +193,15 @@ def dictionary(tiles: list[Group]) -> Iterator:
 
     if known:
         yield Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
-                      "density, on a square-root axis.  The curve is the fluid's, by Verlet and Weis.",
+                      "density, on a square-root axis.",
                       (2.9 * across, 0.6 + 2.1 * down), multiples, _long(known, "pair_correlation", ("g", "g_error")))
 
     def over_law(figure):
         axes = figure.subplots()
         axes.axhline(1, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
-        for tile, f, colour in zip(tiles, fractions, colours, strict=True):
+        for tile, f, colour in zip(packed, fractions, colours, strict=True):
             edges, density = tile["chord_length/edges"].data, tile["chord_length/density"].data
-            mean = float(theory.mean_chord(f, tile["radii"].data))
-            law = (np.exp(-edges[:-1] / mean) - np.exp(-edges[1:] / mean)) / np.diff(edges)
+            mean, law = _exponential(tile["chord_length"])
             axes.plot(0.5 * (edges[1:] + edges[:-1]) / mean, density / law, color=colour, linewidth=1.3, label=f"{f:.4g}")
         axes.set(xlim=(0, 5), ylim=(0, None), xlabel="chord over its mean", ylabel="density over Dixmier's law")
         axes.set_title("Chords between spheres")
@@ -216,27 +209,26 @@ def dictionary(tiles: list[Group]) -> Iterator:
 
     yield Picture("chord_length", "Chord lengths", "Lengths between spheres along random straight lines, over Dixmier's law, "
                   "which is exponential with the exact mean.", (7.8, 4.4), over_law,
-                  _long(tiles, "chord_length", ("density", "density_error")))
+                  _long(packed, "chord_length", ("density", "density_error")))
 
 
 def _draw_g2(axes, tile: Group) -> None:
-    """g2 with its error, and the fluid's where the spheres are one."""
-    group, fraction = tile["pair_correlation"], _fraction(tile)
+    """g2 with its error."""
+    group = tile["pair_correlation"]
     edges, g, error = (group[name].data for name in ("edges", "g", "g_error"))
     axes.axhline(1, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     axes.fill_between(edges, *(np.append(v, v[-1]) for v in (g - error, g + error)), step="post", color=NEUTRAL[1], alpha=0.22,
                       linewidth=0, label="± standard error")
     axes.stairs(g, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4, label="this tile")
-    if _fluid(tile):
-        fine = np.linspace(max(edges[0], 2), edges[-1], 800)
-        axes.plot(fine, theory.verlet_weis(fine, fraction), color=INK, linewidth=1.1, label="Verlet and Weis (fluid)")
     # square roots: spheres in contact are many times as frequent as any other distance, and all of it is to be seen
     axes.set_yscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     axes.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.08 * float((g + error).max())))
 
 
-def _fluid(tile: Group) -> bool:
-    return _equal(tile["radii"].data) and _fraction(tile) <= theory.FREEZING + 0.01
+def _exponential(chords: Group) -> tuple[float, np.ndarray]:
+    """The exact mean that the bake stored, and the density in each bin of the exponential law with it: Dixmier's."""
+    mean, edges = float(chords["mean_exact"].data[0]), chords["edges"].data
+    return mean, (np.exp(-edges[:-1] / mean) - np.exp(-edges[1:] / mean)) / np.diff(edges)
 
 
 def _long(tiles, group: str, names) -> tuple:
