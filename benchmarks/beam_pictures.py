@@ -18,10 +18,11 @@ import numpy as np
 
 import bakery
 from bakery.draw.files import csv_text
+from bakery.draw.picture import Picture, drawn
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.physics.beam import named, photons, single
-from bakery.report.figures import Picture, drawn, title_of
-from bakery.stages.beam import stage
+from bakery.report.figures import title_of
+from bakery.stages.beam.view import kernels_of
 from bakery.store.tree import Group
 
 _FARTHEST, _CELLS, _EVERY = 5.0, 50, 5  # mfp; planes, and rings, of a map; every fifth plane is one of errors
@@ -69,7 +70,7 @@ def pictures(root: Group) -> Iterator:
             or not {"depth", "ratio", "model", "gaussian_b", *named.TABLES} <= group.members.keys():
         return
     um = root["wavelength"].data
-    sets = stage.kernels_of(group, medium)
+    sets = kernels_of(group, medium)
     lit = [int(k) for k in np.argsort(um, kind="stable") if sets[k].albedo > 0]
     if not lit:
         return

@@ -20,11 +20,13 @@ import numpy as np
 
 import bakery
 from bakery.draw.files import csv_text
+from bakery.draw.picture import Picture, drawn
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.physics.multiple import frame, photons, table
-from bakery.report.figures import Picture, drawn, title_of
-from bakery.stages.multiple import stage
+from bakery.physics.multiple import build, choice, frame, photons
+from bakery.physics.multiple.kinds import KINDS
+from bakery.report.figures import title_of
 from bakery.stages.multiple.pictures import Shown as Drawn
+from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Dataset, Group
 
 _LEAST_STEP, _RATIO = 0.05, 1.5  # edge of the first cell of photons, mfp, and from one to the next
@@ -55,7 +57,7 @@ class Shown(Drawn):
         """The solution that the table was made from, once more."""
         straight = self.medium.members.get("forward_delta")
         straight = float(straight.data[self.row]) if isinstance(straight, Dataset) else 0.0
-        return stage.solved(float(self.medium["albedo"].data[self.row]), self.medium["theta"].data,
+        return choice.solved(float(self.medium["albedo"].data[self.row]), self.medium["theta"].data,
                             self.medium["phase"].data[self.row], straight, self.orders)[0]
 
 
@@ -63,10 +65,10 @@ def pictures(root: Group) -> Iterator:
     """The pictures of each kind of source, at the middle one of the wavelengths at which anything is scattered."""
     group, medium = root["multiple"], root["medium"]
     um = group["wavelength"].data
-    for kind in stage.KINDS:
+    for kind in KINDS:
         if kind not in group.members:
             continue
-        tables = stage.tables_of(group, kind)
+        tables = tables_of(group, kind)
         lit = [k for k in np.argsort(um, kind="stable") if not tables[k].empty]
         if not lit:
             continue
@@ -203,7 +205,7 @@ def error_map(shown: Shown):
     u, v = (np.linspace(0, 1, n + 1) for n in count)
     middle_u, middle_v = np.meshgrid((u[1:] + u[:-1]) / 2, (v[1:] + v[:-1]) / 2, indexing="ij")
     rho, z = frame.position(made.kind, made.length, made.extent, middle_u.ravel(), middle_v.ravel())
-    error = 100 * table.errors(made, solved, rho, z).reshape(count)
+    error = 100 * build.errors(made, solved, rho, z).reshape(count)
     ends = np.minimum(np.hypot(rho, z), np.hypot(rho, z - made.length))
     fine = np.linspace(0, 1, 400)
     angle, reached = _at(made, 0.9, v)[1], _at(made, fine, 0.5)[0]
