@@ -22,7 +22,7 @@ import bakery
 from bakery.draw.files import csv_text
 from bakery.draw.picture import Picture, drawn
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.physics.multiple import build, choice, frame, photons
+from bakery.physics.multiple import build, choice, frame, photons, table
 from bakery.physics.multiple.kinds import KINDS
 from bakery.report.figures import title_of
 from bakery.stages.multiple.pictures import Shown as Drawn
@@ -57,8 +57,9 @@ class Shown(Drawn):
         """The solution that the table was made from, once more."""
         straight = self.medium.members.get("forward_delta")
         straight = float(straight.data[self.row]) if isinstance(straight, Dataset) else 0.0
-        return choice.solved(float(self.medium["albedo"].data[self.row]), self.medium["theta"].data,
-                            self.medium["phase"].data[self.row], straight, self.orders)[0]
+        medium = choice.Medium(float(self.medium["albedo"].data[self.row]), self.medium["theta"].data,
+                               self.medium["phase"].data[self.row], straight)
+        return choice.solved(medium, self.orders).solution
 
 
 def pictures(root: Group) -> Iterator:
