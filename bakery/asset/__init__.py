@@ -1,4 +1,4 @@
-"""An asset as Python sees it: `bakery.open(path)`, the only door through which renderers see one.
+"""An asset as Python sees it: `bakery.open(path)`, the only interface through which renderers see one.
 
 Every group has its datasets as attributes (`asset.medium.sigma_t`) and, exactly as stored, as items (`asset.medium["phase"]`).  A
 tabulated phase function is an attribute that can be called with angles.

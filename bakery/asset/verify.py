@@ -109,7 +109,7 @@ def _broken(path: str) -> list[str]:
 
 
 def _hit(path: str) -> list[str]:
-    """Which members a damage has reached, in a file whose digest is wrong."""
+    """Which members are corrupted, in a file whose digest is wrong."""
     from bakery.store.hashes import broken_hashes
     from bakery.store.read import decode, read_bytes
 

@@ -175,7 +175,7 @@ def lobe(medium: Group, um, prefix: str = "", of: str = "") -> Picture:
         axes.set_title("Phase function (1/sr), logarithmic radius", pad=16)
         _legend_beside(figure, axes)
 
-    said = "The same phase function around the particle; light travels to the right, 0° is straight on."
+    said = "The same phase function around the particle; light travels to the right, 0° is forward."
     said += f"  The inner circle stands for {10**bottom:g} and less" + (
         f", the outer one for {10**top:g} and more: the forward peak rises to {phase.max():.2g}." if cut else ".")
     return Picture(f"{prefix}lobe", f"Lobe{of}", said, (6.4, 5.2), draw,

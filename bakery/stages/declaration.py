@@ -119,7 +119,7 @@ class Cost:
 class Result:
     """What `compute` returns: the group's members, the error reached in the stage's measure, remarks for the user.
 
-    `missed` says in words which wishes were not met although what was reached is worth storing; the bake then ends with status 3.
+    `missed` says in words which targets were missed although what was reached is worth storing; the bake then ends with status 3.
     """
 
     members: dict[str, Dataset | Group]

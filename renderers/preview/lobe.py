@@ -44,7 +44,7 @@ def strip(asset, tables, width, words=()):
     def paint(page):
         _text(page, asset, words)
         colours = _line_colours(asset.wavelength)
-        first = int(straight(asset) > 0)  # the peak of unchanged light would press everything else against the axis
+        first = int(straight(asset) > 0)  # the peak of unscattered light would press everything else against the axis
         theta, value = 2 * np.arcsin(np.sqrt(tables.s[first:])), tables.value[:, first:]
         _polar(page, theta, value, colours)
         _plot(page, 0.52, theta, value, colours)
@@ -73,7 +73,7 @@ def grain_strip(asset, grains, width, words=()):
         narrow = page.width < _FULL  # fewer columns
         shown, colours = _spread(len(asset.wavelength), 1 if narrow else 3, k_middle), _line_colours(asset.wavelength)
         page.text(0.45, 0, "albedo at", _DIM)
-        heads = ["share", "hits", *[f"{asset.wavelength[k]:.3f}" for k in shown], "g", "way", "straight"][narrow:]
+        heads = ["share", "hits", *[f"{asset.wavelength[k]:.3f}" for k in shown], "g", "path", "delta"][narrow:]
         lefts = np.linspace(0.22, 0.83 if narrow else 0.88, len(heads))
         for left, word in zip(lefts, heads):
             page.text(left, 1, word, _DIM)
@@ -94,7 +94,7 @@ def grain_strip(asset, grains, width, words=()):
 
 
 def straight(asset) -> float:
-    """Largest share of light that packed grains leave unchanged, which stands in the medium's table as a peak at angle 0."""
+    """Largest unscattered (delta) share of light in packed grains, which stands in the medium's table as a peak at angle 0."""
     return float(np.max(asset.medium["forward_delta"])) if "forward_delta" in asset.medium else 0.0
 
 

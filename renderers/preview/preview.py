@@ -176,8 +176,8 @@ def _grains(mi, asset, shown, size) -> Panel:
     words += [f"{len(found)} of {count} components"] if count > len(found) else []
     um = asset.wavelength[lobe.middle(asset)]
     strip = lobe.grain_strip(asset, found, size[0], (
-        "   ·   ".join(words), f"g, way (along the ray, through the bounding sphere) and phase function at {um:.3f} um",
-        "straight: light that leaves unchanged, not in the curves"))
+        "   ·   ".join(words), f"g, path (along the ray, through the bounding sphere) and phase function at {um:.3f} um",
+        "delta: unscattered transmission, not in the curves"))
 
     def report():
         return {"grains": [grain.name for grain in found], "grain_radius": radius, "grains_left_out": count - len(found)}
@@ -231,7 +231,7 @@ def _write(png, exr, display, linear, content_hash):
 
 
 def _without_unchanged(medium, k, sigma_t, albedo):
-    """The same medium without the peak of light that packed grains leave unchanged, which no regular grid resolves.
+    """The same medium without the delta peak of packed grains, which no regular grid resolves.
 
     A collision that changes nothing is none: sigma_t loses what sigma_s loses.  Returns sigma_t, albedo, phase.
     """

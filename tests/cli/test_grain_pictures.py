@@ -57,7 +57,7 @@ def test_each_picture_with_its_data(call, mix, tree, tmp_path):
     salt = tree["grains/salt"]
     share = 100 * salt["forward_delta"].data
     assert share.min() > 10 and f"{share[0]:.3g} %" in found["salt_phase"]["caption"]  # opposite faces of a cube are parallel
-    assert "leaves unchanged" not in found["glass_phase"]["caption"]
+    assert "unscattered (delta)" not in found["glass_phase"]["caption"]
     assert f"{int(salt['paths'].data[0]):,}".replace(",", " ") in found["walks"]["caption"]
     assert "glass: in closed form" in found["walks"]["caption"]
     walks = table(tmp_path / "mix_walks.csv")

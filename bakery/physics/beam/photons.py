@@ -16,7 +16,7 @@ from bakery import rng
 from bakery.physics.medium._kernels import layout, sampled, turned
 
 BLOCKS = 32  # random streams, and samples of each mean
-_LOW, _KEPT = 0.1, 0.3  # weight below which a photon plays for its life, and the weight of those that win
+_LOW, _KEPT = 0.1, 0.3  # weight below which Russian roulette is played, and the weight of the survivors
 _GRAZING = 0.01  # cosine below which 1/cos, whose variance is infinite, is replaced by its mean for a steady radiance, 2/0.01
 _GONE = 20.0  # optical depths to the next plane after which a photon that cannot matter any more is given up
 
@@ -157,7 +157,7 @@ def count_small_angle(scatterings, sample, left, density, depth, edges, photons,
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _flight(z, uz, optical, begins, density):
-    """Way of a photon from z through an optical thickness; infinite if it leaves the medium before."""
+    """Path length of a photon from z through an optical thickness; infinite if it leaves the medium before."""
     layer, way = np.searchsorted(begins, z, side="right") - 1, 0.0
     while 0 <= layer < len(density):
         bound = begins[layer + 1] if uz > 0 else begins[layer]

@@ -4,7 +4,7 @@ Light that has been scattered once has a closed integral (`single`).  The rest i
 enters a collision in an infinite medium, exactly: transport in Fourier space is tridiagonal in the Legendre order, so one row of
 its inverse costs a few operations an order and wave number.  The beam is that point's light summed along the axis with what the
 beam has left.  Two things are approximate: a mirror beam of negative power takes out what would have come back through z = 0, and
-forward and backward light are told apart by their first two moments.
+forward and backward light are separated by their first two moments.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class MitsubaWalker:
     Notes
     -----
     Positions and directions under way are float32: a place on the surface is good to 1e-7 R, a ray starts 5e-7 R off it, and
-    directions that turn by less than `FORWARD` count as unchanged.  Safe to call from several threads, which take turns.
+    directions that turn by less than `FORWARD` count as unscattered.  Safe to call from several threads, which take turns.
     A path's result depends on its entry and on (key, replicate, number) alone.
     """
 

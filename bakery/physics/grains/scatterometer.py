@@ -23,7 +23,7 @@ REPLICATES = 32
 HITS_MIN = 1 << 14
 PATHS_MAX = 1 << 28
 TOLERANCE_MIN = 1e-6
-FORWARD = 1e-6  # rad, within which a direction counts as unchanged
+FORWARD = 1e-6  # rad, within which a direction counts as unscattered
 CONTRADICTED_MAX, LOST_MAX = 1e-5, 1e-6  # shares that a sound mesh stays below
 EDGES = np.linspace(0.0, np.pi, 181)
 FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g")
@@ -40,16 +40,16 @@ class Statistics:
 
     Attributes
     ----------
-    hit_probability : share of the rays that meet the grain's surface, even if they leave unchanged
+    hit_probability : share of the rays that meet the grain's surface, even if they leave undeflected
     lambda_delta : mean chord of the rays that do not; 0 if there is none
     chord : mean chord of the bounding sphere along the rays that do
     albedo : (C,) share of the light that hits which leaves
-    lambda_s, lambda_o : (C,) mean way from entry to exit of the sphere, projected on the incoming and on the outgoing direction,
-        over the light that leaves; signed
+    lambda_s, lambda_o : (C,) mean displacement from entry to exit of the sphere, projected on the incoming and on the outgoing
+        direction, over the light that leaves; signed
     mean_square : (C,) mean squared distance of entry and exit, over the light that leaves
-    g : (C,) mean cosine between the directions of travel, unchanged rays included
-    forward_delta : (C,) share of the light that leaves unchanged in direction (to 1e-6 rad)
-    inner_path : (C,) mean length of the way inside the grain, over the light that leaves
+    g : (C,) mean cosine between the directions of travel, undeflected rays included
+    forward_delta : (C,) unscattered (delta) share of the light that leaves (to 1e-6 rad)
+    inner_path : (C,) mean path length inside the grain, over the light that leaves
     phase : (C, B) 1/sr, means over bins of theta of what leaves changed, integrating to 1 (uniform where nothing does); its
         error is at least that of one path in the bin
     edges : (B + 1,) rad, 0 to pi

@@ -38,7 +38,7 @@ class Surface:
 
 
 def dielectric(index, roughness=0.0) -> Surface:
-    """Glass, ice, salt: index relative to the host, 0.2 to 5; light that enters is absorbed on its way by the interior."""
+    """Glass, ice, salt: index relative to the host, 0.2 to 5; light that enters is absorbed on its path by the interior."""
     index, roughness = _number("index", index, *limits.INDEX), _rough(roughness)
     return Surface(DIELECTRIC, index, roughness if index != 1 else 0.0, np.zeros((2, 1)))  # no facet is seen at index 1
 

@@ -27,7 +27,7 @@ class Paths:
         where the surface says outside, or the reverse: a mesh that is not closed, or rounding), CUT after `events_max` hits
     start, leave : (n, 3) R, on the bounding sphere;  leave is undefined unless the ray missed or left
     incoming, outgoing : (n, 3) unit directions of travel
-    inside : (n,) R, length of the way inside the grain
+    inside : (n,) R, path length inside the grain
     weight : (n, C) 1, per channel; of a path that was cut, what it carried; 0 for ABSORBED and CONTRADICTED, 1 for MISSED
     events : (n,) meetings with the surface
     """

@@ -22,7 +22,7 @@ AHEAD = 1.0 / 128  # how far outside of the bounding sphere a ray starts: a grai
 RETRIES = 1000  # meetings with a grain, besides ten times the depth, after which no hit is drawn again and the walk is given up
 FAR = 1 << 30  # walks start in copies of the tile with numbers up to this
 
-# What a walk adds up; mean squared ways over 1, 2, 4, ... hits follow.
+# What a walk adds up; mean square displacements over 1, 2, 4, ... hits follow.
 (HITS, ENTRIES, VOIDS, VOID, VOID2, FLIGHT, FLIGHT2, NEXT, ALONG, ACROSS, SQUARE, COSINE, EVENTS, WALKS, GIVEN_UP, DRAWN, LOSSES,
  CONTRADICTIONS, CUTS) = range(19)
 SUMS = 19
@@ -85,7 +85,7 @@ def flight(o, d, left, cell, m, start, image, owner, limit, met, to):
     """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
 
     o : in the frame of the copy left[1:];  left : (4,) sphere that the ray has just left, or -1, and the tile's copy
-    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the way from o to its centre
+    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
     """
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
     skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
@@ -307,7 +307,7 @@ def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, ke
 
     area : (N,) cumulated shares of the surface;  limit : longest flight between two spheres
     Returns (SUMS + W,), W = 1 + the logarithm of length/4 to base 2: the rows above, then for windows of 1, 2, 4, ... hits the
-    mean squared way over all windows of a walk, added up over the walks.
+    mean square displacement over all windows of a walk, added up over the walks.
     """
     cell, m, starts, image, owner = grid
     shares, table, offset = kinds

@@ -1,6 +1,6 @@
 """The continuous medium that stands for packed grains: statistics of grains and a packing become sigma_t.
 
-Light flies from grain to grain and is set over from where it enters a bounding sphere to where it leaves.  Equations 1 to 4
+Light flies from grain to grain and is teleported from where it enters a bounding sphere to where it leaves.  Equations 1 to 4
 are those of Meng et al. 2015 (ACM Trans. Graph. 34, 49); formulas and what they leave out: docs/effective-medium.md.
 """
 
@@ -25,9 +25,9 @@ class Means:
     hit_probability : share of the rays through the bounding sphere that hit
     lambda_delta : mean chord of those that miss
     albedo : (L,) share of the light of hits that leaves; of it:
-    lambda_s, mean_square : (L,) mean way along the incoming direction, mean squared distance, from entry to exit
-    g, forward_delta : (L,) mean cosine, share that leaves unchanged
-    phase : (L, A) 1/sr, of what leaves changed, or None
+    lambda_s, mean_square : (L,) mean displacement along the incoming direction, mean squared distance, from entry to exit
+    g, forward_delta : (L,) mean cosine, unscattered (delta) share
+    phase : (L, A) 1/sr, of what is deflected, or None
     missed_square : mean squared chord of rays that miss; None: 9/8 lambda_delta^2, exact for a round silhouette in the middle
     errors : standard errors by name, of the same shapes; a figure that is not there is exact
     """
@@ -135,7 +135,7 @@ def _average(weight, x):
 
 
 def void_chord(fraction, radii=(1.0,), shares=None):
-    """Mean free way between bounding spheres, (4/3) <R^3>/<R^2> (1 - f)/f, in the unit of the radii (Eq. 1 for equal ones).
+    """Mean free path between bounding spheres, (4/3) <R^3>/<R^2> (1 - f)/f, in the unit of the radii (Eq. 1 for equal ones).
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def void_chord(fraction, radii=(1.0,), shares=None):
 
 
 def flight(hit_probability, lambda_delta, missed_square, void_chord, second_moment=None):
-    """Mean and mean square of the way from leaving a sphere after a hit to entering the sphere of the next hit.
+    """Mean and mean square of the path from leaving a sphere after a hit to entering the sphere of the next hit.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def flight(hit_probability, lambda_delta, missed_square, void_chord, second_mome
 
 
 def step(mean, square, lambda_s, mean_square, g, albedo=1.0):
-    """M (1 - albedo g), M the mean square way a hit of light that goes by `flight` and is set over by grains.
+    """M (1 - albedo g), M the mean square displacement per hit of light that goes by `flight` and is teleported by grains.
 
     Parameters
     ----------
@@ -222,13 +222,13 @@ class Effective:
 
     Attributes
     ----------
-    void_chord, lambda_beta : means of the way to the next sphere (Eq. 1) and to the next hit (Eq. 3); infinite if nothing is hit
-    flight_square : mean square of the way to the next hit
+    void_chord, lambda_beta : mean paths to the next sphere (Eq. 1) and to the next hit (Eq. 3); infinite if nothing is hit
+    flight_square : mean square of the path to the next hit
     lambda_t, sigma_t : (L,) lambda_beta + albedo lambda_s (Eq. 4) and its inverse
-    sigma_t_second_moment : (L,) with which light spreads as far as by flights and set-over, sqrt(2/((1 - albedo g) m_tele));
-        that of Eq. 4 where albedo g = 1: such light goes straight for ever, and only its mean free path is left to match
-    m_rte, m_tele : (L,) mean square way a hit (`step`) of the medium with sigma_t and by flights and set-over; infinite at
-        albedo g = 1
+    sigma_t_second_moment : (L,) with which light spreads as far as by flights and teleportation, sqrt(2/((1 - albedo g) m_tele));
+        that of Eq. 4 where albedo g = 1: such light is never deflected, and only its mean free path is left to match
+    m_rte, m_tele : (L,) mean square displacement per hit (`step`) of the medium with sigma_t and by flights and teleportation;
+        infinite at albedo g = 1
     errors : bounds of the standard errors by name
     """
 
@@ -262,7 +262,7 @@ def effective(means: Means, void_chord: float, second_moment: float | None = Non
     sigma_t leaves out and how much that is: docs/effective-medium.md.  For light that survives, replace the albedo by 1.
 
     Errors are the sums of what each figure's standard error changes: figures of one grain err together in unknown ways, and this
-    bound covers any.  Infinite where a hit probability cannot be told from 0.
+    bound covers any.  Infinite where a hit probability cannot be distinguished from 0.
 
     Examples
     --------

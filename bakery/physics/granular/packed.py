@@ -58,8 +58,8 @@ class Walks:
     ----------
     hit_probability : share of the entered spheres whose grain is hit
     void_chord, second_moment : mean flight z from sphere to sphere, and <z^2>/(2 <z>^2)
-    flight, flight_second : mean way from leaving the sphere of one hit to entering that of the next, and mean square
-    lambda_s, lambda_o : mean way from entry to exit of a hit's sphere along the incoming and the outgoing direction
+    flight, flight_second : mean path from leaving the sphere of one hit to entering that of the next, and mean square
+    lambda_s, lambda_o : mean displacement from entry to exit of a hit's sphere along the incoming and the outgoing direction
     mean_square : mean squared distance from entry to exit
     g : mean cosine of a hit
     correlation : between the lengths of successive flights, -1 to 1
@@ -223,7 +223,7 @@ def _figures(total, windows, radius, j=None):
     pairs = max(total[kernel.HITS] - counted, 1.0)
     out["correlation"] = (total[kernel.NEXT] / pairs - z1 * z1) / max(z2 - z1 * z1, 1e-300)
     s, away = out["lambda_s"], 1 - out["g"]
-    away = away if away > 1e-12 else 0.0  # straight on, but for rounding
+    away = away if away > 1e-12 else 0.0  # undeflected, but for rounding
     out["lambda_t"] = z1 + s
     ahead = (z1 + s) / away if away else math.inf
     out["mean_square_rte"] = 2 * (z1 + s) * ahead

@@ -22,7 +22,7 @@ from bakery.physics.multiple import table as tables
 from bakery.physics.multiple.frame import POINT, SEGMENT
 from bakery.physics.multiple.table import ASPECT, Table
 
-MOST_FLIGHTS = 4e7  # of photons for one wavelength, if not told otherwise: 15 s
+MOST_FLIGHTS = 4e7  # of photons for one wavelength, by default: 15 s
 _PILOT, _FIRST = 3200, 4e6  # photons of a first look; flights of the first batch
 _ROUNDS = 3  # batches after that
 _NEAREST = 0.03  # mfp from the source, of the places that the basis is made of
@@ -38,7 +38,7 @@ class Counted:
     ----------
     tables : kind -> Table; `error` holds what more photons would not change, `error_with_solver` all
     offset_error : kind -> (N,) standard error of each `offset`: the relative one of the integral over directions at a corner
-    resolution : rad, of the cone about straight on (and back) that the phase function was spread over where the first and the
+    resolution : rad, of the cone about forward (and backward) that the phase function was spread over where the first and the
         last scattering are done, because its peak is narrower than a table resolves; 0: it was not
     photons, flights : followed
     """

@@ -42,7 +42,7 @@ class Clipped:
     angle : rad, where the cap ends
     phase : (A,) 1/sr, of the rest, integrates to 1
     moments : (P,) of the rest, to 2.5 order and a little more
-    deflection : (P,) moments of the peak: 1 for light that goes straight on
+    deflection : (P,) moments of the peak: 1 for undeflected light
     """
 
     peak: float
@@ -186,7 +186,7 @@ def solve(albedo, clip: Clipped, order) -> solution.Solution:
 
 
 def effect(clip: Clipped, solved: solution.Solution, reach) -> float:
-    """What the deflections change: relative difference of the lobes of a point source where light in the peak goes straight on.
+    """What the deflections change: relative difference of the lobes of a point source where the peak is unscattered.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from bakery.physics.medium import phase as tables
 from bakery.physics.medium._kernels import evaluated, layout, sampled, turned
 
 BLOCKS = 32  # random streams, and samples of each mean
-_LOW, _KEPT = 0.2, 0.5  # weight below which a photon plays for its life, and the weight of those that win
+_LOW, _KEPT = 0.2, 0.5  # weight below which Russian roulette is played, and the weight of the survivors
 _RETURN = 1e-4  # share of the light at the rim that comes back, below which it is dropped
 
 

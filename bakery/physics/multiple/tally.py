@@ -225,7 +225,7 @@ def means(medium: Medium, angles):
 
 
 def broadened(theta, phase, width):
-    """A phase table whose light within `width` of straight on, and of straight back, is spread evenly over that cone."""
+    """A phase table whose light within `width` of forward, and of backward, is spread evenly over that cone."""
     v, steps = 2 * np.sin(theta / 2) ** 2, tables.steps(theta)
     light = np.concatenate([[0.0], np.cumsum(math.pi * (phase[1:] + phase[:-1]) * steps)])
     cone = 2 * math.pi * 2 * math.sin(width / 2) ** 2

@@ -47,7 +47,7 @@ def minimum_sphere(points):
         if apart[farthest] <= square * (1 + 8 * _EPS):
             break
         grown = _smallest(local[support], local[farthest])
-        if grown[1] <= square:  # rounding: the points on the sphere cannot be told apart any more
+        if grown[1] <= square:  # rounding: the points on the sphere cannot be distinguished any more
             break
         centre, square, chosen = grown
         support = [support[i] for i in chosen] + [farthest]

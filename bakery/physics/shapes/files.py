@@ -45,7 +45,7 @@ def triangles(data: bytes, kind: str):
         raise ValueError(f"{len(data) / 2**20:.0f} MiB; a mesh file has at most {BYTES >> 20} MiB")
     if not data.strip():
         raise ValueError("the file is empty")
-    with np.errstate(all="ignore"):  # numbers that are none are told of later, with their place
+    with np.errstate(all="ignore"):  # numbers that are none are reported later, with their place
         vertices, faces = {"ply": _ply, "obj": _obj, "stl": _stl, "off": _off}[kind](data)
     if not len(faces):
         raise ValueError(f"no triangles in this {kind} file")

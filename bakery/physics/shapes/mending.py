@@ -1,4 +1,4 @@
-"""Triangles of files made a solid: what can be mended safely is mended and told, the rest is refused with its place.
+"""Triangles of files made a solid: what can be mended safely is mended and reported, the rest is refused with its place.
 
 A usable mesh is closed (each edge has two triangles), wound outward, crosses itself nowhere and encloses a volume.  Shells inside
 others are cavities and wound inward.

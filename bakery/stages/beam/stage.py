@@ -94,7 +94,7 @@ def compute(inputs: dict, context) -> Result:
     tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, inputs["photons"], context.tolerance,
               context.seed, k) for k in range(count)]
     found = []
-    for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
+    for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be reported
         found += context.map(tabulated, tasks[start:start + _TOGETHER])
         context.report(len(found) / count)
     z = nodes[0]

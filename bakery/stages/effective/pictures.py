@@ -83,7 +83,7 @@ def _walk(medium: Group) -> str:
     at = f" at {walk['wavelength'].data[0]:g} µm" if "wavelength" in walk.members else ""
     said = [f"Walk through grains{at}, nothing absorbed: {whole(walk['hits'].data[0])} hits"]
     if {"void_chord", "flight"} <= walk.members.keys():
-        said.append(f"way between spheres {of(walk, 'void_chord', 1e3)} mm"
+        said.append(f"free path between spheres {of(walk, 'void_chord', 1e3)} mm"
                     + (f" (Eq. 1: {of(medium, 'void_chord', 1e3)})" if "void_chord" in medium.members else ""))
         said.append(f"between hits {of(walk, 'flight', 1e3)} mm"
                     + (f" (Eq. 3: {of(medium, 'lambda_beta', 1e3)})" if "lambda_beta" in medium.members else ""))

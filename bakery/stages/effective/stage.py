@@ -22,12 +22,12 @@ CHOICES = ("mean_flight", "second_moment", "random_walk")
 _SHARES = ("hit_probability", "forward_delta", "fraction")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")
 _WALK = (
-    ("mean_square_displacement", "m^2", "mean square way that a hit adds at long times"),
+    ("mean_square_displacement", "m^2", "mean square displacement that a hit adds at long times"),
     ("mean_square_rte", "m^2", "the same in a medium with the walks' own mean free path, lambda_t, and mean cosine"),
-    ("flight", "m", "mean way from leaving the sphere of one hit to entering that of the next"),
+    ("flight", "m", "mean path from leaving the sphere of one hit to entering that of the next"),
     ("void_chord", "m", "mean flight from sphere to sphere"),
     ("hit_probability", "1", "share of the entered spheres whose grain is hit"),
-    ("lambda_s", "m", "mean way from entry to exit of a hit's sphere along the incoming direction"),
+    ("lambda_s", "m", "mean displacement from entry to exit of a hit's sphere along the incoming direction"),
     ("g", "1", "mean cosine of a hit"),
     ("correlation", "1", "between the lengths of successive flights"),
 )
@@ -36,23 +36,23 @@ OUTPUTS = (
     Output("sigma_t_error", "(L,)", "1/m", "error of sigma_t: standard error, and how far light spreads otherwise in the grains"),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
     Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
-    Output("hit_probability", "(1,)", "1", "share of the spheres on light's way whose grain it hits", within=(0, 1)),
+    Output("hit_probability", "(1,)", "1", "share of the spheres on light's path whose grain it hits", within=(0, 1)),
     Output("hit_probability_error", "(1,)", "1", "standard error of hit_probability"),
-    Output("void_chord", "(1,)", "m", "mean way between bounding spheres (Eq. 1)"),
-    Output("lambda_beta", "(1,)", "m", "mean way from hit to hit, outside of the spheres hit (Eq. 3)"),
+    Output("void_chord", "(1,)", "m", "mean free path between bounding spheres (Eq. 1)"),
+    Output("lambda_beta", "(1,)", "m", "mean path from hit to hit, outside of the spheres hit (Eq. 3)"),
     Output("lambda_beta_error", "(1,)", "m", "standard error of lambda_beta"),
-    Output("lambda_s", "(L,)", "m", "mean way from entry to exit of a hit sphere along the incoming direction", within=ANY),
+    Output("lambda_s", "(L,)", "m", "mean displacement from entry to exit of a hit sphere along the incoming ray", within=ANY),
     Output("lambda_s_error", "(L,)", "m", "standard error of lambda_s"),
     Output("mean_square", "(L,)", "m^2", "mean squared distance of entry and exit"),
     Output("mean_square_error", "(L,)", "m^2", "standard error of mean_square"),
-    Output("forward_delta", "(L,)", "1", "share of scattered light that keeps its direction; part of phase, below theta[1]",
+    Output("forward_delta", "(L,)", "1", "unscattered (delta) share of scattered light; part of phase, below theta[1]",
            within=(0, 1)),
     Output("forward_delta_error", "(L,)", "1", "standard error of forward_delta"),
     *(Output(f"sigma_t_{name}{end}", "(L,)", "1/m", ("standard error of sigma_t_" + name) if end else said,
              optional=name == "random_walk")
       for name, said in (("mean_flight", "1/(lambda_beta + albedo lambda_s) (Eq. 4)"),
-                         ("second_moment", "with the mean square way of light that is set over by grains"),
-                         ("random_walk", "with the mean square way of the random walk through explicit grains"))
+                         ("second_moment", "with the mean square displacement of light that is teleported by grains"),
+                         ("random_walk", "with the mean square displacement of the random walk through explicit grains"))
       for end in ("", "_error")),
     Output("diffusion_coefficient", "(L,)", "m", "improved (Grosjean) diffusion coefficient"),
     Output("sigma_tr_improved", "(L,)", "1/m", "effective transport coefficient with it"),
@@ -143,7 +143,7 @@ def compute(inputs: dict, context) -> Result:
     walks = _walked(inputs, at, context)
     model, spread, choice = 0.0, 0.0, inputs["choice"] or "mean_flight"
     if walks.reason and not math.isfinite(walks.achieved_error):
-        notes.append(f"the random walk gives no mean square way: {walks.reason}")
+        notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
         if choice == "random_walk":
             raise StageError(f"effective_medium.sigma_t: random_walk: {walks.reason}; mean_flight would do")
     else:
@@ -159,7 +159,7 @@ def compute(inputs: dict, context) -> Result:
             missed.append(f"light among the grains themselves spreads {abs(more):.0%} {'farther' if more > 0 else 'less far'} "
                          "than sigma_t says; effective_medium.sigma_t: random_walk matches it")
         if inputs["walks"] is None and not walks.reached:
-            missed.append(f"the random walk's mean square way is known to {2 * spread:.2g} only: {walks.reason}")
+            missed.append(f"the random walk's mean square displacement is known to {2 * spread:.2g} only: {walks.reason}")
     sigma_t, sigma_t_error = sigma[choice]
     sigma_t_error = np.hypot(sigma_t_error, model * sigma_t)
     theta, f = inputs["theta"], means.phase
@@ -292,8 +292,8 @@ OF_GRAINS = Stage(
     sections=(EFFECTIVE,),
     outputs=OUTPUTS,
     error_measure="how far light spreads with sigma_t against a random walk through the explicit grains of the tile (relative "
-                  "difference of the square roots of the mean square ways, nothing absorbed); or the standard error of that, or "
-                  "of sigma_t, if larger",
+                  "difference of the square roots of the mean square displacements, nothing absorbed); or the standard error of "
+                  "that, or of sigma_t, if larger",
     cost=cost,
     inputs=inputs,
     compute=compute,

@@ -19,10 +19,10 @@ FIGURES = {
     "hit_probability": ("β", "hit probability", (0.0, 1.0)),
     "lambda_delta": ("λδ (R)", "chord of misses", (0.0, 2.0)),
     "albedo": ("α", "albedo", (0.0, 1.0)),
-    "lambda_s": ("λs (R)", "way along the ray", (0.0, 2.0)),
-    "mean_square": ("⟨T²⟩ (R²)", "mean square way", (0.0, 4.0)),
+    "lambda_s": ("λs (R)", "displacement along the ray", (0.0, 2.0)),
+    "mean_square": ("⟨T²⟩ (R²)", "mean square displacement", (0.0, 4.0)),
     "g": ("g", "mean cosine", (-1.0, 1.0)),
-    "forward_delta": ("δ", "unchanged light", (0.0, 1.0)),
+    "forward_delta": ("δ", "delta share", (0.0, 1.0)),
     "inner_path": ("L (R)", "path inside", None),
 }
 SURFACES = {"dielectric": "dielectric", "diffuse": "diffuse", "conductor": "metal"}
@@ -192,7 +192,7 @@ def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
     delta = part.members.get("forward_delta")
     if delta is not None and np.max(delta.data) > 0:
         shares = dict.fromkeys(f"{100 * value:.3g} %" for value in delta.data)
-        said.append(f"{', '.join(shares)} of the light leaves unchanged: that peak at 0° is not part of the curves")
+        said.append(f"{', '.join(shares)} of the light is unscattered (delta) transmission: that peak at 0° is not drawn")
     remarks = [f"{name}: {text}" for text in said]
     whose = {"prefix": f"{name}_", "of": f" of {name}"}
     yield figures.phase_function(view, um, remarks, **whose)
@@ -200,7 +200,7 @@ def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
 
 
 def by_radius(parts: Mapping[str, Group], radius, um):
-    """Albedo, mean cosine and way against the size of the grain, one row a component."""
+    """Albedo, mean cosine and displacement against the size of the grain, one row a component."""
     from bakery.report.figures import Picture, _labels, _legend_beside
 
     size = radius.size, um.size
@@ -265,7 +265,7 @@ def legend() -> str:
 
 
 def _shown(parts: Mapping[str, Group]) -> list[str]:
-    """The figures that the components hold; unchanged light and paths inside only where there are any."""
+    """The figures that the components hold; delta transmission and paths inside only where there are any."""
     found = [name for name in FIGURES if any(name in part.members for part in parts.values())]
     return [name for name in found if name not in ("forward_delta", "inner_path")
             or any(name in part.members and part[name].data.any() for part in parts.values())]

@@ -16,7 +16,7 @@ from bakery.stages.measures import integrated_difference
 from bakery.stages.packing.section import radii_law
 from bakery.store.tree import Dataset, Group, read_text, text
 
-PEAK = 1e-3  # rad, second angle of the table: room for light that leaves unchanged, in tables of media
+PEAK = 1e-3  # rad, second angle of the table: room for unscattered (delta) transmission, in tables of media
 _APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
 # seconds on one core, between those of an AMD EPYC (Zen 5) and of an Intel Xeon: of a path, of its look-ups among 200,000
 # triangles (they grow like the square root of the number; light inside of a grain takes several), of a triangle that is made, of
@@ -39,12 +39,12 @@ _SAID = {
     "lambda_delta": ("1", "mean chord of the bounding sphere of rays that do not, in its radii"),
     "chord": ("1", "mean chord of the bounding sphere of rays that do, in its radii"),
     "albedo": ("1", "share of the light that hits which leaves"),
-    "lambda_s": ("1", "mean way from entry to exit of the sphere along the incoming direction, in its radii"),
+    "lambda_s": ("1", "mean displacement from entry to exit of the sphere along the incoming direction, in its radii"),
     "lambda_o": ("1", "the same along the outgoing direction"),
     "mean_square": ("1", "mean squared distance of entry and exit, in squared radii"),
-    "g": ("1", "mean cosine of the light that leaves, unchanged light included"),
+    "g": ("1", "mean cosine of the light that leaves, undeflected light included"),
     "forward_delta": ("1", "share of the light that leaves in its old direction"),
-    "inner_path": ("1", "mean way inside the grain of the light that leaves, in radii of the sphere"),
+    "inner_path": ("1", "mean path length inside the grain of the light that leaves, in radii of the sphere"),
     "phase": ("1/sr", "phase function of light that leaves changed, linear in cos theta; a node holds the mean over its cell"),
 }
 # what is thrown back may leave the sphere before where it entered

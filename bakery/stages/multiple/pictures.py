@@ -305,7 +305,7 @@ def _followed(shown: Shown):
     """Albedo and phase function that photons are to follow, and what to say of them."""
     remark = "" if shown.peak < 1e-9 else (
         f"Photons follow the tables' phase function, without the forward peak ({shown.peak:.2g} of the scattered light): between "
-        f"events they go straight on, which changes lobes by {100 * shown.effect:.2g} %.")
+        f"events they count as unscattered, which changes lobes by {100 * shown.effect:.2g} %.")
     return shown.albedo, shown.medium["theta"].data, shown.phase, remark
 
 

@@ -45,7 +45,7 @@ OUTPUTS = (
     Output("albedo", "(L,)", "1", "that the tables were made for, without the peak", within=(0, 1)),
     Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that counts as not scattered", within=(0, 1)),
     Output("peak_angle", "(L,)", "rad", "angle below which light is in that peak; 0 where there is none"),
-    Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those of light in the peak that goes straight on"),
+    Output("peak_effect", "(L,)", "1", "relative difference of the lobes from those where light in the peak is unscattered"),
     Output("phase", "(L, A)", "1/sr", "phase function of the tables on medium/theta: without the peak, integral 1"),
     Output("k0", "(L,)", "1", "decay of diffuse light beyond the extent, per mean free path"),
     Output("extent", "(L,)", "1", "where the tables end, mean free paths"),
@@ -81,7 +81,7 @@ class Solved(NamedTuple):
     peak : share of the scattered light that counts as not scattered
     phase : (A,) 1/sr, that of the solution
     peak_angle : rad, below which light is in the peak; 0 where there is none
-    peak_effect : what it would change if light in the peak went straight on (see `peaks.effect`)
+    peak_effect : what it would change if light in the peak were unscattered (see `peaks.effect`)
     """
 
     solution: object
@@ -94,7 +94,7 @@ class Solved(NamedTuple):
 def solved(albedo: float, theta, phase, straight: float, orders: int | None) -> Solved:
     """Solves for one wavelength.
 
-    straight : share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
+    straight : unscattered (delta) share of the scattered light, part of phase below theta[1] (packed grains)
     orders : Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
     """
     from bakery.physics.medium.phase import areas, normalised
@@ -208,7 +208,7 @@ def compute(inputs: dict, context) -> Result:
     tasks = [(k, kind, *each[k], inputs["orders"], inputs["extent"], length, inputs["aim"], context.seed)
              for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
     found: list = []
-    for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress can be told
+    for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress is reported
         found += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
         errors = [made.error_with_solver for _, _, made, *_ in found if made is not None]
         context.report(len(found) / len(tasks), max(errors, default=None))
