@@ -51,7 +51,7 @@ def _tiles(root: Group) -> dict[str, Group]:
     found = tiles(packing) if isinstance(packing, Group) else {}
     if not found:
         raise AssetError(f"{root.attributes.get('name')}: holds no stage `packing`; bake it from a recipe with `packing`")
-    return {f"_{name}" if name else "": tile for name, tile in tiles.items()}
+    return {f"_{name}" if name else "": tile for name, tile in found.items()}
 
 
 def _form(tile: Group):

@@ -83,7 +83,7 @@ BASES = {
                         "sharpness": 60, "roughness": 0.004}),
     "aggregate": _grains({"type": "aggregate", "seed": 0, "arrangement": "cluster", "bodies": 6, "smallest": 0.6, "length": 0,
                           "overlap": 0.35, "blend": 0.05}),
-    "mesh": _grains({"type": "mesh", "file": "grain.ply"}),
+    "mesh": _grains({"type": "mesh", "file": "grain.ply", "repair": "pymeshlab"}),
     "discrete": _particles(SINGLE, discrete={"count": 1, "box": ["1 m", "1 m", "1 m"]}),
 }
 PLY = """\

@@ -14,7 +14,8 @@ from tests.samples import small_asset
 from tests.unit.test_imports import imports, modules
 
 # what a picture may take of physics: look-ups in the tables of an asset
-LOOKUPS = {"medium.phase.evaluate", "medium.phase.integral", "multiple.frame", "multiple.lookup"}
+LOOKUPS = {"beam.kinds.MEASURES", "medium.phase.evaluate", "medium.phase.integral", "multiple.frame", "multiple.kinds.KINDS",
+           "multiple.lookup"}
 # files of physics whose functions may run while pictures are made
 FILES = {"medium/phase.py", "multiple/frame.py", "multiple/lookup.py", "multiple/table.py", "multiple/tree.py",
          "beam/table.py"}

@@ -153,5 +153,5 @@ def _add(px, py, pz, ux, uy, uz, weight, table, rho, z, lobes, sums):
     x, y = (ux * px + uy * py) / r, (uy * px - ux * py) / r
     for d in range(len(lobes)):
         v = 1 - (x * lobes[d, 0] + y * lobes[d, 1] + uz * lobes[d, 2])
-        cell[d] += weight * evaluated(*table[:3], v)
+        cell[d] += weight * evaluated(table[0], table[1], table[2], v)
     cell[-1] += weight
