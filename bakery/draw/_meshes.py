@@ -46,7 +46,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
         place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
     light = np.zeros((size, size, 3))
     nothing = np.full((1, 1), -np.inf)
-    for towards, rgb, shine in _lights(24 if ball or len(faces) <= 200_000 else 12):
+    for towards, rgb, shine in _lights(48 if ball or len(faces) <= 200_000 else 20):
         frame = looking_from(towards)
         shadow, corner, step = nothing, np.zeros(2), 1.0
         if not ball:
