@@ -363,7 +363,7 @@ def test_noise():
     assert abs(gradient_noise(at - step, stream(4, 0)) - gradient_noise(at + step, stream(4, 0)))[0] < 1e-5
     assert (value == gradient_noise(points, stream(4, 0))).all() and (value != gradient_noise(points, stream(5, 0))).any()
     assert np.abs(fractal_noise(points, stream(4, 0))).max() < 2
-    ways = directions(stream(1), 100_000)
+    ways = directions(stream(1, 0), 100_000)
     assert np.abs(ways.mean(axis=0)).max() < SIGMAS / np.sqrt(3e5)
     assert np.abs((ways[:, :, None] * ways[:, None]).mean(axis=0) - np.eye(3) / 3).max() < SIGMAS * 0.3 / np.sqrt(1e5)
 
