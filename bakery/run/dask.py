@@ -138,7 +138,11 @@ def _check_workers(client) -> None:
     except TimeoutError:
         raise UsageError(f"--cluster: the scheduler at {client.scheduler.address} has no workers") from None
     ours = library_versions()
-    for worker, theirs in client.run(library_versions).items():
+    for worker, theirs in client.run(library_versions, on_error="return").items():
+        if isinstance(theirs, OSError):
+            continue  # it has died since it was listed: blocks go to the others, or to the one that is started in its place
+        if isinstance(theirs, Exception):
+            raise UsageError(f"--cluster: worker {worker} does not tell its versions ({type(theirs).__name__}: {theirs})")
         if theirs != ours:
             raise UsageError(f"--cluster: worker {worker} has {theirs}, here are {ours}; equal versions give equal values")
 

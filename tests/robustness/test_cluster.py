@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from bakery.errors import StageError
+from bakery.errors import StageError, UsageError
 from bakery.run import dask
 from bakery.store.read import read
 from tests.conftest import ROOT
@@ -95,6 +95,22 @@ def test_a_block_that_kills_its_workers_is_told(workers, capfd):
 def test_faults_of_a_block_are_not_those_of_the_cluster(workers):
     with pytest.raises(FileNotFoundError, match="block"):
         workers.map(blocks.refused, range(3))
+
+
+def test_a_worker_that_dies_before_it_tells_its_versions_is_passed_over():
+    class Shrunk:
+        def wait_for_workers(self, count, timeout):
+            pass
+
+        def run(self, function, on_error):
+            assert on_error == "return"
+            return {"tcp://here:1": function(), "tcp://gone:2": OSError("Address removed."), **self.more}
+
+    Shrunk.more = {}
+    dask._check_workers(Shrunk())
+    Shrunk.more = {"tcp://odd:3": ImportError("No module named 'bakery'")}
+    with pytest.raises(UsageError, match="tcp://odd:3 does not tell its versions"):
+        dask._check_workers(Shrunk())
 
 
 def test_a_cluster_without_workers_is_not_waited_for_without_end(monkeypatch):
