@@ -6,7 +6,6 @@ All is light that goes on forward, which every kernel knows.  Lengths are mean f
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,12 +15,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-import bakery
-from bakery.draw.files import csv_text
-from bakery.draw.picture import Picture, drawn
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.physics.beam import named, photons, single
-from bakery.report.figures import title_of
 from bakery.stages.beam.view import kernels_of
 from bakery.store.tree import Group
 
@@ -250,19 +246,7 @@ def _number(count: int) -> str:
     return f"{count:,}".replace(",", " ")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("asset", type=Path)
-    parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder of the pictures; the current one by default")
-    options = parser.parse_args()
-    root = bakery.open(options.asset).tree
-    options.output.mkdir(parents=True, exist_ok=True)
-    for picture in pictures(root):
-        place = options.output / f"{options.asset.stem}_{picture.name}"
-        for form, data in (drawn(picture, ("png",), title_of(root)) | {"csv": csv_text(picture.columns).encode()}).items():
-            place.with_suffix(f".{form}").write_bytes(data)
-        print(place.with_suffix(".png"))
-
-
 if __name__ == "__main__":
-    main()
+    from benchmarks.drawing import main
+
+    main(__doc__, pictures)

@@ -6,7 +6,6 @@ Lengths are mean free paths of the medium that was solved, so without a peak tha
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator
@@ -18,13 +17,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-import bakery
-from bakery.draw.files import csv_text
-from bakery.draw.picture import Picture, drawn
+from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.physics.multiple import build, choice, frame, photons, table
 from bakery.physics.multiple.kinds import KINDS
-from bakery.report.figures import title_of
 from bakery.stages.multiple.pictures import Shown as Drawn
 from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Dataset, Group
@@ -278,19 +274,7 @@ def _at(made: table.Table, u, v):
         np.arccos(np.clip((first - second) / made.length, -1, 1))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("asset", type=Path)
-    parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder of the pictures; the current one by default")
-    options = parser.parse_args()
-    root = bakery.open(options.asset).tree
-    options.output.mkdir(parents=True, exist_ok=True)
-    for picture in pictures(root):
-        place = options.output / f"{options.asset.stem}_{picture.name}"
-        for form, data in (drawn(picture, ("png",), title_of(root)) | {"csv": csv_text(picture.columns).encode()}).items():
-            place.with_suffix(f".{form}").write_bytes(data)
-        print(place.with_suffix(".png"))
-
-
 if __name__ == "__main__":
-    main()
+    from benchmarks.drawing import main
+
+    main(__doc__, pictures)
