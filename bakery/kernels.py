@@ -12,6 +12,10 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | phase functions | `phase_layout` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
+| where a discrete medium is | `region_box`, `region_grid`, `region_mesh` | `relative_density` |
+| its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc`, `open_wavelengths`, `disc_cells`,
+  `discs_of_cell` |
+| hashes | | `hashed` |
 
 Lengths: mean free paths for tables of multiple scattering, mean radii for tiles, radii of the bounding sphere for grains.
 Importing this module loads numba and SciPy.
@@ -21,6 +25,18 @@ from __future__ import annotations
 
 from numba import njit
 
+from bakery.physics.discrete.levels import order as disc_order
+from bakery.physics.discrete.levels import procedural as procedural_discs
+from bakery.physics.discrete.levels import stored as stored_discs
+from bakery.physics.discrete.pencils import NONE as NO_DISC
+from bakery.physics.discrete.pencils import cell_range as disc_cells
+from bakery.physics.discrete.pencils import first_disc
+from bakery.physics.discrete.pencils import particles_of as discs_of_cell
+from bakery.physics.discrete.pencils import through as open_wavelengths
+from bakery.physics.discrete.region import box as region_box
+from bakery.physics.discrete.region import grid as region_grid
+from bakery.physics.discrete.region import mesh as region_mesh
+from bakery.physics.discrete.region import relative_density
 from bakery.physics.goa import amplitudes as goa_amplitudes
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.bvh import nearest as nearest_triangle
@@ -35,6 +51,8 @@ from bakery.physics.medium._kernels import evaluated as phase_value
 from bakery.physics.medium._kernels import layout as phase_layout
 from bakery.physics.medium._kernels import sampled as phase_sample
 from bakery.physics.medium._kernels import turned as turned_direction
+from bakery.physics.medium.phase import evaluate as phase_at
+from bakery.physics.medium.phase import integral as phase_integral
 from bakery.physics.mie import amplitudes as mie_amplitudes
 from bakery.physics.multiple.lookup import any_length as segment_source
 from bakery.physics.multiple.lookup import scratch as multiple_scratch
@@ -42,12 +60,49 @@ from bakery.physics.multiple.lookup import value as point_source
 from bakery.physics.packing.instances import cumulated as cumulated_shares
 from bakery.physics.packing.instances import kind, rotation, uniforms
 from bakery.physics.packing.instances import matrix as rotation_matrix
+from bakery.physics.packing.instances import mix as hashed
 
 __all__ = [
-    "Mesh", "at_surface", "conductor", "cumulated_shares", "dielectric", "diffuse", "flight_to_sphere", "fresnel",
-    "fresnel_conductor", "goa_amplitudes", "instance", "mesh_scratch", "mie_amplitudes", "multiple_scratch", "nearest_triangle",
-    "phase_layout", "phase_sample", "phase_value", "point_source", "rotation_matrix", "segment_source", "surface_share",
-    "tile_grid", "triangle_normal", "turned_direction",
+    "NO_DISC",
+    "Mesh",
+    "at_surface",
+    "conductor",
+    "cumulated_shares",
+    "dielectric",
+    "diffuse",
+    "disc_cells",
+    "disc_order",
+    "discs_of_cell",
+    "first_disc",
+    "flight_to_sphere",
+    "fresnel",
+    "fresnel_conductor",
+    "goa_amplitudes",
+    "hashed",
+    "instance",
+    "mesh_scratch",
+    "mie_amplitudes",
+    "multiple_scratch",
+    "nearest_triangle",
+    "open_wavelengths",
+    "phase_at",
+    "phase_integral",
+    "phase_layout",
+    "phase_sample",
+    "phase_value",
+    "point_source",
+    "procedural_discs",
+    "region_box",
+    "region_grid",
+    "region_mesh",
+    "relative_density",
+    "rotation_matrix",
+    "segment_source",
+    "stored_discs",
+    "surface_share",
+    "tile_grid",
+    "triangle_normal",
+    "turned_direction",
 ]
 
 

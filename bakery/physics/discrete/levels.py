@@ -1,0 +1,192 @@
+"""Realisations laid out for compiled loops: particles by size, each size in a lattice of cells of its own.
+
+Particles of like discs share a level.  Its cells hold one or two particles, so that large particles, which are few and reach far,
+do not make every pencil look through the cells of the small ones far from its way.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from bakery.physics.discrete import hashing
+from bakery.physics.discrete.region import Region
+
+PER_CELL = 1.5  # particles; 1 to 2 take the same time, within the noise of benchmarks/discrete.py
+_ALIKE = 3.0  # largest over smallest disc of a level
+_FEW = 32  # particles for which a level of their own does not pay
+_MOST_CELLS = 1 << 40  # of a procedural level, so that indices stay exact
+
+
+class Discs(NamedTuple):
+    """Discs that stop pencils; G levels, K classes in ascending order of levels, N particles.
+
+    region : where particles are
+    stored : 1 where places are stored, 0 where they come from hashes
+    key : (G,) uint64, of each procedural level
+    step : (G, 3) m, edges of the cells;  cells : (G, 3) how many of them the region's box has
+    reach : (G,) m, radius of the largest disc at any wavelength
+    shift : (G, 3) m, by which the level has moved; what leaves a stored box on one side comes in on the other
+    classes : (G + 1,) which classes are a level's
+    offset : (sum of cells + G,) uint32, first particle of each cell, level after level;  start : (G,) where a level begins in it
+    place : (N, 3) float32 m, from region.lo;  kind : (N,) uint16, class
+    counts : (G, MOST) cumulated probabilities of numbers in a cell;  cumulated : (K,) cumulated shares within the level
+    square : (K, L) m^2, squared radii of the discs;  largest : (K,) of all wavelengths
+    """
+
+    region: Region
+    stored: int
+    key: np.ndarray
+    step: np.ndarray
+    cells: np.ndarray
+    reach: np.ndarray
+    shift: np.ndarray
+    classes: np.ndarray
+    offset: np.ndarray
+    start: np.ndarray
+    place: np.ndarray
+    kind: np.ndarray
+    counts: np.ndarray
+    cumulated: np.ndarray
+    square: np.ndarray
+    largest: np.ndarray
+
+
+def order(extinction):
+    """Classes from large discs to small ones, (K,): the order in which `stored` and `procedural` take them.
+
+    extinction : (L, K) m^2
+    """
+    return np.argsort(-np.max(extinction, axis=0), kind="stable")
+
+
+def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+    """Particles at given places.
+
+    Parameters
+    ----------
+    region : `Region`; places outside of its box count as on its walls
+    extinction : (L, K) m^2, cross sections of the classes' discs, in the order of `order`
+    place : (N, 3) m
+    kind : (N,) class of each
+    velocity : (K, 3) m/s, equal within a level's classes or None
+    time : s
+    per_cell : particles a cell aims at
+    """
+    largest = np.max(extinction, axis=0)
+    numbers = np.bincount(kind, minlength=len(largest)).astype(float)
+    classes = _levels(largest, numbers, velocity)
+    extent = region.hi - region.lo
+    levels = [_lattice(extent, numbers[a:b].sum(), math.sqrt(largest[a] / math.pi), per_cell) for a, b in _pairs(classes)]
+    cells = np.array(levels, np.int64).reshape(-1, 3)
+    start = np.concatenate([[0], np.cumsum(cells.prod(axis=1) + 1)])
+    level = np.repeat(np.arange(len(cells)), np.diff(classes))
+    offset = np.zeros(start[-1], np.uint32)
+    sorted_place, sorted_kind = np.empty((len(kind), 3), np.float32), np.empty(len(kind), np.uint16)
+    if len(kind):
+        _sort(np.asarray(place), np.ascontiguousarray(kind, np.uint16), region.lo, extent, cells, level, start, offset,
+              sorted_place, sorted_kind)
+    return _discs(region, 1, np.zeros(len(cells), np.uint64), cells, extinction, classes, velocity, time, offset=offset,
+                  start=start[:-1], place=sorted_place, kind=sorted_kind)
+
+
+def procedural(region, extinction, density, words, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+    """A Poisson process from hashes.
+
+    Parameters
+    ----------
+    region, extinction, velocity, time, per_cell : as in `stored`
+    density : (K,) 1/m^3, of each class where the region is full
+    words : (2,) of `bakery.rng.key`
+    """
+    density = np.asarray(density, float)
+    extent = region.hi - region.lo
+    largest = np.max(extinction, axis=0)
+    classes = _levels(largest, density * extent.prod(), velocity)
+    cells, counts, cumulated = [], [], np.ones(len(largest))
+    for a, b in _pairs(classes):
+        number = density[a:b].sum() * extent.prod()
+        cells.append(_lattice(extent, number, math.sqrt(largest[a] / math.pi), per_cell))
+        counts.append(hashing.counts(number / np.prod(np.array(cells[-1], float))))
+        cumulated[a:b - 1] = np.cumsum(density[a:b - 1]) / max(density[a:b].sum(), 1e-300)
+    key = np.uint64(words[0]) << np.uint64(32) | np.uint64(words[1])
+    keys = np.array([(int(key) + 0x9E3779B97F4A7C15 * (level + 1)) % 2**64 for level in range(len(cells))], np.uint64)
+    return _discs(region, 0, keys, np.array(cells, np.int64).reshape(-1, 3), extinction, classes, velocity, time,
+                  counts=np.array(counts).reshape(-1, hashing.MOST), cumulated=cumulated)
+
+
+def _discs(region, kept, key, cells, extinction, classes, velocity, time, *, offset=None, start=None, place=None, kind=None,
+           counts=None, cumulated=None):
+    levels, square = len(cells), np.ascontiguousarray(np.transpose(extinction) / math.pi)
+    largest = square.max(axis=1)
+    shift = np.zeros((levels, 3))
+    if velocity is not None:
+        shift = np.asarray(velocity, float)[classes[:-1]] * time
+    return Discs(region, kept, key, (region.hi - region.lo) / cells, cells, np.sqrt(largest[classes[:-1]]), shift, classes,
+                 np.zeros(0, np.uint32) if offset is None else offset,
+                 np.zeros(levels, np.int64) if start is None else start.astype(np.int64),
+                 np.zeros((0, 3), np.float32) if place is None else place, np.zeros(0, np.uint16) if kind is None else kind,
+                 np.ones((levels, hashing.MOST)) if counts is None else counts,
+                 np.ones(len(largest)) if cumulated is None else cumulated, square, largest)
+
+
+def _pairs(classes):
+    return zip(classes[:-1].tolist(), classes[1:].tolist())
+
+
+def _levels(largest, numbers, velocity):
+    """(G + 1,) classes at which levels begin: alike in size and in velocity."""
+    begins, held = [0], 0.0
+    for k in range(1, len(largest)):
+        held += numbers[k - 1]
+        moves = velocity is not None and not np.array_equal(velocity[k], velocity[begins[-1]])
+        if moves or (largest[begins[-1]] > _ALIKE**2 * largest[k] and held >= _FEW):
+            begins.append(k)
+            held = 0.0
+    return np.array([*begins, len(largest)] if len(largest) else [0], np.int64)
+
+
+def _lattice(extent, number, reach, per_cell):
+    """Cells (3,) along the box, with `per_cell` particles each, edges of at least half the largest disc's radius."""
+    edge = max((extent.prod() * per_cell / max(number, per_cell)) ** (1 / 3), reach / 2, (extent.prod() / _MOST_CELLS) ** (1 / 3))
+    # a flat box has one layer of cells, whose number is made up for in the other directions
+    counts = np.maximum(1, np.round(extent / edge))
+    while number / counts.prod() > min(4 * per_cell, hashing.LARGEST_MEAN) and (extent / counts).max() > reach:
+        counts[np.argmax(extent / counts)] *= 2
+    if number / counts.prod() > hashing.LARGEST_MEAN:
+        counts = np.maximum(counts, np.ceil(counts * (number / counts.prod() / hashing.LARGEST_MEAN) ** (1 / 3)))
+    return counts.astype(np.int64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sort(place, kind, lo, extent, cells, level, start, offset, sorted_place, sorted_kind):
+    """Counting sort by level and cell."""
+    n = len(kind)
+    cell = np.empty(n, np.int64)
+    for i in range(n):
+        g = level[kind[i]]
+        at = 0
+        for axis in range(3):
+            m = cells[g, axis]
+            c = math.floor((place[i, axis] - lo[axis]) / extent[axis] * m)
+            at = at * m + min(max(c, 0), m - 1)
+        cell[i] = start[g] + at
+        offset[cell[i]] += np.uint32(1)
+    total = np.int64(0)
+    for c in range(len(offset)):
+        here = np.int64(offset[c])
+        offset[c] = np.uint32(total)
+        total += here
+    # a level's last entry counts nothing: it ends where the next level's first begins
+    for i in range(n):
+        at = np.int64(offset[cell[i]])
+        offset[cell[i]] += np.uint32(1)
+        for axis in range(3):
+            sorted_place[at, axis] = np.float32(place[i, axis] - lo[axis])
+        sorted_kind[at] = kind[i]
+    for c in range(len(offset) - 1, 0, -1):
+        offset[c] = offset[c - 1]
+    offset[0] = np.uint32(0)

@@ -1,0 +1,349 @@
+"""Loops of the renderer of particles: what stops a ray, where it goes on, and what of a light arrives there.
+
+A path carries one weight a wavelength.  Where a disc stops it at some wavelengths only, or the continuous medium at some more
+likely than at others, it is drawn by the weights which of them go on; so no wavelength is special.
+Each path has a random stream of its own, so that values do not depend on threads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import (
+    NO_DISC,
+    first_disc,
+    hashed,
+    mesh_scratch,
+    open_wavelengths,
+    phase_sample,
+    phase_value,
+    relative_density,
+    turned_direction,
+)
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+ORDERS = 4  # of scattering that are told apart: 0, 1, 2, 3 and more
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin_streams(seed, number, first, states):
+    """Random streams (n,) uint64 of paths first, first + 1, ... in pass `number`; seed uint64."""
+    h = hashed(hashed(seed + _GOLDEN) ^ np.uint64(number))
+    for i in range(len(states)):
+        states[i] = hashed(h ^ (np.uint64(first + i) * _GOLDEN))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def uniform(states, i):
+    """The next number of stream i, in [0, 1)."""
+    s = states[i] + _GOLDEN
+    states[i] = s
+    return (hashed(s) >> np.uint64(11)) * 2.0**-53
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw(states, out):
+    """Uniform numbers out (n, m) in [0, 1), row i from stream i."""
+    for i in range(len(states)):
+        for j in range(out.shape[1]):
+            out[i, j] = uniform(states, i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def collide(medium, origin, direction, far, discrete, left_out, weight, states, kind, distance, place, begin, end):
+    """The next scattering of rays begin to end.
+
+    Parameters
+    ----------
+    origin, direction : (n, 3) m, unit;  far : (n,) m, where a surface ends the ray, or inf
+    discrete : (n,) m, distance up to which particles stop the ray; beyond, the continuous medium
+    left_out : (n, 3) m, particle that the ray starts at, or nan
+    weight : (n, L), changed;  states : (n,), changed
+    kind : (n,) int64, becomes the class, or NO_DISC where the ray reaches `far`
+    distance : (n,) m, place : (n, 3) m, become those of the scattering
+    """
+    room = mesh_scratch()
+    for i in range(begin, end):
+        near = min(far[i], discrete[i])
+        kind[i] = _particle(medium, origin, direction, near, left_out, weight, states, distance, place, i, room)
+        if kind[i] == NO_DISC and discrete[i] < far[i]:
+            kind[i] = _continuum(medium, origin, direction, discrete[i], far[i], weight, states, distance, place, i, room)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _particle(medium, origin, direction, end, left_out, weight, states, distance, place, i, room):
+    begin, square = 0.0, medium.discs.square
+    while begin < end:
+        kind, t, d2, x, y, z = first_disc(medium.discs, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0],
+                                          direction[i, 1], direction[i, 2], begin, end, left_out[i, 0], left_out[i, 1],
+                                          left_out[i, 2], room)
+        if kind == NO_DISC:
+            break
+        total, stopped = 0.0, 0.0
+        for w in range(weight.shape[1]):
+            total += weight[i, w]
+            if d2 < square[kind, w]:
+                stopped += weight[i, w]
+        chance = stopped / total if total > 0 else 1.0
+        hit = chance >= 1.0 or (chance > 0.0 and uniform(states, i) < chance)
+        factor = 1 / chance if hit else 1 / (1 - chance)
+        for w in range(weight.shape[1]):
+            weight[i, w] *= factor if (d2 < square[kind, w]) == hit else 0.0
+        if hit:
+            distance[i], place[i, 0], place[i, 1], place[i, 2] = t, x, y, z
+            return kind
+        begin = t
+    return NO_DISC
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _through_box(region, ox, oy, oz, dx, dy, dz, begin, end):
+    """The part of (begin, end) of a ray that is in the region's box."""
+    lo, hi = region.lo, region.hi
+    for o, d, a, b in ((ox, dx, lo[0], hi[0]), (oy, dy, lo[1], hi[1]), (oz, dz, lo[2], hi[2])):
+        if d == 0.0:
+            if not a <= o <= b:
+                return 1.0, 0.0
+        else:
+            p, q = (a - o) / d, (b - o) / d
+            begin, end = max(begin, min(p, q)), min(end, max(p, q))
+    return begin, end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _continuum(medium, origin, direction, begin, end, weight, states, distance, place, i, room):
+    """Null-collision tracking with the largest extinction of all wavelengths."""
+    region, sigma = medium.discs.region, medium.sigma_t
+    most = sigma.max()
+    ox, oy, oz, dx, dy, dz = origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2]
+    t, end = _through_box(region, ox, oy, oz, dx, dy, dz, begin, end)
+    if not (t < end and most > 0):
+        return NO_DISC
+    while True:
+        t -= math.log1p(-uniform(states, i)) / most
+        if t >= end:
+            return NO_DISC
+        x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+        rho = relative_density(region, x, y, z, room)
+        if rho <= 0:
+            continue
+        total, stopped = 0.0, 0.0
+        for w in range(len(sigma)):
+            total += weight[i, w]
+            stopped += weight[i, w] * sigma[w]
+        chance = rho * stopped / (total * most) if total > 0 else 1.0
+        hit = chance >= 1.0 or uniform(states, i) < chance
+        for w in range(len(sigma)):
+            share = rho * sigma[w] / most
+            weight[i, w] *= share / chance if hit else (1 - share) / (1 - chance)
+        if hit:
+            distance[i], place[i, 0], place[i, 1], place[i, 2] = t, x, y, z
+            return len(medium.albedo) - 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def transmit(medium, ox, oy, oz, dx, dy, dz, far, discrete, sx, sy, sz, states, i, passed, open, room):
+    """What of light gets through from a point to `far`: passed (L,), 0 or 1 among particles, an estimate beyond `discrete`.
+
+    sx, sy, sz : particle left out;  open : (L,) uint8, for own use
+    """
+    sigma, region = medium.sigma_t, medium.discs.region
+    for w in range(len(passed)):
+        passed[w], open[w] = 1.0, 1
+    if discrete > 0:
+        open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, room)
+        for w in range(len(passed)):
+            passed[w] = open[w]
+    if not discrete < far:
+        return
+    t, end = _through_box(region, ox, oy, oz, dx, dy, dz, discrete, far)
+    if not t < end:
+        return
+    if region.kind == 0:
+        for w in range(len(passed)):
+            passed[w] *= math.exp(-sigma[w] * (end - t))
+        return
+    most = sigma.max()
+    while most > 0:
+        t -= math.log1p(-uniform(states, i)) / most
+        if t >= end:
+            return
+        rho = relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, room)
+        brightest = 0.0
+        for w in range(len(passed)):
+            passed[w] *= 1 - rho * sigma[w] / most
+            brightest = max(brightest, passed[w])
+        if brightest < 0.1:  # Russian roulette
+            if uniform(states, i) >= 0.5:
+                for w in range(len(passed)):
+                    passed[w] = 0.0
+                return
+            for w in range(len(passed)):
+                passed[w] *= 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mixture(medium, kind, weight, i, v, values):
+    """Density (1/sr) with which `scatter` takes an angle of 1 - cos = v; values (L,) become the phase functions there."""
+    total, mean = 0.0, 0.0
+    for w in range(len(values)):
+        values[w] = phase_value(medium.v, medium.steps, medium.phase[kind, w], v)
+        likely = weight[i, w] * medium.albedo[kind, w]
+        total += likely
+        mean += likely * values[w]
+    return mean / total if total > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scatter(medium, kind, direction, weight, states, density, begin, end):
+    """New directions of paths that particles of classes kind (n,) scatter; density (n,) 1/sr becomes that of each direction.
+
+    The angle is drawn from the phase functions of all wavelengths, mixed by what they would scatter.
+    """
+    values = np.empty(weight.shape[1])
+    for i in range(begin, end):
+        total = 0.0
+        for w in range(weight.shape[1]):
+            total += weight[i, w] * medium.albedo[kind[i], w]
+        if not total > 0:
+            density[i] = 0.0
+            weight[i] = 0.0
+            continue
+        chosen, below = uniform(states, i) * total, 0.0
+        one = weight.shape[1] - 1
+        for w in range(weight.shape[1]):
+            below += weight[i, w] * medium.albedo[kind[i], w]
+            if chosen < below:
+                one = w
+                break
+        v = phase_sample(medium.v, medium.steps, medium.phase[kind[i], one], medium.cdf[kind[i], one], uniform(states, i))
+        density[i] = mixture(medium, kind[i], weight, i, v, values)
+        for w in range(weight.shape[1]):
+            weight[i, w] *= medium.albedo[kind[i], w] * values[w] / density[i] if density[i] > 0 else 0.0
+        direction[i, 0], direction[i, 1], direction[i, 2] = turned_direction(
+            direction[i, 0], direction[i, 1], direction[i, 2], v, 2 * math.pi * uniform(states, i))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light(medium, kind, origin, direction, weight, states, discrete, order, lit, distance, radiance, density, single, index,
+          pixel, by_order, by_light, begin, end):
+    """Adds what sampled lights send by way of a scattering to the pixels.
+
+    Parameters
+    ----------
+    kind : (n,) class, or NO_DISC at surfaces, where `radiance` holds the reflection and `direction` does not matter
+    origin : (n, 3) m, where the paths scatter;  direction : (n, 3), in which they arrived from the camera
+    discrete : (n,) m, see `collide`
+    order : (n,) scatterings so far, this one included; below 0: nothing is added
+    lit, distance, radiance, density, single, index : of the lights' samples: (n, 3) direction, (n,) m, (n, 3) sRGB over the
+        sampling density, (n,) 1/sr, (n,) whether no direction drawn by a phase function could meet it, (n,) number of the light
+    pixel : (n,) into by_order (ORDERS, pixels, 3) and by_light (lights, pixels, 3), linear sRGB
+    """
+    room, waves = mesh_scratch(), weight.shape[1]
+    values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
+    added = np.empty(3)
+    for i in range(begin, end):
+        if order[i] >= 0 and _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density,
+                                      single[i], i, values, passed, open, room):
+            _to_rgb(medium, values, radiance[i], added)
+            _add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light_alone(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, single, index, added,
+                begin, end):
+    """What sampled lights send by way of particles, added (n, 3) linear sRGB, where nothing but light sampling looks for them."""
+    room, waves = mesh_scratch(), weight.shape[1]
+    values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
+    for i in range(begin, end):
+        if _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, True, i, values,
+                    passed, open, room):
+            _to_rgb(medium, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, single, i, values,
+             passed, open, room):
+    """Whether light of sample i arrives; values (L,) become what the path makes of radiance 1."""
+    if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+        return False
+    lx, ly, lz = np.float64(lit[i, 0]), np.float64(lit[i, 1]), np.float64(lit[i, 2])
+    sx, sy, sz = np.nan, np.nan, np.nan
+    balance = 1.0
+    for w in range(len(values)):
+        values[w] = 1.0
+    if kind[i] != NO_DISC:
+        ex, ey, ez = lx - direction[i, 0], ly - direction[i, 1], lz - direction[i, 2]
+        v = min(0.5 * (ex * ex + ey * ey + ez * ez), 2.0)
+        chance = mixture(medium, kind[i], weight, i, v, values)
+        if not single:
+            balance = density[i] / (density[i] + chance)
+        for w in range(len(values)):
+            values[w] *= medium.albedo[kind[i], w]
+        if kind[i] < len(medium.albedo) - 1:
+            sx, sy, sz = origin[i, 0], origin[i, 1], origin[i, 2]
+    transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], lx, ly, lz, distance[i], discrete[i], sx, sy, sz, states, i,
+             passed, open, room)
+    most = 0.0
+    for w in range(len(values)):
+        values[w] *= weight[i, w] * passed[w] * balance
+        most = max(most, values[w])
+    return most > 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def emitted(medium, weight, order, radiance, index, pixel, by_order, by_light):
+    """Adds radiance (n, 3), linear sRGB, that paths have met, to the pixels; see `light`."""
+    values, added = np.empty(weight.shape[1]), np.empty(3)
+    for i in range(len(pixel)):
+        if order[i] >= 0 and (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            values[:] = weight[i]
+            _to_rgb(medium, values, radiance[i], added)
+            _add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _to_rgb(medium, values, radiance, rgb):
+    """What factors values (L,) make of radiance (3,), linear sRGB."""
+    to_waves, to_rgb = medium.to_waves, medium.to_rgb
+    rgb[:] = 0.0
+    for w in range(len(values)):
+        value = values[w] * (to_waves[w, 0] * radiance[0] + to_waves[w, 1] * radiance[1] + to_waves[w, 2] * radiance[2])
+        for c in range(3):
+            rgb[c] += to_rgb[c, w] * value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(added, order, index, pixel, by_order, by_light):
+    for c in range(3):
+        by_order[order, pixel, c] += added[c]
+        if 0 <= index < len(by_light):
+            by_light[index, pixel, c] += added[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reflect(medium, weight, factor, begin, end):
+    """Multiplies weights (n, L) by reflectances factor (n, 3), linear sRGB."""
+    to_waves = medium.to_waves
+    for i in range(begin, end):
+        for w in range(weight.shape[1]):
+            weight[i, w] *= to_waves[w, 0] * factor[i, 0] + to_waves[w, 1] * factor[i, 1] + to_waves[w, 2] * factor[i, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def roulette(weight, states, bounces, alive, begin, end):
+    """Russian roulette: paths of little weight end, and those of more than a thousand bounces do so one time in a hundred."""
+    for i in range(begin, end):
+        most = 0.0
+        for w in range(weight.shape[1]):
+            most = max(most, weight[i, w])
+        chance = min(most, 1.0 if bounces[i] < 1000 else 0.99)
+        if most > 0 and bounces[i] < 4:
+            chance = 1.0
+        alive[i] = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)
+        if alive[i]:
+            for w in range(weight.shape[1]):
+                weight[i, w] /= chance

@@ -1,0 +1,245 @@
+"""Single scattering as a sum: every particle that the camera can see adds to its pixel what the lights send by way of it.
+
+A camera pencil is stopped by a particle if it passes the centre, at distance D, under an angle whose sine is below rho / D: the
+cone of such directions is what the particle takes of the picture.  Pencils are drawn in that cone, evenly: a particle is spread over
+the pixels that its disc covers, and one smaller than a pixel needs one pencil.  Chance decides only which parts of discs others
+hide, and on places on lights.  The sum is the mean of `walk` over camera paths that scatter once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, turned_direction
+from renderers.discrete import _transport
+from renderers.discrete.threads import run
+
+CHUNK = 1 << 18  # particles at a time
+_MOST = 4096  # pencils to one particle in a pass
+_AREA = 4.0  # pixels of a disc for each pencil
+_BLOCK = 8  # cells along an edge of what is compared with the view
+
+
+def one_pass(world, medium, camera, height, width, number, seed, *, discrete, lights, samples=1):
+    """One pencil, or more for large discs, to each particle.
+
+    Parameters
+    ----------
+    samples : places on lights for each pencil
+    others : as in `walk.one_pass`
+
+    Returns
+    -------
+    by_order : (ORDERS, H, W, 3), of which only order 1 is filled;  by_light : (lights, H, W, 3) linear sRGB
+    """
+    pixels = height * width
+    by_order, by_light = np.zeros((_transport.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    view = View(camera, height, width)
+    for serial, (place, kind) in enumerate(_particles(medium.discs, view, discrete)):
+        _add(world, medium, view, place, kind, discrete, (seed, number, serial), samples, by_order, by_light)
+    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+
+
+class View:
+    """The camera laid out for kernels.
+
+    origin, axis : (3,);  inverse : (3, 3), turns a direction into s (1, column, row);  area : of a pixel at unit distance
+    sides : (4, 3) normals of the sides of the pyramid of view, inwards
+    """
+
+    def __init__(self, camera, height, width):
+        self.height, self.width = height, width
+        self.origin = np.array(camera.origin, float)
+        self.inverse = np.linalg.inv(np.array([camera.corner, camera.right, camera.down], float))
+        across = np.cross(camera.right, camera.down)
+        self.area = float(np.linalg.norm(across))
+        self.axis = across / self.area * np.sign(across @ camera.corner)
+        corners = [camera.corner + i * width * camera.right + j * height * camera.down
+                   for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        normals = np.array([np.cross(a, b) for a, b in zip(corners, [*corners[1:], corners[0]])])
+        normals *= np.sign(normals @ self.axis)[:, None]
+        self.sides = normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+def _particles(discs, view, discrete):
+    """Chunks of particles, (n, 3) m and (n,) classes, that may be in the picture and nearer than `discrete` somewhere in it."""
+    for level in range(len(discs.reach)):
+        blocks = _blocks_in_view(discs, level, disc_cells(discs, level), view.origin, view.sides, float(discrete.max()))
+        state = np.zeros(3, np.int64)  # block, cell in it, particle in that
+        while state[0] < len(blocks):
+            place, kind = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64)
+            filled = _gather(discs, level, blocks, state, disc_cells(discs, level), place, kind)
+            if filled:
+                yield place[:filled], kind[:filled]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blocks_in_view(discs, level, bounds, origin, sides, farthest):
+    """First cells (n, 3) of blocks of _BLOCK^3 cells that a pyramid of view, normals sides (4, 3) inwards, may touch."""
+    counts = (bounds[3:] - bounds[:3]) // _BLOCK + 1
+    step, corner = discs.step[level], discs.region.lo + discs.shift[level]
+    radius = 0.5 * _BLOCK * math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + discs.reach[level]
+    out = np.empty((64, 3), np.int64)
+    n = 0
+    for i in range(counts[0]):
+        for j in range(counts[1]):
+            for k in range(counts[2]):
+                a, b, c = bounds[0] + i * _BLOCK, bounds[1] + j * _BLOCK, bounds[2] + k * _BLOCK
+                x = corner[0] + (a + 0.5 * _BLOCK) * step[0] - origin[0]
+                y = corner[1] + (b + 0.5 * _BLOCK) * step[1] - origin[1]
+                z = corner[2] + (c + 0.5 * _BLOCK) * step[2] - origin[2]
+                inside = x * x + y * y + z * z < (farthest + radius) ** 2
+                for s in range(4):
+                    inside = inside and sides[s, 0] * x + sides[s, 1] * y + sides[s, 2] * z > -radius
+                if inside:
+                    if n == len(out):
+                        larger = np.empty((2 * n, 3), np.int64)
+                        larger[:n] = out
+                        out = larger
+                    out[n, 0], out[n, 1], out[n, 2] = a, b, c
+                    n += 1
+    return out[:n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(discs, level, blocks, state, bounds, place, kind):
+    """Fills place and kind with the particles of blocks from `state` on, which is moved on; how many they are."""
+    room, filled = mesh_scratch(), 0
+    while state[0] < len(blocks):
+        cell = state[1]
+        i = blocks[state[0], 0] + cell // (_BLOCK * _BLOCK)
+        j = blocks[state[0], 1] + cell // _BLOCK % _BLOCK
+        k = blocks[state[0], 2] + cell % _BLOCK
+        rest = -1
+        if i <= bounds[3] and j <= bounds[4] and k <= bounds[5]:
+            filled, rest = discs_of_cell(discs, level, i, j, k, state[2], place, kind, filled, room)
+        if rest >= 0:
+            state[2] = rest
+            return filled
+        state[2] = 0
+        state[1] += 1
+        if state[1] == _BLOCK**3:
+            state[0] += 1
+            state[1] = 0
+    return filled
+
+
+def _add(world, medium, view, place, kind, discrete, streams, samples, by_order, by_light):
+    """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
+    n = len(kind)
+    seed, number, serial = streams
+    states = np.empty(n, np.uint64)
+    _transport.begin_streams(np.uint64(seed), number, (serial + 1) * CHUNK << 20, states)
+    pencils = np.empty(n, np.int64)
+    run(_pencils, n, medium, view.origin, view.area, view.axis, place, kind, pencils)
+    who = np.repeat(np.arange(n), pencils)
+    place, kind, m = place[who], kind[who], len(who)
+    # a stream for each pencil: those of one particle go apart at their first number
+    part = np.arange(m) - np.repeat(np.cumsum(pencils) - pencils, pencils)
+    states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
+    direction, far, weight, pixel = np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64)
+    run(_aim, m, medium, view.origin, view.inverse, view.area, view.axis, view.height, view.width, discrete.reshape(-1), place,
+        kind, pencils[who], states, direction, far, weight, pixel)
+    kept = np.flatnonzero(pixel >= 0)
+    kept = kept[~np.isfinite(world.trace(np.tile(view.origin, (len(kept), 1)), direction[kept], far[kept]))]
+    place, kind, states, direction, far, weight, pixel = (
+        values[kept] for values in (place, kind, states, direction, far, weight, pixel))
+    seen = np.empty(len(kept), bool)
+    run(_visible, len(kept), medium, view.origin, direction, far, place, weight, seen)
+    place, kind, states, direction, weight, pixel = (values[seen] for values in (place, kind, states, direction, weight, pixel))
+    m = len(pixel)
+    if not m:
+        return
+    everywhere = np.full(m, np.inf)
+    weight /= samples
+    for _ in range(samples):
+        numbers = np.empty((m, 3))
+        _transport.draw(states, numbers)
+        sample = world.lights(place, numbers)
+        added = np.zeros((m, 3))
+        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, everywhere, *sample, added)
+        _sum(added, pixel, sample.light, by_order[1], by_light)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum(added, pixel, index, picture, by_light):
+    for i in range(len(pixel)):
+        for c in range(3):
+            picture[pixel[i], c] += added[i, c]
+            if 0 <= index[i] < len(by_light):
+                by_light[index[i], pixel[i], c] += added[i, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _cone(medium, kind, x, y, z):
+    """Distance of a particle from the camera, and 1 - cos of the cone that its largest disc covers."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    sine = math.sqrt(medium.discs.largest[kind]) / distance if distance > 0 else 1.0
+    if sine >= 1:
+        return distance, 1.0
+    return distance, sine * sine / (1 + math.sqrt(1 - sine * sine))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pencils(medium, origin, area, axis, place, kind, pencils, begin, end):
+    """How many pencils each particle gets: by the pixels that its disc covers."""
+    for i in range(begin, end):
+        x, y, z = place[i, 0] - origin[0], place[i, 1] - origin[1], place[i, 2] - origin[2]
+        distance, v = _cone(medium, kind[i], x, y, z)
+        along = max(x * axis[0] + y * axis[1] + z * axis[2], 0.1 * distance)
+        covered = 2 * math.pi * v / (area * (along / distance) ** 3) if along > 0 else 1e9
+        pencils[i] = min(max(math.ceil(covered / _AREA), 1), _MOST)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, kind, pencils, states, direction, far, weight,
+         pixel, begin, end):
+    """A pencil in the cone of each particle: direction, distance, weights over the solid angle of its pixel; pixel -1: none."""
+    for i in range(begin, end):
+        x, y, z = place[i, 0] - origin[0], place[i, 1] - origin[1], place[i, 2] - origin[2]
+        distance, v = _cone(medium, kind[i], x, y, z)
+        pixel[i] = -1
+        if distance == 0:
+            continue
+        chosen = v * _transport.uniform(states, i)
+        dx, dy, dz = turned_direction(x / distance, y / distance, z / distance, chosen,
+                                      2 * math.pi * _transport.uniform(states, i))
+        ahead = dx * axis[0] + dy * axis[1] + dz * axis[2]
+        if ahead <= 0:
+            continue
+        # on the plane of the picture: direction = s (corner + column right + row down)
+        s = dx * inverse[0, 0] + dy * inverse[1, 0] + dz * inverse[2, 0]
+        column = (dx * inverse[0, 1] + dy * inverse[1, 1] + dz * inverse[2, 1]) / s
+        row = (dx * inverse[0, 2] + dy * inverse[1, 2] + dz * inverse[2, 2]) / s
+        if not (0 <= column < width and 0 <= row < height):
+            continue
+        to = int(row) * width + int(column)
+        t = distance * (1 - chosen)
+        if t >= discrete[to]:
+            continue
+        d2 = distance * distance * chosen * (2 - chosen)
+        share = 2 * math.pi * v / (area * ahead**3 * pencils[i])
+        open = False
+        for w in range(weight.shape[1]):
+            weight[i, w] = share if d2 < medium.discs.square[kind[i], w] else 0.0
+            open = open or weight[i, w] > 0
+        if open:
+            pixel[i], far[i] = to, t
+            direction[i, 0], direction[i, 1], direction[i, 2] = dx, dy, dz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _visible(medium, origin, direction, far, place, weight, seen, begin, end):
+    """What the discs of others leave of pencils: weights become 0 where they are stopped; seen: whether anything is left."""
+    room, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
+    for i in range(begin, end):
+        for w in range(len(open)):
+            open[w] = weight[i, w] > 0
+        seen[i] = open_wavelengths(medium.discs, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
+                                   direction[i, 2], 0.0, far[i], place[i, 0], place[i, 1], place[i, 2], open, room) > 0
+        for w in range(len(open)):
+            if not open[w]:
+                weight[i, w] = 0.0

@@ -1,0 +1,151 @@
+"""The walk from particle to particle: camera paths of all orders, with next-event estimation to the lights.
+
+One pass is one path a pixel.  All paths go on together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from renderers.mitsuba.world import LightSample
+
+from bakery.kernels import NO_DISC
+from renderers.discrete import _transport
+from renderers.discrete.threads import run
+
+ALL = 1 << 19  # paths that go on together; more take more memory, and fewer more calls
+
+
+@dataclass
+class Paths:
+    """Camera paths on their way, n of them.
+
+    origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,) random streams;  pixel : (n,)
+    left_out : (n, 3) m, the particle that the ray starts at, or nan
+    density : (n,) 1/sr, with which the direction was drawn;  single : (n,) whether light sampling cannot take it
+    order : (n,) scatterings by particles so far;  bounces : (n,) these and surfaces
+    discrete : (n,) m, up to where particles stop the ray
+    seen : (n,) whether what `splat` takes of the path's next light is left out here
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    states: np.ndarray
+    pixel: np.ndarray
+    left_out: np.ndarray
+    density: np.ndarray
+    single: np.ndarray
+    order: np.ndarray
+    bounces: np.ndarray
+    discrete: np.ndarray
+    seen: np.ndarray
+
+    def of(self, chosen):
+        """Some of the paths."""
+        return Paths(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def __len__(self):
+        return len(self.pixel)
+
+
+def one_pass(world, medium, camera, height, width, number, seed, *, discrete, later, splatted, lights):
+    """One path for each pixel.
+
+    Parameters
+    ----------
+    world : `renderers.mitsuba.world.World`
+    medium : `renderers.discrete.medium.Medium`
+    camera : `renderers.camera.Camera`
+    number, seed : of the pass: its random numbers
+    discrete : (H, W) m, depth up to which particles stop camera rays
+    later : m, distance up to which particles stop all other rays: inf or 0
+    splatted : whether single scattering by particles, straight from a light and straight to the camera, is left out
+    lights : number of lights
+
+    Returns
+    -------
+    by_order : (ORDERS, H, W, 3), by_light : (lights, H, W, 3) linear sRGB
+    """
+    pixels = height * width
+    by_order, by_light = np.zeros((_transport.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    for first in range(0, pixels, ALL):
+        paths = _begin(medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
+        while len(paths):
+            paths = _bounce(world, medium, paths, later, splatted, by_order, by_light)
+    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+
+
+def _begin(medium, camera, width, pixel, number, seed, discrete):
+    n, waves = len(pixel), len(medium.sigma_t)
+    states = np.empty(n, np.uint64)
+    _transport.begin_streams(np.uint64(seed), number, int(pixel[0]), states)
+    offset = np.empty((n, 2))
+    _transport.draw(states, offset)
+    direction = camera.corner + (pixel % width + offset[:, 0])[:, None] * camera.right \
+        + (pixel // width + offset[:, 1])[:, None] * camera.down
+    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
+    return Paths(np.tile(camera.origin, (n, 1)), direction, np.ones((n, waves)), states, pixel, np.full((n, 3), np.nan),
+                 np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
+                 np.zeros(n, bool))
+
+
+def _bounce(world, medium, paths, later, splatted, by_order, by_light):
+    """Paths after their next scattering or surface, those that go on."""
+    n = len(paths)
+    far = world.trace(paths.origin, paths.direction, np.full(n, np.inf))
+    kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+    run(_transport.collide, n, medium, paths.origin, paths.direction, far, paths.discrete, paths.left_out, paths.weight,
+        paths.states, kind, distance, place)
+    met = kind != NO_DISC
+    parts = [_scattered(world, medium, paths.of(met), kind[met], place[met], later, splatted, by_order, by_light),
+             _at_surfaces(world, medium, paths.of(~met), later, by_order, by_light)]
+    together = Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))
+    alive = np.empty(len(together), bool)
+    run(_transport.roulette, len(together), together.weight, together.states, together.bounces, alive)
+    return together.of(alive)
+
+
+def _scattered(world, medium, paths, kind, place, later, splatted, by_order, by_light):
+    n = len(paths)
+    if n == 0:
+        return paths
+    particle = kind < len(medium.albedo) - 1
+    paths.order += 1
+    first = (paths.bounces == 0) & particle & splatted
+    paths.bounces += 1
+    paths.discrete[:] = later
+    numbers = np.empty((n, 3))
+    _transport.draw(paths.states, numbers)
+    sample = world.lights(place, numbers)
+    run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
+        np.where(first, -1, paths.order), *sample, paths.pixel, by_order, by_light)
+    run(_transport.scatter, n, medium, kind, paths.direction, paths.weight, paths.states, paths.density)
+    paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
+    paths.single, paths.seen = np.zeros(n, bool), first
+    return paths
+
+
+def _at_surfaces(world, medium, paths, later, by_order, by_light):
+    n = len(paths)
+    if n == 0:
+        return paths
+    numbers = np.empty((n, 6))
+    _transport.draw(paths.states, numbers)
+    shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
+    _transport.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, shading.source, paths.pixel,
+                       by_order, by_light)
+    hit = np.flatnonzero(shading.hit)
+    paths = paths.of(hit)
+    paths.bounces += 1
+    paths.discrete[:] = later
+    m = len(hit)
+    sample = LightSample(*(values[hit] for values in shading.light))
+    run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
+        paths.discrete, paths.order, *sample, paths.pixel, by_order, by_light)
+    run(_transport.reflect, m, medium, paths.weight, shading.weight[hit])
+    paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
+    paths.left_out = np.full((m, 3), np.nan)
+    paths.density, paths.single, paths.seen = shading.density[hit].astype(float), shading.delta[hit], np.zeros(m, bool)
+    return paths
