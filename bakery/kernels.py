@@ -12,7 +12,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | phase functions | `phase_layout` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
-| where a discrete medium is | `region_box`, `region_grid`, `region_mesh` | `relative_density` |
+| where a discrete medium is | `region_box`, `region_grid`, `region_mesh`, `region_densities` | `relative_density` |
 | its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc`, `open_wavelengths`, `disc_cells`,
   `discs_of_cell` |
 | hashes | | `hashed` |
@@ -34,6 +34,7 @@ from bakery.physics.discrete.pencils import first_disc
 from bakery.physics.discrete.pencils import particles_of as discs_of_cell
 from bakery.physics.discrete.pencils import through as open_wavelengths
 from bakery.physics.discrete.region import box as region_box
+from bakery.physics.discrete.region import densities as region_densities
 from bakery.physics.discrete.region import grid as region_grid
 from bakery.physics.discrete.region import mesh as region_mesh
 from bakery.physics.discrete.region import relative_density
@@ -92,7 +93,7 @@ __all__ = [
     "phase_value",
     "point_source",
     "procedural_discs",
-    "region_box",
+    "region_box", "region_densities",
     "region_grid",
     "region_mesh",
     "relative_density",

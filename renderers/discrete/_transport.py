@@ -100,7 +100,7 @@ def _particle(medium, origin, direction, end, left_out, weight, states, distance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _through_box(region, ox, oy, oz, dx, dy, dz, begin, end):
+def through_box(region, ox, oy, oz, dx, dy, dz, begin, end):
     """The part of (begin, end) of a ray that is in the region's box."""
     lo, hi = region.lo, region.hi
     for o, d, a, b in ((ox, dx, lo[0], hi[0]), (oy, dy, lo[1], hi[1]), (oz, dz, lo[2], hi[2])):
@@ -119,7 +119,7 @@ def _continuum(medium, origin, direction, begin, end, weight, states, distance, 
     region, sigma = medium.discs.region, medium.sigma_t
     most = sigma.max()
     ox, oy, oz, dx, dy, dz = origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2]
-    t, end = _through_box(region, ox, oy, oz, dx, dy, dz, begin, end)
+    t, end = through_box(region, ox, oy, oz, dx, dy, dz, begin, end)
     if not (t < end and most > 0):
         return NO_DISC
     while True:
@@ -159,7 +159,7 @@ def transmit(medium, ox, oy, oz, dx, dy, dz, far, discrete, sx, sy, sz, states, 
             passed[w] = open[w]
     if not discrete < far:
         return
-    t, end = _through_box(region, ox, oy, oz, dx, dy, dz, discrete, far)
+    t, end = through_box(region, ox, oy, oz, dx, dy, dz, discrete, far)
     if not t < end:
         return
     if region.kind == 0:
@@ -248,8 +248,8 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, lit,
     for i in range(begin, end):
         if order[i] >= 0 and _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density,
                                       single[i], i, values, passed, open, room):
-            _to_rgb(medium, values, radiance[i], added)
-            _add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+            to_rgb(medium, values, radiance[i], added)
+            add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -261,7 +261,7 @@ def light_alone(medium, kind, origin, direction, weight, states, discrete, lit, 
     for i in range(begin, end):
         if _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, True, i, values,
                     passed, open, room):
-            _to_rgb(medium, values, radiance[i], added[i])
+            to_rgb(medium, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -301,12 +301,12 @@ def emitted(medium, weight, order, radiance, index, pixel, by_order, by_light):
     for i in range(len(pixel)):
         if order[i] >= 0 and (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
             values[:] = weight[i]
-            _to_rgb(medium, values, radiance[i], added)
-            _add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+            to_rgb(medium, values, radiance[i], added)
+            add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _to_rgb(medium, values, radiance, rgb):
+def to_rgb(medium, values, radiance, rgb):
     """What factors values (L,) make of radiance (3,), linear sRGB."""
     to_waves, to_rgb = medium.to_waves, medium.to_rgb
     rgb[:] = 0.0
@@ -317,7 +317,7 @@ def _to_rgb(medium, values, radiance, rgb):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add(added, order, index, pixel, by_order, by_light):
+def add(added, order, index, pixel, by_order, by_light):
     for c in range(3):
         by_order[order, pixel, c] += added[c]
         if 0 <= index < len(by_light):

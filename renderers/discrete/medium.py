@@ -9,11 +9,14 @@ import numpy as np
 
 from bakery import kernels
 
+_METRES, _SQUARE_METRES = 1e-6, 1e-12  # um, um^2
+
 
 class Medium(NamedTuple):
     """K classes of particles, from large to small, and as class K the continuous medium that they make on average.
 
     discs : `bakery.kernels.Discs`
+    density : (K,) 1/m^3, where the region is full
     sigma_t : (L,) 1/m, extinction where the region is full
     albedo : (K + 1, L)
     v, steps : (A,), (A - 1,), as `bakery.kernels.phase_layout` has them
@@ -22,6 +25,7 @@ class Medium(NamedTuple):
     """
 
     discs: object
+    density: np.ndarray
     sigma_t: np.ndarray
     albedo: np.ndarray
     v: np.ndarray
@@ -59,19 +63,11 @@ class Classes(NamedTuple):
 
 
 def classes_of(group) -> Classes:
-    """The classes of an asset's group `discrete`, as it was baked."""
-    parts = [group[name] for name in group.components]
-    number_density = float(group.number_density[0])
-
-    def joined(name):
-        return np.concatenate([np.asarray(getattr(part, name), float) for part in parts], axis=-1)
-
-    density = np.concatenate([number_density * part.fraction[0] * np.asarray(part.share, float) for part in parts])
-    phase = np.concatenate([np.asarray(part.phase, float) for part in parts], axis=1)
-    component = np.repeat(np.arange(len(parts)), [len(part.radius) for part in parts])
-    extinction = joined("extinction")
-    return Classes(density, extinction * 1e-12, joined("scattering") * 1e-12, np.asarray(group.theta, float), phase,
-                   joined("radius") * 1e-6, component, np.zeros(len(extinction)))
+    """The classes of `asset.discrete`, as they were baked."""
+    baked = group.classes()
+    return Classes(float(group.number_density[0]) * baked.share, baked.extinction * _SQUARE_METRES, baked.scattering * _SQUARE_METRES,
+                   np.asarray(baked.theta, float), np.asarray(baked.phase, float), baked.radius * _METRES, baked.component,
+                   np.zeros(len(baked.extinction)))
 
 
 def without_peak(classes, angle) -> Classes:
@@ -117,6 +113,6 @@ def medium(classes, discs_of, to_rgb, to_waves) -> tuple[Medium, np.ndarray]:
     layouts = [[kernels.phase_layout(classes.theta, row) for row in rows] for rows in tables]
     v, steps = (layouts[0][0][i] for i in range(2))
     albedo = np.concatenate([(scattering / np.maximum(extinction, 1e-300)).T, (sigma_s / np.maximum(sigma_t, 1e-300))[None]])
-    return Medium(discs_of(extinction, density, order), sigma_t, np.clip(albedo, 0.0, 1.0), v, steps,
+    return Medium(discs_of(extinction, density, order), density, sigma_t, np.clip(albedo, 0.0, 1.0), v, steps,
                   np.array([[one[2] for one in row] for row in layouts]), np.array([[one[3] for one in row] for row in layouts]),
                   np.ascontiguousarray(to_rgb, float), np.ascontiguousarray(to_waves, float)), order

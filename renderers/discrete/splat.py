@@ -1,9 +1,9 @@
 """Single scattering as a sum: every particle that the camera can see adds to its pixel what the lights send by way of it.
 
 A camera pencil is stopped by a particle if it passes the centre, at distance D, under an angle whose sine is below rho / D: the
-cone of such directions is what the particle takes of the picture.  Pencils are drawn in that cone, evenly: a particle is spread over
-the pixels that its disc covers, and one smaller than a pixel needs one pencil.  Chance decides only which parts of discs others
-hide, and on places on lights.  The sum is the mean of `walk` over camera paths that scatter once.
+cone of such directions is what the particle takes of the picture.  Pencils are drawn in that cone, evenly: a particle is spread
+over the pixels that its disc covers, and one smaller than a pixel needs one pencil.  Chance decides only which parts of discs
+others hide, and on places on lights.  The sum is the mean of `walk` over camera paths that scatter once.
 """
 
 from __future__ import annotations

@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from renderers.mitsuba.world import LightSample
 
 from bakery.kernels import NO_DISC
 from renderers.discrete import _transport
 from renderers.discrete.threads import run
+from renderers.mitsuba.world import LightSample
 
 ALL = 1 << 19  # paths that go on together; more take more memory, and fewer more calls
 
@@ -50,18 +50,50 @@ class Paths:
         return len(self.pixel)
 
 
-def one_pass(world, medium, camera, height, width, number, seed, *, discrete, later, splatted, lights):
+class Discs:
+    """How particles stop rays and scatter: as discs, or as the continuous medium that they make on average.
+
+    medium : `renderers.discrete.medium.Medium`
+    later : m, distance up to which particles stop rays that are not the camera's: inf or 0
+    splatted : whether single scattering by particles, straight from a light and straight to the camera, is left out
+    """
+
+    def __init__(self, medium, later=np.inf, splatted=False):
+        self.medium, self.later, self.splatted = medium, later, splatted
+
+    def collide(self, paths, far):
+        """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
+        n = len(paths)
+        kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+        run(_transport.collide, n, self.medium, paths.origin, paths.direction, far, paths.discrete, paths.left_out, paths.weight,
+            paths.states, kind, distance, place)
+        return kind, distance, place
+
+    def scattered(self, world, paths, kind, place, by_order, by_light):
+        """Paths that go on from a scattering, after light from there has been added."""
+        n, medium = len(paths), self.medium
+        particle = kind < len(medium.albedo) - 1
+        first = (paths.bounces == 0) & particle & self.splatted
+        numbers = np.empty((n, 3))
+        _transport.draw(paths.states, numbers)
+        run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
+            np.where(first, -1, paths.order), *world.lights(place, numbers), paths.pixel, by_order, by_light)
+        run(_transport.scatter, n, medium, kind, paths.direction, paths.weight, paths.states, paths.density)
+        paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
+        paths.single, paths.seen = np.zeros(n, bool), first
+        return paths
+
+
+def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights):
     """One path for each pixel.
 
     Parameters
     ----------
     world : `renderers.mitsuba.world.World`
-    medium : `renderers.discrete.medium.Medium`
+    method : `Discs` or another one with its attributes and methods
     camera : `renderers.camera.Camera`
     number, seed : of the pass: its random numbers
     discrete : (H, W) m, depth up to which particles stop camera rays
-    later : m, distance up to which particles stop all other rays: inf or 0
-    splatted : whether single scattering by particles, straight from a light and straight to the camera, is left out
     lights : number of lights
 
     Returns
@@ -71,9 +103,9 @@ def one_pass(world, medium, camera, height, width, number, seed, *, discrete, la
     pixels = height * width
     by_order, by_light = np.zeros((_transport.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     for first in range(0, pixels, ALL):
-        paths = _begin(medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
+        paths = _begin(method.medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
         while len(paths):
-            paths = _bounce(world, medium, paths, later, splatted, by_order, by_light)
+            paths = _bounce(world, method, paths, by_order, by_light)
     return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
 
 
@@ -91,44 +123,31 @@ def _begin(medium, camera, width, pixel, number, seed, discrete):
                  np.zeros(n, bool))
 
 
-def _bounce(world, medium, paths, later, splatted, by_order, by_light):
+def _bounce(world, method, paths, by_order, by_light):
     """Paths after their next scattering or surface, those that go on."""
-    n = len(paths)
-    far = world.trace(paths.origin, paths.direction, np.full(n, np.inf))
-    kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-    run(_transport.collide, n, medium, paths.origin, paths.direction, far, paths.discrete, paths.left_out, paths.weight,
-        paths.states, kind, distance, place)
+    far = world.trace(paths.origin, paths.direction, np.full(len(paths), np.inf))
+    kind, _, place = method.collide(paths, far)
     met = kind != NO_DISC
-    parts = [_scattered(world, medium, paths.of(met), kind[met], place[met], later, splatted, by_order, by_light),
-             _at_surfaces(world, medium, paths.of(~met), later, by_order, by_light)]
+    parts = [_among_particles(world, method, paths.of(met), kind[met], place[met], by_order, by_light),
+             _at_surfaces(world, method, paths.of(~met), by_order, by_light)]
     together = Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))
     alive = np.empty(len(together), bool)
     run(_transport.roulette, len(together), together.weight, together.states, together.bounces, alive)
     return together.of(alive)
 
 
-def _scattered(world, medium, paths, kind, place, later, splatted, by_order, by_light):
-    n = len(paths)
-    if n == 0:
+def _among_particles(world, method, paths, kind, place, by_order, by_light):
+    if not len(paths):
         return paths
-    particle = kind < len(medium.albedo) - 1
     paths.order += 1
-    first = (paths.bounces == 0) & particle & splatted
+    paths.discrete[:] = method.later
+    paths = method.scattered(world, paths, kind, place, by_order, by_light)
     paths.bounces += 1
-    paths.discrete[:] = later
-    numbers = np.empty((n, 3))
-    _transport.draw(paths.states, numbers)
-    sample = world.lights(place, numbers)
-    run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
-        np.where(first, -1, paths.order), *sample, paths.pixel, by_order, by_light)
-    run(_transport.scatter, n, medium, kind, paths.direction, paths.weight, paths.states, paths.density)
-    paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
-    paths.single, paths.seen = np.zeros(n, bool), first
     return paths
 
 
-def _at_surfaces(world, medium, paths, later, by_order, by_light):
-    n = len(paths)
+def _at_surfaces(world, method, paths, by_order, by_light):
+    n, medium = len(paths), method.medium
     if n == 0:
         return paths
     numbers = np.empty((n, 6))
@@ -137,10 +156,9 @@ def _at_surfaces(world, medium, paths, later, by_order, by_light):
     _transport.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, shading.source, paths.pixel,
                        by_order, by_light)
     hit = np.flatnonzero(shading.hit)
-    paths = paths.of(hit)
+    m, paths = len(hit), paths.of(hit)
     paths.bounces += 1
-    paths.discrete[:] = later
-    m = len(hit)
+    paths.discrete[:] = method.later
     sample = LightSample(*(values[hit] for values in shading.light))
     run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
         paths.discrete, paths.order, *sample, paths.pixel, by_order, by_light)

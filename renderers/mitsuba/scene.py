@@ -15,17 +15,16 @@ QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
 faults: list[BakeryError] = []
 
 
-def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
+def load(path, *, colour="rgb", variant=None, parameters=None):
     """Loads an XML scene with bakery's plugins.
 
     Parameters
     ----------
     path, colour, variant, parameters : as in `render_scene`
-    sensor : the scene has to have one
 
     Returns
     -------
-    scene : of Mitsuba
+    scene : with a sensor
     variant, reason : which runs, and why
 
     Raises
@@ -43,7 +42,7 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
             kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
             raise kind(f"{path}: {faults[-1]}") from None
         raise UsageError(f"{path}: Mitsuba cannot load this scene: {error}") from None
-    if sensor and not scene.sensors():
+    if not scene.sensors():
         raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
     return scene, chosen, reason
 

@@ -1,0 +1,171 @@
+"""The query cylinder and the query sphere of Guo et al. 2022 (sections 5.2 to 5.5), as printed; for comparison.
+
+A ray is a cylinder of radius r_c; every particle that touches it attenuates by its whole cross section over the cylinder's
+(Eq. 18).  Distances are drawn from the mean medium; the particles in a sphere of radius r_c about the point scatter (Eq. 24), and
+where it holds none, nothing does (the printed delta function is light that goes on, which the transmittance has counted).  So the
+mean over realisations is not the continuous medium's: docs/discrete.md measures by how much.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import (
+    NO_DISC,
+    disc_cells,
+    discs_of_cell,
+    first_disc,
+    mesh_scratch,
+    phase_sample,
+    phase_value,
+    turned_direction,
+)
+from renderers.discrete import _transport
+from renderers.discrete.threads import run
+
+_IN_SPHERE = 4096  # particles of one query at most
+
+
+class Query:
+    """How the paper's queries attenuate and scatter.
+
+    medium : `Medium` whose discs have radii r_p + r_c
+    extinction, scattering : (K, L) m^2;  radius : m, r_c
+    later : m, 0: between surfaces and lights the mean medium attenuates
+    """
+
+    later = 0.0
+
+    def __init__(self, medium, extinction, scattering, radius):
+        self.medium, self.radius = medium, float(radius)
+        self.extinction, self.scattering = extinction, scattering
+
+    def collide(self, paths, far):
+        """A distance from the mean medium; weights hold Eq. 18 over the density of that choice."""
+        n = len(paths)
+        kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+        run(_distance, n, self.medium, self.extinction, self.radius, paths.origin, paths.direction, far, paths.weight,
+            paths.states, kind, distance, place)
+        return kind, distance, place
+
+    def scattered(self, world, paths, kind, place, by_order, by_light):
+        """Scattering by the particles of the query sphere, and light from a lamp by way of them."""
+        n = len(paths)
+        numbers = np.empty((n, 3))
+        _transport.draw(paths.states, numbers)
+        run(_scatter, n, self.medium, self.extinction, self.scattering, self.radius, place, paths.direction, paths.weight,
+            paths.states, paths.density, paths.order, *world.lights(place, numbers), paths.pixel, by_order, by_light)
+        paths.origin, paths.left_out = place, np.full((n, 3), np.nan)
+        paths.single, paths.seen = np.zeros(n, bool), np.zeros(n, bool)
+        return paths
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _transmittance(medium, extinction, radius, ox, oy, oz, dx, dy, dz, far, passed, room):
+    """Eq. 18: exp(-sum of C_ext / A) over the particles that touch the cylinder."""
+    passed[:] = 0.0
+    t = 0.0
+    while True:
+        kind, t, _, _, _, _ = first_disc(medium.discs, ox, oy, oz, dx, dy, dz, t, far, np.nan, np.nan, np.nan, room)
+        if kind == NO_DISC:
+            break
+        for w in range(len(passed)):
+            passed[w] += extinction[kind, w]
+    for w in range(len(passed)):
+        passed[w] = math.exp(-passed[w] / (math.pi * radius * radius))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distance(medium, extinction, radius, origin, direction, far, weight, states, kind, distance, place, begin, end):
+    room, passed = mesh_scratch(), np.empty(weight.shape[1])
+    region, most = medium.discs.region, medium.sigma_t.max()
+    for i in range(begin, end):
+        ox, oy, oz, dx, dy, dz = origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2]
+        near, leave = _transport.through_box(region, ox, oy, oz, dx, dy, dz, 0.0, far[i])
+        t = near - math.log1p(-_transport.uniform(states, i)) / most if most > 0 else np.inf
+        if near < leave and t < leave:
+            chance, kind[i], distance[i] = most * math.exp(-most * (t - near)), 0, t
+        else:
+            t, kind[i], distance[i] = far[i], NO_DISC, far[i]
+            chance = math.exp(-most * (leave - near)) if near < leave else 1.0
+        place[i, 0], place[i, 1], place[i, 2] = ox + distance[i] * dx, oy + distance[i] * dy, oz + distance[i] * dz
+        _transmittance(medium, extinction, radius, ox, oy, oz, dx, dy, dz, t, passed, room)
+        for w in range(len(passed)):
+            weight[i, w] *= passed[w] / chance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_sphere(medium, radius, x, y, z, kinds, place, kind, room):
+    """Classes of the particles in the query sphere, into kinds; how many."""
+    discs, n = medium.discs, 0
+    for level in range(len(discs.reach)):
+        bounds, low, high = disc_cells(discs, level), np.empty(3, np.int64), np.empty(3, np.int64)
+        for axis, at in enumerate((x, y, z)):
+            q = at - discs.region.lo[axis] - discs.shift[level, axis]
+            low[axis] = max(bounds[axis], math.floor((q - radius) / discs.step[level, axis]))
+            high[axis] = min(bounds[3 + axis], math.floor((q + radius) / discs.step[level, axis]))
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                for k in range(low[2], high[2] + 1):
+                    rest = 0
+                    while rest >= 0:
+                        filled, rest = discs_of_cell(discs, level, i, j, k, rest, place, kind, 0, room)
+                        for p in range(filled):
+                            u, v, w = place[p, 0] - x, place[p, 1] - y, place[p, 2] - z
+                            if u * u + v * v + w * w < radius * radius and n < len(kinds):
+                                kinds[n] = kind[p]
+                                n += 1
+    return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _value(medium, scattering, kinds, n, v, values):
+    """Eq. 24 without its volume, (L,) m^2/sr."""
+    values[:] = 0.0
+    for p in range(n):
+        for w in range(len(values)):
+            values[w] += scattering[kinds[p], w] * phase_value(medium.v, medium.steps, medium.phase[kinds[p], w], v)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scatter(medium, extinction, scattering, radius, place, direction, weight, states, density, order, lit, distance, radiance,
+             light_density, single, index, pixel, by_order, by_light, begin, end):
+    room, waves = mesh_scratch(), weight.shape[1]
+    values, passed, added = np.empty(waves), np.empty(waves), np.empty(3)
+    kinds, places, kind = np.empty(_IN_SPHERE, np.int64), np.empty((64, 3)), np.empty(64, np.int64)
+    volume = 4 / 3 * math.pi * radius**3
+    for i in range(begin, end):
+        x, y, z = place[i, 0], place[i, 1], place[i, 2]
+        n = _in_sphere(medium, radius, x, y, z, kinds, places, kind, room)
+        total = 0.0
+        for p in range(n):
+            total += scattering[kinds[p], 0]
+        density[i] = 0.0
+        if not total > 0:
+            weight[i] = 0.0
+            continue
+        lx, ly, lz = np.float64(lit[i, 0]), np.float64(lit[i, 1]), np.float64(lit[i, 2])
+        if radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0:
+            u, v, w = lx - direction[i, 0], ly - direction[i, 1], lz - direction[i, 2]
+            _value(medium, scattering, kinds, n, min(0.5 * (u * u + v * v + w * w), 2.0), values)
+            balance = 1.0 if single[i] else light_density[i] / (light_density[i] + values[0] / total)
+            _transmittance(medium, extinction, radius, x, y, z, lx, ly, lz, distance[i], passed, room)
+            for w in range(waves):
+                values[w] *= weight[i, w] * passed[w] * balance / volume
+            _transport.to_rgb(medium, values, radiance[i], added)
+            _transport.add(added, min(order[i], _transport.ORDERS - 1), index[i], pixel[i], by_order, by_light)
+        chosen, one = _transport.uniform(states, i) * total, 0
+        while one < n - 1 and chosen >= scattering[kinds[one], 0]:
+            chosen -= scattering[kinds[one], 0]
+            one += 1
+        v = phase_sample(medium.v, medium.steps, medium.phase[kinds[one], 0], medium.cdf[kinds[one], 0],
+                         _transport.uniform(states, i))
+        _value(medium, scattering, kinds, n, v, values)
+        density[i] = values[0] / total
+        for w in range(waves):
+            weight[i, w] *= values[w] / (volume * density[i]) if density[i] > 0 else 0.0
+        direction[i, 0], direction[i, 1], direction[i, 2] = turned_direction(
+            direction[i, 0], direction[i, 1], direction[i, 2], v, 2 * math.pi * _transport.uniform(states, i))
