@@ -30,6 +30,12 @@ class Camera:
         right, down = right * pitch, np.cross(ahead, right) * pitch
         return cls(origin, ahead - right * width / 2 - down * height / 2, right, down)
 
+    def refitted(self, height, width, new_height, new_width):
+        """The same view on a film of another size: middle, width of the picture and shape of the pixels stay."""
+        middle = self.corner + self.right * width / 2 + self.down * height / 2
+        right, down = self.right * width / new_width, self.down * width / new_width
+        return Camera(self.origin, middle - right * new_width / 2 - down * new_height / 2, right, down)
+
     def points(self, height, width):
         """Middles of the pixels on the image plane, (H, W, 3), from the origin."""
         y, x = np.mgrid[:height, :width] + 0.5

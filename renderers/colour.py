@@ -22,6 +22,8 @@ _LOBES = (
 # IEC 61966-2-1, white point D65.
 _SRGB_FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+# Of `spread_matrix`, relative to errors of the colour: steepness counts little, and sums of rows are kept to 1e-6.
+_SMOOTH, _EXACT = 0.01, 1e3
 # Luminance of linear sRGB, ITU-R BT.709.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -107,6 +109,44 @@ def band_matrix(wavelength):
         return np.eye(3)[list(order)]
     rows = [_hats(np.linspace(low, high, 101), wavelength).mean(axis=0) for low, high in BANDS]
     return np.array(rows)
+
+
+def spread_matrix(wavelength):
+    """What turns linear sRGB, of lights and surfaces, into radiance or reflectance at L wavelengths: `radiance = matrix @ rgb`.
+
+    Parameters
+    ----------
+    wavelength : (L,) um, any order, all different
+
+    Returns
+    -------
+    matrix : (L, 3) 1, rows add up to 1 (white is equal at all wavelengths, and what is below 1 stays so), all entries >= 0
+
+    Notes
+    -----
+    The least squares solution of `srgb_matrix(wavelength) @ matrix = 1` that is not steeper between wavelengths than it must be.
+    One wavelength takes the luminance; a red, a green and a blue one are the channels themselves.  Largest error of a channel,
+    there and back, over the 24 patches of a ColorChecker (channels up to 0.9): 0.17 at 4 wavelengths from 0.4 to 0.7 um,
+    0.012 at 8, 0.003 at 16; 0.027 at the preset `visible8`.  Two wavelengths cannot hold three channels (0.23).
+    Source: Mallett and Yuksel, EGSR 2019, whose primaries keep the same constraints.
+    """
+    from scipy.optimize import nnls
+
+    wavelength = np.asarray(wavelength, dtype=float)
+    if wavelength.size == 1:
+        return LUMINANCE[None]
+    matrix = srgb_matrix(wavelength)
+    if rgb_order(wavelength) is not None:
+        return matrix.T
+    ascending = np.argsort(wavelength)
+    width = np.diff(wavelength[ascending])
+    # its squares add up to the integral of the squared slope, the whole range being 1 long
+    slope = np.diff(np.eye(wavelength.size)[ascending], axis=0) * np.sqrt(width.sum() / width)[:, None]
+    rows, channels, sums = _SMOOTH * slope, np.eye(3), np.ones((1, 3))
+    system = np.vstack([np.kron(matrix, channels), np.kron(rows, channels), _EXACT * np.kron(np.eye(wavelength.size), sums)])
+    wanted = np.concatenate([channels.ravel(), np.zeros(3 * len(rows)), np.full(wavelength.size, _EXACT)])
+    spread = nnls(system, wanted)[0].reshape(-1, 3)
+    return spread / spread.sum(axis=1, keepdims=True)
 
 
 def interpolate(wavelength, at):

@@ -56,8 +56,8 @@ class Render:
         """The progress of a part that takes the whole from `begin` to `end`; None where nobody asks."""
         return share(self._progress, begin, end)
 
-    def finish(self, rgb, *, method, layers=None, curve="none", exposure=1.0, white=4.0, samples=None, noise=None, bias=None,
-               reasons=(), **more) -> dict:
+    def finish(self, rgb, *, method, layers=None, text=None, curve="none", exposure=1.0, white=4.0, samples=None, noise=None,
+               bias=None, reasons=(), **more) -> dict:
         """Writes the pictures and reports.
 
         Parameters
@@ -65,6 +65,7 @@ class Render:
         rgb : (H, W, 3) linear sRGB
         method : which of the renderer's methods made it
         layers : dict of (H, W) by name, what the EXR holds besides R, G and B
+        text : dict of str by name, kept in both files, or None
         curve, exposure, white : of the PNG, as `images.shown` takes them
         samples : a pixel
         noise, bias : 1, relative to the mean; None where the method has none, or states none
@@ -77,7 +78,7 @@ class Render:
             `samples`, `noise`, `bias`, `reasons`, `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
         display, words = images.shown(rgb, curve, exposure, white)
-        bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}))
+        bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}), text)
         self.part_over("write")
         if self._progress:
             self._progress(1.0)

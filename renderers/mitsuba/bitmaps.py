@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.errors import UsageError
 from renderers import images
 
 
@@ -41,3 +42,17 @@ def write(pair, display, linear, text=None):
         for name, value in (text or {}).items():
             bitmap.metadata()[name] = value
     images.write([(path, bitmap.write) for path, bitmap in zip(pair, bitmaps)])
+
+
+def read(path):
+    """Channels (H, W) of a picture by name, and its attributes by name.
+
+    Raises UsageError where the file is no picture.
+    """
+    try:
+        bitmap = library().Bitmap(str(path))
+    except (RuntimeError, ValueError) as error:
+        raise UsageError(f"{path}: cannot be read as a picture ({' '.join(str(error).split())})") from None
+    values = np.array(bitmap)
+    channels = {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
+    return channels, dict(bitmap.metadata())

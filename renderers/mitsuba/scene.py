@@ -15,16 +15,17 @@ QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
 faults: list[BakeryError] = []
 
 
-def load(path, *, colour="rgb", variant=None, parameters=None):
+def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
     """Loads an XML scene with bakery's plugins.
 
     Parameters
     ----------
     path, colour, variant, parameters : as in `render_scene`
+    sensor : the scene has to have one
 
     Returns
     -------
-    scene : with a sensor
+    scene : of Mitsuba
     variant, reason : which runs, and why
 
     Raises
@@ -42,7 +43,7 @@ def load(path, *, colour="rgb", variant=None, parameters=None):
             kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
             raise kind(f"{path}: {faults[-1]}") from None
         raise UsageError(f"{path}: Mitsuba cannot load this scene: {error}") from None
-    if not scene.sensors():
+    if sensor and not scene.sensors():
         raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
     return scene, chosen, reason
 

@@ -51,6 +51,31 @@ def test_order_of_wavelengths_does_not_matter():
     np.testing.assert_allclose(colour.srgb_matrix(VISIBLE8) @ values, colour.srgb_matrix(VISIBLE8[::-1]) @ values[::-1])
 
 
+# sRGB values of the 24 patches of a ColorChecker, 8 bits, as its maker gives them
+CHECKER = """115 82 68  194 150 130  98 122 157  87 108 67  133 128 177  103 189 170  214 126 44  80 91 166  193 90 99  94 60 108
+157 188 64  224 163 46  56 61 150  70 148 73  175 54 60  231 199 31  187 86 149  8 133 161  243 243 242  200 200 200  160 160 160
+122 122 121  85 85 85  52 52 52"""
+
+
+@pytest.mark.parametrize("wavelength, error", [
+    ([0.61, 0.55, 0.465], 0), ([0.465, 0.61, 0.55], 0), (np.linspace(0.4, 0.7, 16), 0.003), (np.linspace(0.7, 0.4, 8), 0.012),
+    (VISIBLE8, 0.027), (np.linspace(0.4, 0.7, 4), 0.17), ([0.45, 0.65], 0.23)])
+def test_colours_there_and_back(wavelength, error):
+    """The errors that `spread_matrix` states, met to a third; white stays white, and nothing becomes negative or brighter."""
+    patches = colour.decode(np.array(CHECKER.split(), float).reshape(24, 3) / 255)
+    spread = colour.spread_matrix(wavelength)
+    assert np.all(spread >= 0) and np.allclose(spread.sum(axis=1), 1, atol=1e-15)
+    off = np.abs(patches @ (colour.srgb_matrix(wavelength) @ spread).T - patches).max()
+    assert 2 / 3 * error <= off <= error
+
+
+def test_spreading_one_wavelength_or_turned_round():
+    np.testing.assert_array_equal(colour.spread_matrix([0.9]), [colour.LUMINANCE])
+    np.testing.assert_allclose(colour.spread_matrix(VISIBLE8[::-1]), colour.spread_matrix(VISIBLE8)[::-1], atol=1e-9)
+    red, blue = colour.spread_matrix(np.linspace(0.4, 0.7, 16))[:, [0, 2]].T
+    assert red[-1] > 0.9 and red[7] < 0.1 and blue[0] > 0.9 and np.abs(np.diff(red)).max() < 0.6
+
+
 def test_interpolation_is_linear_and_clamped():
     np.testing.assert_allclose(colour.interpolate([0.6, 0.5], [0.4, 0.55, 0.7]) @ [1, 3], [3, 2, 1])
 

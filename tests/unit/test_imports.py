@@ -41,7 +41,8 @@ SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.ke
 # what renderers share, from the ground up: each part with what it may import of the others.  Renderers may import all of it,
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "inputs": set(), "progress": set(), "images": {"colour"}, "scene": {"inputs"},
-          "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"images", "mitsuba", "progress", "scene"}}
+          "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"images", "mitsuba", "progress", "scene"},
+          "progressive": {"colour", "images", "mitsuba", "running"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

@@ -1,0 +1,289 @@
+"""Surfaces, lights and camera of a Mitsuba scene for renderers that trace wavefronts of rays themselves.
+
+Arrays in, arrays out: n rays a call, positions and distances in m, radiance as RGB in the units of the scene file.  Each method
+is one launch of Dr.Jit's, with some 10 ms of its own: wavefronts of 10^5 rays and more cost 0.3 us a ray and core to shade.
+Samples of lights and of directions are joined by the balance heuristic (Veach and Guibas, SIGGRAPH 1995), so a walk reads
+
+    shading = world.shade(origin, direction, random, density, delta)
+    radiance += weight * (shading.emitted + shading.light.radiance * (what the medium leaves of it))
+    weight *= shading.weight;  origin, direction = shading.origin, shading.direction;  density, delta = shading.density, ...
+
+and at a scattering event in a medium, with the phase function's value `phase` towards the light of `world.lights(point, random)`,
+
+    radiance += weight * light.radiance * phase * light.share(phase)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.errors import UsageError
+from renderers.camera import Camera, length
+from renderers.mitsuba import variants
+from renderers.mitsuba.scene import load
+from renderers.mitsuba.sensor import camera_of
+
+# m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
+FAR = 1e12
+
+
+class LightSample(NamedTuple):
+    """One light each, seen from n points.
+
+    Attributes
+    ----------
+    direction : (n, 3) float32, unit, towards the light
+    distance : (n,) m, `FAR` of lights at infinity
+    radiance : (n, 3) float32, over the density of the sample; for lights without extent intensity over distance^2 and
+        probability.  0 where a surface hides the light
+    density : (n,) float32, 1/sr, of the sample; of lights without extent the probability of their choice; 0 where it is hidden
+    delta : (n,) bool, no other way of sampling finds this light
+    light : (n,) int32, position in `World.light_names`, -1 where there is none
+    """
+
+    direction: np.ndarray
+    distance: np.ndarray
+    radiance: np.ndarray
+    density: np.ndarray
+    delta: np.ndarray
+    light: np.ndarray
+
+    def share(self, density):
+        """Balance heuristic (n,) of this sample against directions drawn with `density` (n,) 1/sr."""
+        return np.where(self.delta, 1.0, self.density / np.maximum(self.density + density, 1e-30))
+
+
+class Shading(NamedTuple):
+    """What n rays found, and where they go on.
+
+    Attributes
+    ----------
+    hit : (n,) bool, a surface
+    point : (n, 3) m, where; of no meaning for rays that miss
+    emitted : (n, 3) float32, radiance of the surface or, for rays that miss, of the environment, times the balance heuristic
+        of the ray's direction against `World.lights`
+    source : (n,) int32, position of that light in `World.light_names`, -1 where nothing shines
+    light : LightSample from the surface; its radiance times BSDF, cosine and balance heuristic, and 0 for rays that miss
+    origin : (n, 3) m, of the next ray, off the surface
+    direction : (n, 3) float32, of the next ray
+    weight : (n, 3) float32, BSDF times cosine over density; 0 where the walk ends
+    density : (n,) float32, 1/sr, of the next direction
+    delta : (n,) bool, the next direction was drawn from a mirror, a pane of glass or no boundary at all
+    """
+
+    hit: np.ndarray
+    point: np.ndarray
+    emitted: np.ndarray
+    source: np.ndarray
+    light: LightSample
+    origin: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    density: np.ndarray
+    delta: np.ndarray
+
+
+class World:
+    """Surfaces, lights and camera.
+
+    Attributes
+    ----------
+    camera : `renderers.camera.Camera` in m, or None
+    size : (height, width) of the picture, pixels, or None
+    light_names : names of the emitters, all different: their id, that of their shape, or their kind
+    box : (2, 3) m, corners of the box around all surfaces; None where there are none
+    variant, reason : of Mitsuba, and why
+
+    Notes
+    -----
+    Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
+    extent do not shine through those.  Clipping planes of sensors are not kept.
+    """
+
+    def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None):
+        """
+        Parameters
+        ----------
+        path : Mitsuba XML; None is a world without surfaces and lights
+        unit : m, length of 1 in the file
+        view : `camera` of a scene's YAML (origin, target, up, fov; m, rad), which takes the place of the file's sensor
+        size : (height, width), pixels, which takes the place of the file's; the picture's width and its pixels' shape stay
+        variant, parameters : as in `renderers.mitsuba.scene.load`
+
+        Raises
+        ------
+        UsageError : the scene cannot be loaded, its sensor is no perspective camera, or no variant of Mitsuba runs that works on
+            arrays of colours
+        """
+        import mitsuba as mi
+
+        if path is None:
+            self.variant, self.reason = variants.activate("rgb", variant)
+            self._scene = mi.load_dict({"type": "scene"})
+        else:
+            self._scene, self.variant, self.reason = load(path, variant=variant, parameters=parameters, sensor=view is None)
+        if not self.variant.endswith("_ad_rgb"):
+            raise UsageError(f"variant {self.variant}: surfaces and lights need one that works on arrays of colours, such as "
+                             f"llvm_ad_rgb ({self.reason})")
+        self._unit = float(unit)
+        self.camera, self.size = self._view(path, view, size)
+        self._name_lights(mi)
+        box = self._scene.bbox()
+        self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
+
+    def _view(self, path, view, size):
+        sensors = self._scene.sensors()
+        own = tuple(int(side) for side in np.array(sensors[0].film().size()).ravel()[::-1]) if sensors else None
+        size = size or own
+        if view is not None and size is not None:
+            return Camera.looking(**dict(view), height=size[0], width=size[1]), size
+        if own is None:
+            return None, size
+        camera = camera_of(sensors[0], path, own[1], own[0])
+        camera = Camera(camera.origin * self._unit, camera.corner, camera.right, camera.down)
+        return camera.refitted(*own, *size), size
+
+    def _name_lights(self, mi):
+        """Names of emitters, and their positions by Dr.Jit's numbers for them."""
+        import drjit as dr
+
+        emitters, names = self._scene.emitters(), []
+        for emitter in emitters:
+            shape = emitter.get_shape()
+            name = plain = emitter.id() or (shape.id() if shape is not None else "") or emitter.class_name()
+            count = 1
+            while name in names:
+                count += 1
+                name = f"{plain}{count}"
+            names.append(name)
+        self.light_names = tuple(names)
+        numbers = np.array([int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(one))[0]) for one in emitters], int)
+        positions = np.full(numbers.max(initial=0) + 1, -1, np.int32)
+        positions[numbers] = np.arange(len(numbers))
+        infinite = [mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) for one in emitters]
+        self._positions = mi.Int32(positions)
+        self._infinite = np.array([*infinite, False])  # -1, no light, is the last one
+
+    def camera_rays(self, random, pixel):
+        """Rays through `pixel` (n, 2), row and column, at `random` (n, 2) places in it: origin (n, 3) m and direction (n, 3)."""
+        place = np.asarray(pixel) + np.asarray(random, float)
+        points = self.camera.corner + place[:, 1:] * self.camera.right + place[:, :1] * self.camera.down
+        return np.full(points.shape, self.camera.origin), points / length(points)[:, None]
+
+    def trace(self, origin, direction, longest):
+        """Distances to the first surface, (n,) m; inf where there is none within `longest` (n,) or (), m."""
+        import mitsuba as mi
+
+        longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
+        ray = self._ray(mi, origin, direction)
+        ray.maxt = mi.Float(_single(longest / self._unit))
+        found = self._scene.ray_intersect_preliminary(ray, coherent=False)
+        distance, valid = _arrays(found.t, found.is_valid())
+        return np.where(valid, self._metres(distance), np.inf)
+
+    def lights(self, point, random) -> LightSample:
+        """A light from each of n points in the medium, (n, 3) m; `random` (n, 2) or more columns, of which two are used."""
+        import drjit as dr
+        import mitsuba as mi
+
+        here = dr.zeros(mi.Interaction3f, len(point))
+        here.p = mi.Point3f(self._inside(point))
+        found, radiance = self._scene.sample_emitter_direction(here, _points(mi, random, 0), True)
+        return self._light(*_arrays(found.d, found.dist, _finite(radiance), found.pdf, found.delta, self._index(found.emitter)))
+
+    def shade(self, origin, direction, random, density, delta) -> Shading:
+        """What rays meet: emission, a light sample and a next direction.
+
+        Parameters
+        ----------
+        origin, direction : (n, 3) m, (n, 3) unit; the origin is where the direction was drawn
+        random : (n, 5) or more columns, of which five are used
+        density : (n,) 1/sr, of the direction
+        delta : (n,) bool, the direction has no density, as camera rays and reflections have none: emission counts in full
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        scene, context = self._scene, mi.BSDFContext()
+        si = scene.ray_intersect(self._ray(mi, origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
+        valid, delta = si.is_valid(), mi.Bool(np.ascontiguousarray(delta, bool))
+
+        before = dr.zeros(mi.Interaction3f, len(origin))
+        before.p = mi.Point3f(self._inside(origin))
+        seen = mi.DirectionSample3f(scene, si, before)
+        by_ray = mi.Float(_single(density))
+        by_light = scene.pdf_emitter_direction(before, seen, ~delta)
+        emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
+
+        bsdf = si.bsdf()
+        lit = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        light, radiance = scene.sample_emitter_direction(si, _points(mi, random, 0), True, lit)
+        towards = si.to_local(light.d)
+        choice = mi.Float(_uniform(random, 2))
+        value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, choice, _points(mi, random, 3), valid)
+        radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
+        away = si.spawn_ray(si.to_world(next_way.wo))
+
+        hit, point, emitted, source, *sample, start, way, weight, by_next, smooth = _arrays(
+            valid, si.p, _finite(emitted), self._index(seen.emitter),
+            light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self._index(light.emitter),
+            away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
+            mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
+        return Shading(hit, self._metres(point), emitted, source, self._light(*sample), self._metres(start), way, weight, by_next,
+                       ~smooth)
+
+    def _light(self, direction, distance, radiance, density, delta, light):
+        distance = np.where(self._infinite[light], FAR, self._metres(distance))
+        return LightSample(direction, distance, radiance, density, delta, light)
+
+    def _index(self, emitter):
+        """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""
+        import drjit as dr
+        import mitsuba as mi
+
+        return dr.gather(mi.Int32, self._positions, dr.reinterpret_array(mi.UInt32, emitter))
+
+    def _metres(self, inside):
+        return inside.astype(float) * self._unit
+
+    def _inside(self, point):
+        return _single(np.asarray(point).T / self._unit)
+
+    def _ray(self, mi, origin, direction):
+        return mi.Ray3f(mi.Point3f(self._inside(origin)), mi.Vector3f(_single(np.asarray(direction).T)))
+
+
+def _single(values):
+    return np.ascontiguousarray(values, np.float32)
+
+
+def _uniform(random, column):
+    # what rounds to 1 in single precision is outside of what samplers take
+    return np.minimum(_single(np.asarray(random)[:, column].T), np.float32(1 - 2**-24))
+
+
+def _points(mi, random, column):
+    return mi.Point2f(_uniform(random, slice(column, column + 2)))
+
+
+def _share(dr, mine, other):
+    """The balance heuristic."""
+    total = mine + other
+    return dr.select(total > 0, mine / total, 0)
+
+
+def _finite(colour):
+    """A weight that overflowed counts as dark, as in `passes.render`: it would blot out its pixel."""
+    import drjit as dr
+
+    return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
+
+
+def _arrays(*values):
+    """Dr.Jit's arrays as NumPy's, (n,) or (n, 3), all computed by one launch."""
+    import drjit as dr
+
+    dr.eval(*values)
+    return [np.array(np.asarray(value).T, order="C") for value in values]

@@ -1,0 +1,352 @@
+"""Pictures from passes: until the noise, the samples or the time is reached, and on from where an earlier render stopped.
+
+A renderer is the sum of its parts; a part is one kind of pass with a number of passes of its own, such as direct light and walks.
+
+    estimate = Estimate([Part("direct", direct, samples=4), Part("walk", walk)], identity)
+    estimate.resume(job.pair[1])          # on --resume
+    estimate.run(stop, progress)
+    return estimate.finish(job, method="particles")
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.errors import Interrupted, UsageError
+from renderers import colour, images
+from renderers.mitsuba import bitmaps
+from renderers.running import rgb_layers
+
+# times the noise; samples and time by its square
+QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}
+# Noise and bias add up in squares: each may have this share of the tolerance.
+NOISE_SHARE = math.sqrt(0.5)
+# passes before which the scatter of a part says nothing, and before which it is not relied upon
+_LEAST, _TRUSTED = 2, 4
+# Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
+_SHARE = 0.05
+_STATE = "bakery_passes"  # attribute of the EXR
+_ANEW = "without --resume it is rendered from the beginning"
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Whichever comes first; None never comes.
+
+    Attributes
+    ----------
+    noise : root mean square standard error of the luminance over its mean
+    time : s, after which no pass ends that was begun before, but for the first two of each part
+    samples : a pixel, in each part
+    """
+
+    noise: float | None = None
+    time: float | None = None
+    samples: int | None = None
+
+    @classmethod
+    def of(cls, tolerance, *, noise=None, time=None, samples=None, quality=None):
+        """What a scene asks for: its `stop`, noise by its `tolerance` unless it says, for `draft`, `preview` or `final`.
+
+        Raises UsageError where there is no such quality.
+        """
+        if (quality or "final") not in QUALITY:
+            raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+        coarser = QUALITY[quality or "final"]
+        return cls(coarser * (NOISE_SHARE * tolerance if noise is None else noise), time and time / coarser**2,
+                   samples and max(1, round(samples / coarser**2)))
+
+
+class Part(NamedTuple):
+    """One kind of pass.
+
+    Attributes
+    ----------
+    name : of the part, distinct from the names of layers
+    render : function of the pass (0, 1, ...), on which alone its random numbers depend; gives layers (H, W, 3) of linear sRGB by
+        name, of which "" is the picture.  An interruption waits for its end: some seconds at most
+    samples : a pixel and pass
+    """
+
+    name: str
+    render: Callable[[int], dict[str, np.ndarray]]
+    samples: int = 1
+
+
+class Mean:
+    """Means of layers over passes, and the scatter of the passes' sums (Welford 1962), in double precision.
+
+    Attributes
+    ----------
+    count : passes
+    layers : (H, W, 3) by name, means
+    square : (H, W, 3), sum of the squared distances of the passes from their mean, of the layer ""
+    seconds : of the quickest pass seen, as the first one compiles; inf before it
+    """
+
+    def __init__(self):
+        self.count, self.layers, self.square, self.seconds = 0, {}, 0.0, math.inf
+
+    def add(self, layers, seconds=math.inf):
+        """One more pass; a layer that it lacks is black in it."""
+        self.count += 1
+        self.seconds = min(self.seconds, seconds)
+        for name in dict.fromkeys([*self.layers, *layers]):
+            image, mean = np.asarray(layers.get(name, 0.0), float), self.layers.get(name, 0.0)
+            self.layers[name] = mean + (image - mean) / self.count
+            if name == "":
+                self.square = self.square + (image - mean) * (image - self.layers[""])
+
+    @property
+    def variance(self):
+        """(H, W, 3), of the mean of the layer ""; None before the second pass."""
+        return self.square / (self.count * (self.count - 1)) if self.count >= _LEAST else None
+
+    @property
+    def expected(self):
+        """Seconds of another pass, 0 where none was seen."""
+        return self.seconds if math.isfinite(self.seconds) else 0.0
+
+    def gain(self):
+        """Variance of the picture that another pass takes away, a second."""
+        return np.mean(self.variance @ colour.LUMINANCE**2) / (self.count + 1) / max(self.seconds, 1e-9)
+
+
+class Estimate:
+    """A picture that is being rendered.
+
+    Attributes
+    ----------
+    parts, means : tuple of `Part`, and `Mean` by their names
+    stopped_by : `noise`, `samples`, `time`, `interruption`, or None before `run`
+    """
+
+    def __init__(self, parts, identity):
+        """
+        Parameters
+        ----------
+        parts : of the picture
+        identity : dict of texts and numbers by name, what the passes depend on: fingerprints of scene and asset, method, size,
+            seed; not what stops them
+        """
+        self.parts, self.identity = tuple(parts), dict(identity)
+        self.means = {part.name: Mean() for part in self.parts}
+        self.stopped_by = None
+        self._signal = 0
+
+    @property
+    def rgb(self):
+        """(H, W, 3) linear sRGB."""
+        return self._layer("")
+
+    @property
+    def variance(self):
+        """(H, W, 3), of `rgb`; None before the second pass of each part."""
+        found = [mean.variance for mean in self.means.values()]
+        return None if any(one is None for one in found) else sum(found)
+
+    @property
+    def noise(self):
+        """Relative; None before the second pass of each part."""
+        variance = self.variance
+        return None if variance is None else images.relative_noise(self.rgb, variance)
+
+    @property
+    def samples(self):
+        """A pixel, in the part that has fewest."""
+        return min(part.samples * self.means[part.name].count for part in self.parts)
+
+    def run(self, stop, progress=None):
+        """Renders passes until `stop`, or until SIGINT or SIGTERM, of which a second one ends the process at once.
+
+        Parameters
+        ----------
+        stop : `Stop`
+        progress : function of (fraction 0 to 1, noise or None), or None
+
+        Notes
+        -----
+        The next pass is one of the part that takes most variance away a second.  So the numbers of passes depend on the machine,
+        unless samples alone stop them.
+        """
+        begin = time.monotonic()
+        with _interruptions() as arrived:
+            while True:
+                spent = time.monotonic() - begin
+                part, noise = self._next(stop), self.noise
+                self.stopped_by = "interruption" if arrived else self._over(stop, part, noise, spent)
+                if progress:
+                    progress(1.0 if self.stopped_by else self._fraction(stop, noise, spent), noise)
+                if self.stopped_by:
+                    break
+                start, mean = time.monotonic(), self.means[part.name]
+                mean.add(part.render(mean.count), time.monotonic() - start)
+        self._signal = arrived[0] if arrived else 0
+
+    def _next(self, stop):
+        """The part whose pass is next; None where all have their samples."""
+        means = [self.means[part.name] for part in self.parts]
+        left = [(mean, part) for mean, part in zip(means, self.parts)
+                if mean.count < _LEAST or stop.samples is None or mean.count * part.samples < stop.samples]
+        unknown = [(mean, part) for mean, part in left if mean.count < _LEAST or math.isinf(mean.seconds)]
+        if unknown or not left:
+            return min(unknown, key=lambda one: one[0].count, default=(None, None))[1]
+        spent = sum(mean.count * mean.expected for mean in means)
+        behind = [(mean, part) for mean, part in left if mean.count * mean.expected < _SHARE * spent]
+        return max(behind or left, key=lambda one: one[0].gain())[1]
+
+    def _over(self, stop, part, noise, spent):
+        """What stops the passes before one of `part`; None if nothing does."""
+        passes = min(mean.count for mean in self.means.values())
+        if part is None:
+            return "samples"
+        if passes >= _TRUSTED and stop.noise is not None and noise <= stop.noise:
+            return "noise"
+        if passes >= _LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
+            return "time"
+        return None
+
+    def _fraction(self, stop, noise, spent):
+        shares = [0.0]
+        shares += [(stop.noise / noise) ** 2] if stop.noise is not None and noise else []
+        shares += [spent / stop.time] if stop.time else []
+        shares += [self.samples / stop.samples] if stop.samples else []
+        return min(max(shares), 0.99)
+
+    def _layer(self, name):
+        return sum(mean.layers[name] for mean in self.means.values() if name in mean.layers)
+
+    def layers(self) -> dict[str, np.ndarray]:
+        """Channels (H, W) of the EXR besides R, G and B: noise and layers, and those of each part where there are several."""
+        names = dict.fromkeys(name for mean in self.means.values() for name in mean.layers)
+        channels = _channels("", {name: self._layer(name) for name in names}, self.variance)
+        for name, mean in self.means.items():
+            channels |= _channels(self._prefix(name), mean.layers, mean.variance)
+        return {name: image for name, image in channels.items() if name not in ("R", "G", "B")}
+
+    def _prefix(self, part):
+        """Of a part's channels; those of a single part are the picture's."""
+        return f"{part}." if len(self.parts) > 1 else ""
+
+    def finish(self, job, *, layers=None, **more) -> dict:
+        """Writes the pictures with all that `resume` needs, and reports.
+
+        Parameters
+        ----------
+        job : `renderers.running.Render`
+        layers : further channels (H, W) by name
+        more : as `Render.finish` takes them
+
+        Returns
+        -------
+        report : of `Render.finish`, with `passes` by part and `stopped_by`
+
+        Raises
+        ------
+        Interrupted : the passes were interrupted, and the picture of those that are over is written, if every part has one
+        """
+        if not all(mean.count for mean in self.means.values()):
+            raise self._interrupted("before there was a picture; nothing was written")
+        kept = {name: {"passes": mean.count, "layers": list(mean.layers)} for name, mean in self.means.items()}
+        report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
+                            text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
+                            noise=self.noise, passes={name: mean.count for name, mean in self.means.items()},
+                            stopped_by=self.stopped_by, **more)
+        if self._signal:
+            noise = "" if self.noise is None else f", noise {100 * self.noise:.2g} %"
+            raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
+                                    f"{', '.join(report['files'])}, and --resume goes on with it")
+        return report
+
+    def _interrupted(self, what):
+        error = Interrupted(f"interrupted {what}")
+        error.exit_status = 128 + self._signal
+        return error
+
+    def resume(self, path):
+        """Goes on with the passes behind the picture in an EXR file, as if there had been no break but for rounding to 32 bits.
+
+        Raises UsageError where the file is not there, or holds another picture or none.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise UsageError(f"{path}: there is no picture to go on with; {_ANEW}")
+        channels, text = bitmaps.read(path)
+        try:
+            other = self._restore(channels, json.loads(text[_STATE]))
+        except (KeyError, TypeError, ValueError):
+            raise UsageError(f"{path}: holds no passes to go on with; {_ANEW}") from None
+        if other:
+            raise UsageError(f"{path}: is a picture of something else (other {', '.join(other)}); {_ANEW}")
+
+    def _restore(self, channels, state):
+        """Takes the means from a picture, unless what it says of itself differs: the names of what does."""
+        found, wanted = ({"parts": list(parts)} | identity for parts, identity in
+                         ((state["parts"], state["identity"]), (self.means, self.identity)))
+        other = sorted(key for key in found.keys() | wanted.keys() if found.get(key) != wanted.get(key))
+        for name, mean in self.means.items() if not other else ():
+            prefix, kept = self._prefix(name), state["parts"][name]
+            mean.count = int(kept["passes"])
+            mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in kept["layers"]}
+            if mean.count >= _LEAST:
+                mean.square = _image(channels, f"{prefix}noise.") ** 2 * (mean.count * (mean.count - 1))
+        return other
+
+
+def fingerprint(*what) -> str:
+    """Sixteen hexadecimal digits of what is in texts, numbers, lists, dicts, and files, for which paths stand."""
+    digest = hashlib.sha256()
+    for one in what:
+        content = one.read_bytes() if isinstance(one, Path) else json.dumps(one, sort_keys=True).encode()
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()[:16]
+
+
+def _channels(prefix, layers, variance):
+    """Channels of layers by name, and of the standard error where it is known."""
+    found = {} if variance is None else rgb_layers(f"{prefix}noise.", np.sqrt(variance))
+    for name, image in layers.items():
+        found |= rgb_layers(_joined(prefix, name), image)
+    return found
+
+
+def _joined(prefix, layer):
+    return f"{prefix}{layer}." if layer else prefix
+
+
+def _image(channels, prefix):
+    return np.stack([channels[f"{prefix}{name}"] for name in "RGB"], axis=-1).astype(float)
+
+
+@contextmanager
+def _interruptions():
+    """A list that SIGINT and SIGTERM are kept in, where somebody handles them otherwise; a second one ends the process."""
+    arrived, usual = [], {}
+
+    def keep(number, _frame):
+        arrived.append(number)
+        for each in usual:
+            signal.signal(each, signal.SIG_DFL)
+
+    if threading.current_thread() is threading.main_thread():
+        usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)
+                 if callable(signal.getsignal(number))}
+        for number in usual:
+            signal.signal(number, keep)
+    try:
+        yield arrived
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)

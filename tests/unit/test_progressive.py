@@ -1,0 +1,226 @@
+"""Pictures from passes: noise, what stops them, interruptions, and going on from a file."""
+
+from __future__ import annotations
+
+import signal
+
+import numpy as np
+import pytest
+
+from bakery.errors import Interrupted, UsageError
+from renderers import images, progressive
+from renderers.mitsuba import bitmaps
+from renderers.progressive import Estimate, Part, Stop, fingerprint
+from renderers.running import rgb_layers
+from tests import exr
+
+SHAPE = (6, 8, 3)
+
+
+class Job:
+    """What `renderers.running.Render` does at the end, without a scene."""
+
+    def __init__(self, folder):
+        self.pair = folder / "x.png", folder / "x.exr"
+
+    def finish(self, rgb, *, layers, text, **more):
+        bitmaps.write(self.pair, images.shown(rgb)[0], rgb_layers("", rgb) | layers, text)
+        return {"files": [str(path) for path in self.pair]} | more
+
+
+def noisy(word, scatter=1.0, level=1.0):
+    """A part's passes: level, and normal noise by pass."""
+
+    def render(index):
+        direct = level + scatter * np.random.default_rng([word, index]).standard_normal(SHAPE)
+        return {"": direct + 0.25, "order1": direct, "order2": np.full(SHAPE, 0.25)}
+
+    return render
+
+
+def pair(identity="scene"):
+    return Estimate([Part("splat", noisy(1), samples=2), Part("walk", noisy(2, 0.5, level=3.0), samples=2)], {"scene": identity})
+
+
+def ended(job, estimate, samples):
+    estimate.run(Stop(samples=samples))
+    return estimate.finish(job, method="test")
+
+
+def test_noise_is_what_the_mean_is_off():
+    """Standard error against the true one, 864 degrees of freedom a part: within 4.5 deviations, 1 in 70,000 runs."""
+    estimate = pair()
+    estimate.run(Stop(samples=14))
+    assert estimate.stopped_by == "samples" and [mean.count for mean in estimate.means.values()] == [7, 7]
+    assert estimate.variance.mean() == pytest.approx(1.25 / 7, rel=4.5 * np.sqrt(2 / 864 * (1 + 0.25**2)) / 1.25)
+    assert np.sqrt(np.mean((estimate.rgb - 4.5) ** 2)) == pytest.approx(np.sqrt(1.25 / 7), rel=4.5 / np.sqrt(2 * 144))
+    assert estimate.noise == images.relative_noise(estimate.rgb, estimate.variance)
+
+
+def test_passes_in_single_precision_add_up_in_double():
+    """A million and a little noise: in single precision the scatter of the mean would drown in rounding, 0.06."""
+    mean, passes = progressive.Mean(), [1e6 + noisy(1, 0.25)(index)[""] for index in range(64)]
+    for image in passes:
+        mean.add({"": image.astype(np.float32)})
+    assert np.allclose(mean.layers[""], np.mean(np.float32(passes), axis=0, dtype=float), rtol=1e-14)
+    assert np.allclose(mean.variance, np.var(np.float32(passes), axis=0, ddof=1, dtype=float) / 64, rtol=1e-6)
+
+
+def test_layers_of_the_file(tmp_path):
+    report = ended(Job(tmp_path), pair(), 8)
+    layers = exr.layers(tmp_path / "x.exr")
+    assert {"R", "noise.G", "order1.B", "order2.R", "splat.R", "splat.noise.R", "walk.order1.G"} <= set(layers)
+    for name in "RGB":
+        assert np.allclose(layers[name], layers[f"order1.{name}"] + layers[f"order2.{name}"], rtol=1e-6)
+        assert np.allclose(layers[name], layers[f"splat.{name}"] + layers[f"walk.{name}"], rtol=1e-6)
+        noise = np.hypot(layers[f"splat.noise.{name}"], layers[f"walk.noise.{name}"])
+        assert np.allclose(layers[f"noise.{name}"], noise, rtol=1e-5)
+    assert report["passes"] == {"splat": 4, "walk": 4} and report["samples"] == 8 and report["stopped_by"] == "samples"
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize("first", [2, 8])
+def test_going_on_is_as_good_as_not_stopping(tmp_path, parts, first):
+    """Half of the passes, and the rest from the file: the same picture and noise but for rounding to 32 bits."""
+
+    def some():
+        estimate = pair()
+        return Estimate(estimate.parts[:parts], estimate.identity)
+
+    whole, job = some(), Job(tmp_path)
+    whole.run(Stop(samples=32))
+    ended(job, some(), 2 * first)
+    on = some()
+    on.resume(job.pair[1])
+    assert on.samples == 2 * first
+    ended(job, on, 32)
+    assert on.samples == 32
+    assert np.allclose(on.rgb, whole.rgb, rtol=3e-7) and np.allclose(on.variance, whole.variance, rtol=1e-6)
+    assert all(np.allclose(image, on.layers()[name], rtol=1e-6, atol=1e-6) for name, image in whole.layers().items())
+    again = some()
+    again.resume(job.pair[1])
+    again.run(Stop(samples=32))
+    assert again.samples == 32  # nothing is left to do
+
+
+class Clock:
+    """Time that passes in parts only."""
+
+    def __init__(self, monkeypatch):
+        self.now = 0.0
+        monkeypatch.setattr(progressive.time, "monotonic", lambda: self.now)
+
+    def spending(self, seconds, render):
+        def slow(index):
+            self.now += seconds
+            return render(index)
+
+        return slow
+
+
+def test_time_goes_where_the_variance_is(monkeypatch):
+    """Sixteen times the variance at a quarter of the cost: 8 times the passes, as n is proportional to sqrt(variance / cost)."""
+    clock = Clock(monkeypatch)
+    estimate = Estimate([Part("loud", clock.spending(1.0, noisy(1, 4.0))), Part("quiet", clock.spending(4.0, noisy(2, 1.0)))], {})
+    estimate.run(Stop(time=1200.0))
+    loud, quiet = (mean.count for mean in estimate.means.values())
+    assert estimate.stopped_by == "time" and loud + 4 * quiet in (1197, 1198, 1199, 1200)
+    assert 7 < loud / quiet < 9
+
+
+def test_a_part_without_noise_so_far_is_not_forgotten(monkeypatch):
+    clock = Clock(monkeypatch)
+    dark = clock.spending(1.0, lambda _: {"": np.zeros(SHAPE)})
+    estimate = Estimate([Part("loud", clock.spending(1.0, noisy(1))), Part("dark", dark)], {})
+    estimate.run(Stop(time=200.0))
+    assert 9 <= estimate.means["dark"].count <= 12
+
+
+def test_what_stops_first(monkeypatch):
+    clock = Clock(monkeypatch)
+
+    def run(**stop):
+        estimate, told = Estimate([Part("walk", clock.spending(1.0, noisy(3)))], {}), []
+        estimate.run(Stop(**stop), lambda fraction, noise: told.append((fraction, noise)))
+        assert told[0] == (0.0, None) and told[-1] == (1.0, estimate.noise)
+        assert all(0 <= fraction < 1 for fraction, _ in told[:-1])
+        return estimate.stopped_by, estimate.samples, estimate.noise
+
+    assert run(samples=5, time=100.0, noise=0.01)[:2] == ("samples", 5)
+    assert run(samples=50, time=10.0, noise=0.01)[:2] == ("time", 10)
+    stopped_by, samples, noise = run(samples=500, time=1000.0, noise=0.1)
+    assert stopped_by == "noise" and 0.09 < noise <= 0.1
+    assert run(noise=1e9)[:2] == ("noise", 4) and run(time=0.1)[:2] == ("time", 2) and run(samples=1)[:2] == ("samples", 2)
+
+
+def test_stops_by_quality():
+    assert Stop.of(0.02) == Stop(pytest.approx(0.02 / 2**0.5), None, None)
+    assert Stop.of(0.02, noise=0.01, time=60.0, samples=1024, quality="preview") == Stop(0.02, 15.0, 256)
+    assert Stop.of(0.02, samples=4, quality="draft").samples == 1
+    with pytest.raises(UsageError, match="'best': one of draft, preview, final would do"):
+        Stop.of(0.02, quality="best")
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interruption_leaves_the_picture_so_far(tmp_path, number, status):
+    """The pass in hand is finished; a second signal would end the process; afterwards signals do what they did before."""
+    passes = noisy(1)
+
+    def render(index):
+        if index == 4:
+            signal.raise_signal(number)
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+        return passes(index)
+
+    usual = signal.signal(number, handler := lambda *_: pytest.fail("handled elsewhere"))
+    try:
+        job, estimate = Job(tmp_path), Estimate([Part("walk", render)], {})
+        estimate.run(Stop(samples=100))
+        assert signal.getsignal(number) is handler
+    finally:
+        signal.signal(number, usual)
+    with pytest.raises(Interrupted, match=r"after 5 samples a pixel, noise .* %; .*x\.exr, and --resume") as caught:
+        estimate.finish(job, method="test")
+    assert caught.value.exit_status == status and estimate.stopped_by == "interruption"
+    on = Estimate([Part("walk", passes)], {})
+    on.resume(job.pair[1])
+    assert on.samples == 5 and np.allclose(on.rgb, estimate.rgb, rtol=1e-6)
+
+
+def test_an_interruption_before_there_is_a_picture(tmp_path):
+    def render(index):
+        signal.raise_signal(signal.SIGINT)
+        return noisy(1)(index)
+
+    estimate = Estimate([Part("splat", render), Part("walk", noisy(2))], {})
+    estimate.run(Stop(samples=10))
+    with pytest.raises(Interrupted, match="nothing was written"):
+        estimate.finish(Job(tmp_path), method="test")
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_do_not_go_on(tmp_path):
+    job = Job(tmp_path)
+    with pytest.raises(UsageError, match="there is no picture to go on with"):
+        pair().resume(job.pair[1])
+    ended(job, pair(), 4)
+    with pytest.raises(UsageError, match=r"something else \(other scene\)"):
+        pair("other").resume(job.pair[1])
+    with pytest.raises(UsageError, match=r"something else \(other method, parts\)"):
+        Estimate(pair().parts[:1], {"scene": "scene", "method": "new"}).resume(job.pair[1])
+    bitmaps.write(job.pair, np.zeros(SHAPE), np.zeros(SHAPE), {"bakery_passes": "{"})
+    with pytest.raises(UsageError, match="holds no passes"):
+        pair().resume(job.pair[1])
+    job.pair[1].write_bytes(b"nothing")
+    with pytest.raises(UsageError, match="cannot be read as a picture"):
+        pair().resume(job.pair[1])
+
+
+def test_fingerprints(tmp_path):
+    file = tmp_path / "mesh.ply"
+    file.write_bytes(b"1")
+    first = fingerprint({"a": 1.5, "b": [2, 3]}, file)
+    assert first == fingerprint({"b": (2, 3), "a": 1.5}, file) and len(first) == 16
+    assert first != fingerprint({"a": 1.5, "b": [2, 4]}, file) != fingerprint(file, {"a": 1.5, "b": [2, 4]})
+    file.write_bytes(b"2")
+    assert first != fingerprint({"a": 1.5, "b": [2, 3]}, file)

@@ -1,0 +1,186 @@
+"""Surfaces and lights as arrays, against Mitsuba's own path tracer: a path tracer of a few lines walks on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery.errors import UsageError
+from renderers.mitsuba.world import FAR, World
+
+DEPTH = 5  # surfaces
+
+SENSOR = """
+  <integrator type="path"><integer name="max_depth" value="5"/><integer name="rr_depth" value="100"/></integrator>
+  <sensor type="perspective"><float name="fov" value="50"/>
+    <transform name="to_world"><lookat origin="0.2, -3.6, 0.1" target="0, 0, 0" up="0, 0, 1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="9"/><integer name="height" value="6"/><rfilter type="box"/></film>
+  </sensor>"""
+# a box that is open towards the camera, all kinds of surfaces in it
+BOX = """
+  <bsdf type="twosided" id="white"><bsdf type="diffuse"><rgb name="reflectance" value="0.7 0.6 0.5"/></bsdf></bsdf>
+  <shape type="rectangle" id="floor"><transform name="to_world"><translate z="-1"/></transform><ref id="white"/></shape>
+  <shape type="rectangle" id="back"><transform name="to_world"><rotate x="1" angle="90"/><translate y="1"/></transform>
+    <bsdf type="twosided"><bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf></bsdf></shape>
+  <shape type="rectangle" id="left"><transform name="to_world"><rotate y="1" angle="90"/><translate x="-1"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.8 0.1 0.1"/></bsdf></bsdf></shape>
+  <shape type="sphere" id="ball"><float name="radius" value="0.4"/><point name="center" x="0.4" y="-0.2" z="-0.6"/>
+    <bsdf type="dielectric"/></shape>
+  <shape type="rectangle" id="veil"><transform name="to_world"><scale value="0.5"/><rotate x="1" angle="90"/>
+    <translate x="-0.5" y="-0.5"/></transform><bsdf type="null"/></shape>"""
+LAMP = """<shape type="rectangle" id="lamp"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="180"/>
+    <translate z="0.98"/></transform><emitter type="area"><rgb name="radiance" value="4 5 6"/></emitter></shape>"""
+LIGHTS = {
+    "area": LAMP,
+    "without extent": """
+        <emitter type="point" id="bulb"><point name="position" x="0.3" y="-0.5" z="0.7"/><rgb name="intensity" value="1 0.7 0.5"/>
+        </emitter>
+        <emitter type="spot" id="spot"><transform name="to_world"><lookat origin="0, -1, 1" target="0, 0.2, -1" up="0, 1, 0"/>
+        </transform><rgb name="intensity" value="9 9 9"/><float name="cutoff_angle" value="30"/></emitter>
+        <emitter type="directional" id="sun"><vector name="direction" x="-0.1" y="0.9" z="-0.5"/>
+        <rgb name="irradiance" value="1 2 3"/></emitter>""",
+    "sky": """<emitter type="envmap" id="sky"><string name="filename" value="sky.exr"/></emitter>""",
+    "many": LAMP + """
+        <emitter type="point"><point name="position" x="0" y="-0.5" z="0.5"/><rgb name="intensity" value="0.3"/></emitter>
+        <emitter type="point"><point name="position" x="0.5" y="-0.5" z="0.5"/><rgb name="intensity" value="0.3"/></emitter>
+        <emitter type="constant"><rgb name="radiance" value="0.1 0.2 0.3"/></emitter>""",
+}
+
+
+def written(folder, *parts):
+    path = folder / "scene.xml"
+    path.write_text('<scene version="3.0.0">' + "".join(parts) + "</scene>")
+    return path
+
+
+def walked(world, samples, generator, depth=DEPTH):
+    """One picture, (H, W, 3), of paths that meet up to `depth` surfaces or lights."""
+    height, width = world.size
+    pixel = np.tile(np.stack(np.mgrid[:height, :width], axis=-1).reshape(-1, 2), (samples, 1))
+    origin, direction = world.camera_rays(generator.random((len(pixel), 2)), pixel)
+    weight, radiance = np.ones((len(pixel), 3)), np.zeros((len(pixel), 3))
+    density, delta = np.zeros(len(pixel)), np.ones(len(pixel), bool)
+    for surface in range(depth):
+        shading = world.shade(origin, direction, generator.random((len(pixel), 5)), density, delta)
+        radiance += weight * shading.emitted
+        if surface < depth - 1:
+            radiance += weight * shading.light.radiance
+        weight = weight * shading.weight
+        origin, direction, density, delta = shading.origin, shading.direction, shading.density, shading.delta
+    return radiance.reshape(samples, height, width, 3).mean(axis=0)
+
+
+def estimated(pictures):
+    """Mean and standard error of passes, in blocks of 3 x 3 pixels."""
+    blocks = np.array(pictures).reshape(len(pictures), 2, 3, 3, 3, 3).mean(axis=(2, 4))
+    return blocks.mean(axis=0), blocks.std(axis=0, ddof=1) / len(blocks) ** 0.5
+
+
+@pytest.mark.parametrize("lights", LIGHTS)
+def test_pictures_are_those_of_mitsuba(tmp_path, lights):
+    """In 5 standard errors of 16 passes each: 18 numbers of 30 degrees of freedom, false alarm in 1 of 2,000 runs."""
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    sky = np.random.default_rng(5).random((4, 8, 3)) ** 4
+    mi.Bitmap(sky.astype(np.float32)).write(str(tmp_path / "sky.exr"))
+    path = written(tmp_path, SENSOR, BOX, LIGHTS[lights])
+    world = World(path, unit=0.01)
+    generator = np.random.default_rng(1)
+    ours, our_error = estimated([walked(world, 128, generator) for _ in range(16)])
+    scene = mi.load_file(str(path))
+    theirs, their_error = estimated([np.array(mi.render(scene, spp=128, seed=seed))[..., :3] for seed in range(16)])
+    assert np.median(our_error / ours) < 0.02 and ours.min() > 0.003
+    assert np.all(np.abs(ours - theirs) < 5 * np.hypot(our_error, their_error))
+
+
+def test_white_things_under_a_white_sky_are_white(tmp_path):
+    """A diffuse ball, a mirror and a pane of glass of albedo 1; in 5 standard errors, false alarm in 1 of 10,000 runs."""
+    path = written(tmp_path, SENSOR, """<emitter type="constant"/>
+        <shape type="sphere"><float name="radius" value="0.5"/>
+            <bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf></shape>
+        <shape type="sphere"><float name="radius" value="0.4"/><point name="center" x="1" y="0" z="0"/>
+            <bsdf type="dielectric"/></shape>
+        <shape type="rectangle">
+            <transform name="to_world"><rotate x="1" angle="90"/><scale value="4"/><translate y="2"/></transform>
+            <bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/></bsdf></bsdf></shape>""")
+    world, generator = World(path), np.random.default_rng(2)
+    pictures = [walked(world, 16, generator, depth=20) for _ in range(16)]
+    mean, error = estimated(pictures)
+    assert np.abs(np.mean(pictures) - 1).max() < 0.003
+    assert np.all(np.abs(mean - 1) < 5 * error + 1e-5)
+
+
+def test_rays_and_lights_in_metres(tmp_path):
+    """A lamp of 0.8 x 0.8 units at height 0.98, a floor of 2 x 2 at -1; a unit is 1 cm."""
+    world = World(written(tmp_path, SENSOR, BOX, LIGHTS["many"]), unit=0.01)
+    assert sorted(world.light_names) == ["ConstantBackgroundEmitter", "PointLight", "PointLight2", "lamp"]
+    assert np.allclose(world.box, [[-0.01] * 3, [0.01] * 3])
+    # from below the lamp down to the floor, and out of the box
+    origin = np.array([[-0.005, 0.005, 0.0], [-0.005, 0.005, 0.0], [0.0, -0.008, 0.0]])
+    direction = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]])
+    assert np.allclose(world.trace(origin, direction, np.array([1.0, 0.009, 1.0])), [0.01, np.inf, np.inf])
+    assert np.allclose(world.trace(origin, direction, np.inf), [0.01, 0.01, np.inf])
+
+    light = world.lights(np.tile([0.0, 0.0, -0.0099], (4000, 1)), np.random.default_rng(0).random((4000, 3)))
+    for name, distance in (("PointLight", 0.01 * np.hypot(0.5, 1.49)), ("ConstantBackgroundEmitter", FAR)):
+        assert np.allclose(light.distance[light.light == world.light_names.index(name)], distance)
+    lamp = light.light == world.light_names.index("lamp")
+    assert np.ptp(light.distance[lamp]) > 0 and abs(light.distance[lamp] * light.direction[lamp, 2] - 0.0197).max() < 1e-6
+    assert not light.delta[lamp].any() and light.delta[light.light == world.light_names.index("PointLight")].all()
+    # chosen among four lights, 16 / 25 units^2 at distance d, seen at an angle of cosine z / d
+    clear = lamp & (light.radiance[:, 0] > 0)
+    density = (100 * light.distance[clear]) ** 2 / light.direction[clear, 2] / 0.64 / 4
+    assert np.allclose(light.density[clear], density, rtol=1e-4)
+    assert np.allclose(light.radiance[clear] * light.density[clear, None], [4, 5, 6], rtol=1e-4)
+    assert 0.7 < clear.sum() / lamp.sum() < 1  # the veil hides the rest
+
+
+def test_a_world_without_anything_is_dark():
+    world = World()
+    origin, direction = np.zeros((3, 3)), np.eye(3)
+    assert world.box is None and world.light_names == () and world.camera is None
+    assert np.all(np.isinf(world.trace(origin, direction, 1.0)))
+    assert not world.lights(origin, np.full((3, 2), 0.5)).radiance.any()
+    shading = world.shade(origin, direction, np.full((3, 5), 0.5), np.ones(3), np.zeros(3, bool))
+    assert not shading.hit.any() and not shading.emitted.any() and not shading.weight.any() and np.all(shading.source == -1)
+
+
+def test_numbers_next_to_one(tmp_path):
+    """Samplers take numbers below 1, and 1 - 1e-12 is 1 in single precision."""
+    world = World(written(tmp_path, SENSOR, BOX, LAMP))
+    light = world.lights(np.zeros((2, 3)), np.full((2, 2), 1 - 1e-12))
+    assert np.isfinite(light.radiance).all() and light.radiance.any()
+
+
+def test_the_camera_of_the_file_or_of_the_scene(tmp_path):
+    """A film of another size keeps width and middle of the view; YAML's camera needs no sensor in the file."""
+    path = written(tmp_path, SENSOR)
+    usual, other = World(path, unit=2.0), World(path, unit=2.0, size=(12, 18))
+    assert usual.size == (6, 9) and np.allclose(usual.camera.origin, [0.4, -7.2, 0.2])
+    assert np.allclose(other.camera.rays(12, 18)[::11, ::17], doubled(path).camera.rays(12, 18)[::11, ::17])
+    view = {"origin": (0.4, -7.2, 0.2), "target": (0, 0, 0), "up": (0, 0, 1), "fov": np.radians(50)}
+    bare = World(written(tmp_path, LAMP), unit=2.0, view=view, size=(6, 9))
+    origin, direction = bare.camera_rays(np.full((54, 2), 0.5), np.stack(np.mgrid[:6, :9], axis=-1).reshape(-1, 2))
+    assert np.allclose(direction.reshape(6, 9, 3), usual.camera.rays(6, 9), atol=1e-6)
+    assert np.allclose(origin, usual.camera.origin)
+
+
+def doubled(path):
+    text = path.read_text().replace('value="9"', 'value="18"').replace('value="6"', 'value="12"')
+    path.write_text(text)
+    return World(path, unit=2.0)
+
+
+@pytest.mark.parametrize("text, message", [
+    ('<sensor type="orthographic"/>', "first sensor is of the kind OrthographicCamera; a perspective camera would do"),
+    ("", "the scene has no sensor"),
+])
+def test_views_that_are_refused(tmp_path, text, message):
+    with pytest.raises(UsageError, match=message):
+        World(written(tmp_path, text))
+
+
+def test_variants_that_are_refused():
+    with pytest.raises(UsageError, match="variant scalar_rgb: .* such as llvm_ad_rgb"):
+        World(variant="scalar_rgb")
