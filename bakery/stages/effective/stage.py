@@ -268,6 +268,7 @@ OF_GRAINS = Stage(
     compute=compute,
     check=check,
     sound=medium.sound,
+    view=later("bakery.stages.medium.view:view"),
     measures=measures,
     knobs=(Knob("sigma_t", "effective_medium.sigma_t", "auto", "what sigma_t matches", CHOICES),
            Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),
