@@ -97,8 +97,7 @@ def inputs(recipe, upstream) -> dict:
 
 def _tile(packing: Group, fraction: float):
     """Centres, radii and cell in mean radii of the nearest denser tile, widened; the densest where none is as dense."""
-    from bakery.stages.packing.stage import nearest_denser
-    from bakery.stages.packing.view import tiles
+    from bakery.stages.packing.view import nearest_denser, tiles
 
     try:
         return nearest_denser(packing, fraction)[:3]
