@@ -11,7 +11,8 @@ from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.effective.section import EFFECTIVE
-from bakery.stages.grains import stage as grain_stage
+from bakery.stages.grains.outputs import BY_RADIUS, LOSSLESS
+from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
 from bakery.store.tree import Dataset, Group
@@ -68,14 +69,14 @@ def inputs(recipe, upstream) -> dict:
     group, packing = upstream["grains"], upstream["packing"]
     fraction = float(recipe.packing.fraction[0])
     names = [grain.name for grain in recipe.grains.components]
-    given = grain_stage.inputs(recipe, {})
+    given = inputs_of_grains(recipe, {})
     sizes = len(group["radius"].data)
 
     def rows(name, figure, lossless=False):
         """Values and errors (S, L, …)."""
         part = group[name]
-        place = part["lossless"] if lossless and figure in grain_stage.LOSSLESS else part
-        if not lossless and "by_radius" in part.members and figure in (*grain_stage.BY_RADIUS, "phase"):
+        place = part["lossless"] if lossless and figure in LOSSLESS else part
+        if not lossless and "by_radius" in part.members and figure in (*BY_RADIUS, "phase"):
             place = part["by_radius"]
             return np.asarray(place[figure].data, float), np.asarray(place[figure + "_error"].data, float)
         value, error = (np.asarray(place[figure + end].data, float) for end in ("", "_error"))
