@@ -46,7 +46,6 @@ from bakery.physics.grains.bvh import scratch as mesh_scratch
 from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
 from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import turned as at_surface
-from bakery.physics.granular._packed import cells as tile_grid
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.medium._kernels import evaluated as phase_value
 from bakery.physics.medium._kernels import layout as phase_layout
@@ -58,6 +57,7 @@ from bakery.physics.mie import amplitudes as mie_amplitudes
 from bakery.physics.multiple.lookup import any_length as segment_source
 from bakery.physics.multiple.lookup import scratch as multiple_scratch
 from bakery.physics.multiple.lookup import value as point_source
+from bakery.physics.packing._cells import cells as tile_grid
 from bakery.physics.packing.instances import cumulated as cumulated_shares
 from bakery.physics.packing.instances import kind, rotation, uniforms
 from bakery.physics.packing.instances import matrix as rotation_matrix

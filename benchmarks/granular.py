@@ -13,7 +13,6 @@ single grains are of closed forms or of the scatterometer; times are of one core
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -104,21 +103,22 @@ def of_recipe(path):
 
 
 def of_asset(path):
-    from bakery.stages.packing import stage as packing
+    from bakery.stages.grains.view import components_of, exemplar
+    from bakery.stages.packing.view import nearest_denser
     from bakery.store.read import read
-    from bakery.store.tree import Group, read_text
 
     root = read(path)
     if not {"grains", "packing"} <= set(root.members):
         sys.exit(f"{path} has no grains with a packing")
     parts = []
-    for part in (member for member in root["grains"].members.values() if isinstance(member, Group)):
-        surface, shape = (json.loads(read_text(part[name])) for name in ("surface", "shape"))
+    for part in components_of(root["grains"]).values():
+        grain = exemplar(part)
+        surface = grain.surface
         index = surface["index"][len(surface["index"]) // 2] if "index" in surface else None
-        mesh = None if shape["type"] == "sphere" else Mesh(part["vertices"].data, part["faces"].data)
+        mesh = None if grain.ball else Mesh(grain.vertices, grain.faces)
         parts.append((float(part["weight"].data[0]), coat(surface["type"], index, surface.get("roughness", 0.0)), mesh))
     asked = float(root["medium/fraction"].data[0]) if "medium" in root.members else 0.0
-    centers, radii, cell, _ = packing.nearest_denser(root["packing"], asked)
+    centers, radii, cell, _ = nearest_denser(root["packing"], asked)
     return Case(Path(path).stem, centers, radii, cell, *grains_of(parts))
 
 

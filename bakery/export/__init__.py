@@ -53,17 +53,17 @@ class Scattering:
 def scattering_of(medium: Group) -> Scattering:
     """A medium without its forward delta, which the tables of packed grains hold as a peak at their first angle.
 
-    Exact: a collision that keeps direction and weight is none, so sigma_t loses what sigma_s loses.  No regular grid resolves it.
+    Exact, see `bakery.physics.medium.similarity.without_delta`.  No regular grid resolves that peak.
     """
-    from bakery.physics.medium.phase import without_delta
+    from bakery.physics.medium.similarity import without_delta
 
     sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
     share = medium.members.get("forward_delta")
     if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
         return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t))
-    unchanged = np.clip(share.data, 0.0, 1.0)
-    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta,
-                      without_delta(theta, phase, unchanged), unchanged, np.zeros_like(sigma_t))
+    delta = np.clip(share.data, 0.0, 1.0)
+    sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, theta, phase, delta)
+    return Scattering(sigma_t, sigma_s, theta, phase, delta, np.zeros_like(sigma_t))
 
 
 def without_peak(medium: Scattering, end: int) -> Scattering:

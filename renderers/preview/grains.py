@@ -5,7 +5,6 @@ The studio's unit is here as many bounding radii as `scale` says, so that all gr
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bakery.errors import AssetError
 from bakery.store import ply
 from renderers.preview import studio
 
@@ -59,29 +57,12 @@ class Grain:
 
 
 def grains_of(asset) -> tuple[list[Grain], float, int]:
-    """The grains to draw, commonest first; the bounding radius in m (mean by number); the number of components.
-
-    Raises
-    ------
-    AssetError : a component without a mesh in the unit sphere, or whose surface is not known
-    """
-    group, count = asset.grains, len(asset.wavelength)
+    """The grains to draw, commonest first; the bounding radius in m (mean by number); the number of components."""
+    group = asset.grains
     found = []
-    for name, part in group.items():
-        if not hasattr(part, "units") or "surface" not in part:
-            continue
-        shape, surface = _json(part, name, "shape"), _surface(_json(part, name, "surface"), name, count)
-        vertices = faces = None
-        if shape.get("type") != "sphere":
-            vertices, faces = _mesh(part, name)
-            vertices = resting(vertices)
-        interior = np.asarray(part["interior"], float) if "interior" in part else np.zeros(count)
-        share = float(np.ravel(part["weight"])[0]) if "weight" in part else 1.0
-        if interior.shape != (count,) or not np.all((interior >= 0) & np.isfinite(interior)):
-            raise AssetError(f"{asset.path}: grains/{name}/interior: one absorption coefficient >= 0 a wavelength is needed")
-        found.append(Grain(name, share, vertices, faces, surface, interior))
-    if not found:
-        raise AssetError(f"{asset.path}: grains holds no component with a surface")
+    for name, exemplar in group.exemplars.items():
+        vertices, faces = (None, None) if exemplar.ball else (resting(exemplar.vertices), exemplar.faces)
+        found.append(Grain(name, float(group[name].weight), vertices, faces, exemplar.surface, np.asarray(group[name].interior)))
     radius, share = (np.ravel(np.asarray(group[key], float)) for key in ("radius", "radius_share"))
     found.sort(key=lambda grain: -grain.share)
     return found[:MOST], float(np.sum(radius * share) / np.sum(share)), len(found)
@@ -178,38 +159,3 @@ def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: 
     path.write_bytes(ply.mesh(np.column_stack([flat / unit + foot[:2], vertices[:, 2] / unit + studio.LIFT]), grain.faces,
                               single=True))
     return {"type": "ply", "filename": str(path), "face_normals": True, **made}
-
-
-def _mesh(part, name):
-    vertices, faces = np.asarray(part.get("vertices", ()), float), np.asarray(part.get("faces", ()))
-    sound = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3 and len(faces) \
-        and faces.dtype.kind in "iu" and np.isfinite(vertices).all() and np.abs(vertices).max() < 1.01 \
-        and faces.min() >= 0 and faces.max() < len(vertices)
-    if not sound:
-        raise AssetError(f"grains/{name}: vertices and faces are no mesh in the unit sphere; run `bake verify` on the asset")
-    return vertices, faces
-
-
-def _json(part, name, key) -> dict:
-    try:
-        found = json.loads(part[key])
-    except (KeyError, TypeError, ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise AssetError(f"grains/{name}/{key}: is no JSON object; run `bake verify` on the asset")
-    return found
-
-
-def _surface(surface: dict, name: str, count: int) -> dict:
-    """A stored surface whose numbers are there, one a wavelength."""
-    keys = {"dielectric": ("index",), "diffuse": ("reflectance",), "conductor": ("n", "k")}.get(surface.get("type"))
-    if keys is None:
-        raise AssetError(f"grains/{name}/surface: found type {surface.get('type')!r}; dielectric, diffuse and conductor "
-                         "are drawn")
-    for key in keys:
-        values = surface.get(key)
-        if not isinstance(values, list) or len(values) != count or not all(isinstance(v, int | float) and v >= 0 for v in values):
-            raise AssetError(f"grains/{name}/surface/{key}: {count} numbers are needed, one a wavelength")
-    if not isinstance(surface.get("roughness", 0.0), int | float):
-        raise AssetError(f"grains/{name}/surface/roughness: a number is needed")
-    return surface

@@ -196,9 +196,9 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
         losses.extend(loss.misdirected for loss in lost if loss)
         return list(made)
 
-    straight = lobe.straight(asset)
+    delta = lobe.forward_delta(asset)
     said = [f"block edge {lobe.length(edge)} = {words}", f"checks {lobe.length(studio.CHECK * edge)}   ·   {chosen}"]
-    said += [f"not drawn: a peak with {100 * straight:.2g} % of the light"] if straight else []
+    said += [f"not drawn: a peak with {100 * delta:.2g} % of the light"] if delta else []
     strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], said)
     return Panel("medium", scenes, lambda: studio.features(*size, edge * np.asarray(asset.medium.sigma_t).max()), strip,
                  lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
@@ -213,22 +213,6 @@ def _beside(pictures, gap):
     return np.concatenate(row, axis=1)
 
 
-def _without_unchanged(medium, k, sigma_t, albedo):
-    """The same medium without the delta peak of packed grains, which no regular grid resolves.
-
-    A collision that changes nothing is none: sigma_t loses what sigma_s loses.  Returns sigma_t, albedo, phase.
-    """
-    phase = medium.phase
-    share = float(medium["forward_delta"][k]) if "forward_delta" in medium else 0.0
-    if not 0 < share < 1:
-        return sigma_t, albedo, phase
-    table = phase.table.copy()
-    cell = np.sin(phase.theta[1] / 2) ** 2  # half the step of the cosine
-    table[k, 0] = max(table[k, 0] - share / (2 * np.pi * cell), 0.0)
-    less = sigma_t * (1 - share * albedo)
-    return less, (1 - share) * albedo * sigma_t / less, type(phase)(phase.theta, table / (1 - share))
-
-
 def _scene(mi, asset, asset_path, k, edge, width, height):
     """The studio with the medium at wavelength k, and what its phase function has lost (None: nothing)."""
     sigma_t, albedo, g = (float(array[k]) for array in (asset.medium.sigma_t, asset.medium.albedo, asset.medium.g))
@@ -236,8 +220,9 @@ def _scene(mi, asset, asset_path, k, edge, width, height):
     lost, phase = None, {"type": "bakedphase", "filename": asset_path, "channel": k}
     if mi.variant().startswith("scalar"):
         # Every event would be a call of Python; Mitsuba's own table is faster by far and loses next to nothing.
-        sigma_t, albedo, found = _without_unchanged(asset.medium, k, sigma_t, albedo)
-        values, lost = found.regular(k)
+        deflecting = asset.medium.without_delta()
+        sigma_t, albedo = float(deflecting.sigma_t[k]), float(deflecting.albedo[k])
+        values, lost = deflecting.phase.regular(k)
         phase = {"type": "tabphase", "values": ",".join(map("{:.9g}".format, values.tolist()))}
     medium = {"type": "homogeneous", "sigma_t": sigma_t * edge, "albedo": albedo, "phase": phase,
               # Aiming at the lights pays for round lobes; in a forward peak, and deep in a heap, it doubles the time for little.

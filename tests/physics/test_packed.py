@@ -21,6 +21,7 @@ from bakery.physics.granular import _packed as kernel
 from bakery.physics.granular import packed
 from bakery.physics.granular.packed import Grain, walk
 from bakery.physics.packing import pack
+from bakery.physics.packing._cells import cells
 from bakery.physics.packing.instances import instances, matrix
 from bakery.physics.shapes import build as shapes
 
@@ -200,7 +201,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
     centers, radii, cell = {"one": ONE, "few": tile(0.45, 12), "sizes": tile(0.5, 20, 3)}[which]
     centers, radii, cell = np.asarray(centers, float), np.asarray(radii, float), np.asarray(cell, float)
     m = np.array([2, 3, 1])
-    grid = (cell, m, *kernel.cells(centers, radii, cell, m))
+    grid = (cell, m, *cells(centers, radii, cell, m))
     rng = np.random.default_rng(4)
     found = 0
     for _ in range(40):

@@ -167,7 +167,7 @@ CRAFTED = [
     ("haze", far_corners(128), "multiple: point/w0: corner goes to"),
     ("fog", two_ranks, "medium/sigma_s: its shape is (3, 2), not (L,)"),
     ("fog", unknown_method, "optics/droplets/method: holds 9, above 2"),
-    ("shot", one_vertex, "grains: ball: faces holds a triangle that names a vertex twice"),
+    ("shot", one_vertex, "grains: ball: face 0 names a vertex twice"),
 ]
 MORE = [
     ("tile", about_one_place, "packing: centers: two spheres overlap"),

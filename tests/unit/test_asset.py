@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.physics.medium.phase import areas, mean_cosine
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
@@ -70,6 +71,25 @@ def test_phase_is_the_interpolant_in_the_cosine(asset):
     assert np.allclose(-2 * math.pi * np.trapezoid(medium.phase(np.arccos(cosine)), cosine), 1, rtol=1e-4)
     assert np.array_equal(np.asarray(medium.phase), table) and np.shares_memory(medium.phase.theta, nodes)
     assert asset.optics["droplets"].phase(0.3).shape == (2,)  # on the angles of the medium
+
+
+def test_a_medium_without_its_forward_delta(asset, tmp_path):
+    """What is absorbed and what is deflected stay; the table's first cell has lost its peak."""
+    plain = asset.medium.without_delta()
+    assert np.array_equal(plain.sigma_t, asset.medium.sigma_t) and np.array_equal(plain.phase.table, asset.medium["phase"])
+    theta, table = np.asarray(asset.medium.theta), np.asarray(asset.medium["phase"])
+    peaked = 0.7 * table
+    peaked[:, 0] += 0.3 / (2 * np.pi * areas(theta)[0])
+    root = with_member(small_asset(), "medium/phase", Dataset(peaked, "1/sr", "phase function"))
+    write(tmp_path / "peak.h5", with_member(root, "medium/forward_delta", Dataset(np.full(2, 0.3), "1", "delta")))
+    medium = bakery.open(tmp_path / "peak.h5").medium
+    rest = medium.without_delta()
+    sigma_t, sigma_s = np.asarray(medium.sigma_t), np.asarray(medium.sigma_s)
+    assert rest.sigma_t * (1 - rest.albedo) == pytest.approx(sigma_t - sigma_s, rel=1e-9)
+    assert rest.sigma_t * rest.albedo == pytest.approx(0.7 * sigma_s, rel=1e-12)
+    np.testing.assert_allclose(rest.phase.table, table, rtol=1e-6)  # the peak is 1e9 times as high
+    deflected = (1 - mean_cosine(theta, peaked)) * sigma_s
+    assert (1 - mean_cosine(theta, rest.phase.table)) * rest.albedo * rest.sigma_t == pytest.approx(deflected, rel=1e-5)
 
 
 @pytest.mark.parametrize("theta", [-1e-9, 3.2, np.nan, [0.1, 4.0]])

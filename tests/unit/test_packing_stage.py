@@ -16,7 +16,7 @@ from bakery.errors import AssetError, RecipeError, StageError
 from bakery.recipe import load
 from bakery.run import overrides, prepare
 from bakery.run.executors import Context, threads
-from bakery.stages.packing import stage
+from bakery.stages.packing import stage, view
 from bakery.store.tree import Dataset, Group
 from tests.samples import small_asset, with_member
 
@@ -161,14 +161,14 @@ def test_size_of_the_file_is_foreseen(write, tmp_path):
 
 def test_a_dictionary_has_a_group_a_tile(two):
     assert list(two.packing) == ["f20", "f40"] and two.packing.f40.fraction[0] == pytest.approx(0.4)
-    assert [stage.tile_name(f) for f in (0.001, 0.1, 0.625, 1 / 3)] == ["f0_1", "f10", "f62_5", "f33_3333"]
+    assert [view.tile_name(f) for f in (0.001, 0.1, 0.625, 1 / 3)] == ["f0_1", "f10", "f62_5", "f33_3333"]
 
 
 @pytest.mark.parametrize("wished, name", [(0.05, "f20"), (0.2, "f20"), (0.21, "f40"), (0.4, "f40")])
 def test_the_nearest_denser_tile_is_widened(two, wished, name):
     from bakery.physics.packing import structure
 
-    centers, radii, cell, found = stage.nearest_denser(two.tree["packing"], wished)
+    centers, radii, cell, found = view.nearest_denser(two.tree["packing"], wished)
     assert found == name and structure.fraction(radii, cell) == pytest.approx(wished, rel=1e-12)
     assert (radii == two.packing[name].radii).all() and (centers < cell).all()
     assert structure.smallest_gap(centers, radii, cell) >= -1e-9
@@ -176,7 +176,7 @@ def test_the_nearest_denser_tile_is_widened(two, wished, name):
 
 def test_no_tile_is_dense_enough(two):
     with pytest.raises(ValueError, match=r"as dense as 0\.45; the densest fills 0\.4"):
-        stage.nearest_denser(two.tree["packing"], 0.45)
+        view.nearest_denser(two.tree["packing"], 0.45)
 
 
 # ---- rules

@@ -238,7 +238,9 @@ def test_rules_find_what_is_wrong(tmp_path):
     assert "not 4/3" in broken("lambda_delta", lambda x: x + 0.2)
     assert "phase integrates" in broken("phase", lambda x: 1.1 * x)
     assert "outside of the bounding sphere" in broken("vertices", lambda x: 2 * x)
-    assert "faces do not name vertices" in broken("faces", lambda x: x + 100)
+    assert "names the vertices" in broken("faces", lambda x: x + 100)
+    assert "counterclockwise" in broken("faces", lambda x: x[:, ::-1])
+    assert "not closed" in broken("faces", lambda x: x[1:])
     assert "weights add up to 0.5" in broken("weight", lambda x: 0.5 * x)
 
     def said(weights, faulty):

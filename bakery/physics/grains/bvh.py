@@ -15,11 +15,10 @@ from numba import njit
 
 from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
 from bakery.physics.grains.grid import Grid, laid
+from bakery.physics.shapes.solid import arrays, faults
 
 # Box planes err by less than 1e-6 in position: |coordinate| <= 1.02, differences <= 2.1, and five float32 roundings.
 MARGIN = 1.5e-6
-OUTSIDE = 1e-9  # how far beyond the unit sphere a vertex may lie by rounding
-FACES_MAX = 20_000_000
 _BINS = 16
 _DEEP = 24  # levels after which ranges are halved by number, so that the stack below suffices
 _PENDING = 512
@@ -300,7 +299,10 @@ class Mesh:
     """
 
     def __init__(self, vertices, faces):
-        self.vertices, self.faces = _checked(vertices, faces)
+        vertices, faces = arrays(vertices, faces)
+        for fault in faults(vertices, faces, closed=False):
+            raise ValueError(fault)
+        self.vertices, self.faces = np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64)
         self._made, self._lock = {}, threading.Lock()
 
     @property
@@ -375,23 +377,3 @@ def _planted(vertices, faces):
     _fill(vertices, faces, leaves, order, blocks, names)
     nodes = nodes.reshape(-1)
     return nodes, nodes.view(np.int32), blocks.reshape(-1), names.reshape(-1)
-
-
-def _checked(vertices, faces):
-    vertices, faces = np.ascontiguousarray(vertices, np.float64), np.asarray(faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
-        raise ValueError(f"vertices of shape {vertices.shape}: (V, 3) finite numbers are needed")
-    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not 4 <= len(faces) <= FACES_MAX:
-        raise ValueError(f"faces of shape {faces.shape} and type {faces.dtype}: (T, 3) whole numbers are needed, "
-                         f"4 to {FACES_MAX} rows")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError(f"faces name vertices {faces.min()} to {faces.max()}; there are {len(vertices)}, counted from 0")
-    far = float(np.sqrt(np.max(np.sum(vertices**2, axis=1))))
-    if far > 1 + OUTSIDE:
-        raise ValueError(f"a vertex lies {far:.9g} from the origin; the bounding sphere has radius 1")
-    faces = np.ascontiguousarray(faces, np.int64)
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    volume = float(np.sum(a * np.cross(b, c))) / 6
-    if not volume > 0:
-        raise ValueError(f"the mesh encloses a volume of {volume:g}: faces must run counterclockwise seen from outside")
-    return vertices, faces

@@ -15,6 +15,7 @@ from numba import njit
 
 from bakery import rng
 from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.figures import WithErrors
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.surface import Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Paths, Walker
@@ -33,7 +34,7 @@ _FLOOR = 0.01  # albedo below which its error is absolute
 
 
 @dataclass(frozen=True)
-class Statistics:
+class Statistics(WithErrors):
     """Means over uniform isotropic rays through the bounding sphere; lengths in units of its radius R.
 
     Every figure X has its standard error as X_error, of the same shape.  C channels (absorption coefficients, colours), B bins.
@@ -80,12 +81,6 @@ class Statistics:
     achieved_error: float
     reached: bool
     errors: dict[str, float | np.ndarray] = field(repr=False)
-
-    def __getattr__(self, name):
-        figure = name.removesuffix("_error")
-        if figure != name and figure in self.__dict__.get("errors", ()):
-            return self.errors[figure]
-        raise AttributeError(name)
 
 
 def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0.005, asked=FIGURES, edges=EDGES,

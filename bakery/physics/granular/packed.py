@@ -16,9 +16,11 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.figures import WithErrors
 from bakery.physics.grains.surface import DIELECTRIC, Surface
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _packed as kernel
+from bakery.physics.packing._cells import cells
 from bakery.physics.packing.instances import cumulated
 from bakery.physics.packing.structure import fraction, smallest_gap
 from bakery.physics.packing.theory import mean_chord
@@ -51,7 +53,7 @@ class Grain:
 
 
 @dataclass(frozen=True)
-class Walks:
+class Walks(WithErrors):
     """Means over the walks, in the unit of the tile; figure X has its standard error as X_error.
 
     Attributes
@@ -109,12 +111,6 @@ class Walks:
     reached: bool
     reason: str
     errors: dict[str, float | np.ndarray] = field(repr=False)
-
-    def __getattr__(self, name):
-        figure = name.removesuffix("_error")
-        if figure != name and figure in self.__dict__.get("errors", ()):
-            return self.errors[figure]
-        raise AttributeError(name)
 
 
 def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS_MAX, map: Callable | None = None,
@@ -334,7 +330,7 @@ class _Scene:
 
     def _made(self):
         m = np.maximum(np.floor(self.cell / (0.7 * (np.prod(self.cell) / len(self.radii)) ** (1 / 3))), 1).astype(np.int64)
-        grid = (self.cell, m, *kernel.cells(self.centers, self.radii, self.cell, m))
+        grid = (self.cell, m, *cells(self.centers, self.radii, self.cell, m))
         table, offset, trees = [], [(0, 0)], []
         for grain in self.grains:
             surface, ball = grain.surface, grain.mesh is None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.medium import phase as tables
+
 
 def reduced(sigma_s, sigma_a, g):
     """Reduced coefficients.
@@ -47,3 +49,20 @@ def without_peak(albedo, share):
     """
     extinction = 1 - albedo * share
     return albedo * (1 - share) / extinction if extinction > 0 else 0.0, extinction
+
+
+def without_delta(sigma_t, sigma_s, theta, phase, share):
+    """The medium in which unscattered (delta) transmission is no event: a collision that keeps direction and weight is none.
+
+    Parameters
+    ----------
+    sigma_t, sigma_s : (L,) 1/m
+    theta, phase : (A,) rad, (L, A) 1/sr, with the peak below theta[1] as `phase.with_delta` puts it
+    share : (L,) of the scattered light that keeps its direction, 0 to 1
+
+    Returns
+    -------
+    sigma_t, sigma_s : (L,) 1/m; the absorption is that of the medium given
+    phase : (L, A) 1/sr, of the light that is deflected
+    """
+    return sigma_t - share * sigma_s, (1 - share) * sigma_s, tables.without_delta(theta, phase, share)

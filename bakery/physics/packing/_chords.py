@@ -1,4 +1,4 @@
-"""Lines through a periodic tile of spheres: a grid of cells with the sphere images that overlap each, and a walk along rays."""
+"""Lines through a periodic tile of spheres, whose images lie in a grid of cells (`_cells`)."""
 
 from __future__ import annotations
 
@@ -11,54 +11,7 @@ MOMENTS = 4
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _overlaps(x, y, z, r, a, b, c, h):
-    """Whether a sphere reaches into cell (a, b, c) of size h."""
-    dx = max(max(a * h[0] - x, x - (a + 1) * h[0]), 0.0)
-    dy = max(max(b * h[1] - y, y - (b + 1) * h[1]), 0.0)
-    dz = max(max(c * h[2] - z, z - (c + 1) * h[2]), 0.0)
-    return dx * dx + dy * dy + dz * dz <= r * r
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def lists(centers, radii, cell, m):
-    """For each cell of a grid of m (3,) cells, the images of spheres that overlap it.
-
-    Returns start (cells + 1,), centre of image (K, 3), radius of image squared (K,); centres are those seen from the tile at the
-    origin.
-    """
-    h = cell / m
-    start = np.zeros(m[0] * m[1] * m[2] + 1, np.int64)
-    image, square = np.zeros((0, 3)), np.zeros(0)
-    for filling in range(2):
-        if filling:
-            for k in range(start.size - 1, 0, -1):
-                start[k] = start[k - 1]
-            start[0] = 0
-            for k in range(1, start.size):
-                start[k] += start[k - 1]
-            image, square = np.zeros((start[-1], 3)), np.zeros(start[-1])
-            at = start[:-1].copy()
-        for i in range(len(radii)):
-            x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
-            for a in range(math.floor((x - r) / h[0]), math.floor((x + r) / h[0]) + 1):
-                for b in range(math.floor((y - r) / h[1]), math.floor((y + r) / h[1]) + 1):
-                    for c in range(math.floor((z - r) / h[2]), math.floor((z + r) / h[2]) + 1):
-                        if not _overlaps(x, y, z, r, a, b, c, h):
-                            continue
-                        k = ((a % m[0]) * m[1] + b % m[1]) * m[2] + c % m[2]
-                        if filling:
-                            image[at[k], 0] = x - math.floor(a / m[0]) * cell[0]
-                            image[at[k], 1] = y - math.floor(b / m[1]) * cell[1]
-                            image[at[k], 2] = z - math.floor(c / m[2]) * cell[2]
-                            square[at[k]] = r * r
-                            at[k] += 1
-                        else:
-                            start[k] += 1
-    return start, image, square
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def first_hit(o, d, cell, m, start, image, square, limit):
+def first_hit(o, d, cell, m, start, image, limit):
     """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
 
     A sphere whose centre lies behind is passed over, so a ray may start on a surface that it leaves.  o is changed.
@@ -83,7 +36,7 @@ def first_hit(o, d, cell, m, start, image, square, limit):
             if along > 0:
                 # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
                 u, v, w = x - along * d[0], y - along * d[1], z - along * d[2]
-                inside = square[s] - (u * u + v * v + w * w)
+                inside = image[s, 3] - (u * u + v * v + w * w)
                 if inside > 0:
                     best = min(best, max(along - math.sqrt(inside), 0.0))
         k = 0
@@ -102,7 +55,7 @@ def first_hit(o, d, cell, m, start, image, square, limit):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def chords(uniform, centers, radii, share, cell, m, start, image, square, edges, limit):
+def chords(uniform, centers, radii, share, cell, m, start, image, edges, limit):
     """Chords of isotropic uniform lines between spheres, added up.
 
     Lines cross surfaces uniformly in area and with the cosine of the angle to the normal: each chord starts at such a crossing.
@@ -140,7 +93,7 @@ def chords(uniform, centers, radii, share, cell, m, start, image, square, edges,
             continue
         for k in range(3):
             d[k] /= length
-        z = first_hit(o, d, cell, m, start, image, square, limit)
+        z = first_hit(o, d, cell, m, start, image, limit)
         cut += z >= limit
         longest = max(longest, z)
         counts[min(np.searchsorted(edges, z, side="right"), edges.size - 1) - 1] += 1

@@ -12,10 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.shapes.quality import FACES, area, around, body_volumes, double_normals, self_crossings, tree, volume
+from bakery.physics.shapes.solid import arrays, more, point
 
 BODIES = 256
 _FLAT = 1e-12  # height over longest side below which a triangle has no normal
-_RANGE = 1e-30, 1e30  # smallest size and largest coordinate: fourth powers must not leave the range of numbers
+_SMALLEST = 1e-30  # size: as `solid.LARGEST`
 
 
 class Unsound(ValueError):
@@ -50,22 +51,8 @@ def mended(vertices, faces):
 
 def checked(vertices, faces):
     """Arrays with sane numbers: vertices (V, 3) float64 and faces (F, 3) int32."""
-    vertices, faces = np.array(vertices, float, ndmin=2), np.array(faces, ndmin=2)
-    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not np.issubdtype(faces.dtype, np.integer):
-        raise ValueError("a mesh is vertices (V, 3) and triangles (F, 3) of whole numbers")
-    if len(faces) > FACES[1]:
-        raise ValueError(f"{len(faces):,} triangles; at most {FACES[1]:,} (simplify it first)")
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1) | (np.abs(vertices) > _RANGE[1]).any(axis=1))
-    if bad.size:
-        raise ValueError(f"vertex {bad[0]} is {_point(vertices[bad[0]])}; coordinates are finite numbers up to {_RANGE[1]:g}"
-                         f"{_more(bad)}")
-    bad = np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(vertices)).any(axis=1))
-    if bad.size:
-        raise ValueError(f"face {bad[0]} names the vertices {faces[bad[0]].tolist()}, but there are only {len(vertices):,} (0 to "
-                         f"{len(vertices) - 1}){_more(bad)}")
-    if not len(faces):
-        raise ValueError("no triangle")
-    if not size(vertices) > _RANGE[0]:
+    vertices, faces = arrays(vertices, faces)
+    if not size(vertices) > _SMALLEST:
         raise ValueError(f"all vertices lie within {size(vertices):g} of each other")
     return vertices, faces.astype(np.int32)
 
@@ -109,7 +96,7 @@ class _Mesh:
         longest = ((np.roll(corner, -1, axis=1) - corner) ** 2).sum(axis=2).max(axis=1)
         flat = np.flatnonzero((double_normals(self.v, self.f) ** 2).sum(axis=1) <= (_FLAT * longest) ** 2)
         if flat.size:
-            raise Unsound(f"face {self.face[flat[0]]} at {self._middle(flat[0])} has no area{_more(flat)}")
+            raise Unsound(f"face {self.face[flat[0]]} at {self._middle(flat[0])} has no area{more(flat)}")
 
     def orient(self):
         """All triangles of a body wound alike; the number of each triangle's body (F,)."""
@@ -145,8 +132,8 @@ class _Mesh:
         pairs = self_crossings(tree(self.v, self.f), 100)
         if len(pairs):
             i, j = pairs[0]
-            more = f" (and {'at least ' if len(pairs) == 100 else ''}{len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
-            raise ValueError(f"crosses itself: face {self.face[i]} and face {self.face[j]} near {self._middle(i)}{more}")
+            others = f" (and {'at least ' if len(pairs) == 100 else ''}{len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
+            raise ValueError(f"crosses itself: face {self.face[i]} and face {self.face[j]} near {self._middle(i)}{others}")
         cavity = around(self.v, self.f, body) % 2 == 1
         if cavity.any():
             self.notes.append(f"{int(cavity.sum())} of {number} bodies lie inside another: taken as cavities")
@@ -184,8 +171,8 @@ class _Mesh:
                 open_ = "" if count[k] > 1 else "not closed: "
                 what = f"{count[k]} triangles (faces {', '.join(map(str, named[:6]))})" if count[k] > 1 else f"face {named[0]}"
                 raise Unsound(f"{open_}{what} {words} the edge of the vertices {self.vertex[a]} and {self.vertex[b]} at "
-                              f"{_point(0.5 * (self.v[a] + self.v[b]))}; an edge of a solid has two"
-                              f"{_more(np.flatnonzero(bad), 'edge')}")
+                              f"{point(0.5 * (self.v[a] + self.v[b]))}; an edge of a solid has two"
+                              f"{more(np.flatnonzero(bad), 'edge')}")
 
     def _keep(self, keep, what):
         if not keep.all():
@@ -193,17 +180,9 @@ class _Mesh:
             self.f, self.face = self.f[keep], self.face[keep]
 
     def _middle(self, i):
-        return _point(self.v[self.f[i]].mean(axis=0))
+        return point(self.v[self.f[i]].mean(axis=0))
 
 
 def _count(number, what):
     one = {"vertices": "vertex"}.get(what, what[:-1])
     return f"{int(number):,} {one if number == 1 else what}"
-
-
-def _point(p):
-    return "(" + ", ".join(f"{x:.6g}" for x in p) + ")"
-
-
-def _more(bad, what="place"):
-    return f" (and {len(bad) - 1:,} more {what}{'s' if len(bad) > 2 else ''})" if len(bad) > 1 else ""

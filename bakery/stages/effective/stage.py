@@ -11,7 +11,8 @@ from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.effective.section import EFFECTIVE
-from bakery.stages.grains import stage as grain_stage
+from bakery.stages.grains.outputs import BY_RADIUS, LOSSLESS
+from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
 from bakery.store.tree import Dataset, Group
@@ -68,14 +69,14 @@ def inputs(recipe, upstream) -> dict:
     group, packing = upstream["grains"], upstream["packing"]
     fraction = float(recipe.packing.fraction[0])
     names = [grain.name for grain in recipe.grains.components]
-    given = grain_stage.inputs(recipe, {})
+    given = inputs_of_grains(recipe, {})
     sizes = len(group["radius"].data)
 
     def rows(name, figure, lossless=False):
         """Values and errors (S, L, …)."""
         part = group[name]
-        place = part["lossless"] if lossless and figure in grain_stage.LOSSLESS else part
-        if not lossless and "by_radius" in part.members and figure in (*grain_stage.BY_RADIUS, "phase"):
+        place = part["lossless"] if lossless and figure in LOSSLESS else part
+        if not lossless and "by_radius" in part.members and figure in (*BY_RADIUS, "phase"):
             place = part["by_radius"]
             return np.asarray(place[figure].data, float), np.asarray(place[figure + "_error"].data, float)
         value, error = (np.asarray(place[figure + end].data, float) for end in ("", "_error"))
@@ -97,8 +98,7 @@ def inputs(recipe, upstream) -> dict:
 
 def _tile(packing: Group, fraction: float):
     """Centres, radii and cell in mean radii of the nearest denser tile, widened; the densest where none is as dense."""
-    from bakery.stages.packing.stage import nearest_denser
-    from bakery.stages.packing.view import tiles
+    from bakery.stages.packing.view import nearest_denser, tiles
 
     try:
         return nearest_denser(packing, fraction)[:3]
@@ -227,7 +227,7 @@ def cost(recipe) -> Cost:
     rows = len(recipe.wavelength)
     return Cost(seconds, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
                 f"about {hits:.2g} hits of a random walk through explicit grains", _LOADING + 0.1 * number,
-                kernels=("granular._packed", "packing.instances"), kind="of grains")
+                kernels=("granular._packed", "packing._cells", "packing.instances"), kind="of grains")
 
 
 def measures(found: Group, reference: Group) -> Mapping[str, float]:
@@ -268,6 +268,7 @@ OF_GRAINS = Stage(
     compute=compute,
     check=check,
     sound=medium.sound,
+    view=later("bakery.stages.medium.view:view"),
     measures=measures,
     knobs=(Knob("sigma_t", "effective_medium.sigma_t", "auto", "what sigma_t matches", CHOICES),
            Knob("walks", "effective_medium.walks", "auto", "hits of the random walk", ("10000", "100000", "1000000"))),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bakery.draw.files import csv_text
-from bakery.stages.grains.pictures import components_of
+from bakery.stages.grains.view import components_of
 from bakery.store.tree import Dataset, Group
 
 

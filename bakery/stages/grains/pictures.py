@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,10 +11,10 @@ from bakery.draw.axes import labels, legend_beside
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.draw.table import Table
-from bakery.errors import AssetError
 from bakery.physics.medium.phase import integral
+from bakery.stages.grains.view import Exemplar, components_of, exemplar
 from bakery.stages.medium.pictures import lobe, phase_function
-from bakery.store.tree import Dataset, Group, is_text, read_text
+from bakery.store.tree import Dataset, Group
 
 # figure -> symbol, what it is in a few words, range that its column shows (None: from 0 to what is found)
 FIGURES = {
@@ -35,50 +33,11 @@ _GLOSS = {"dielectric": 0.55, "diffuse": 0.0, "conductor": 0.9}
 _EXACT = 1e-9  # an error below this has no digits to show
 
 
-@dataclass(frozen=True)
-class Exemplar:
-    """One component's grain.
-
-    Attributes
-    ----------
-    vertices, faces : (V, 3) in bounding radii, (F, 3); of a ball they are for pictures only
-    ball : whether the grain is exactly the unit ball
-    shape, surface : as stored; empty where the asset does not say
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    ball: bool
-    shape: Mapping
-    surface: Mapping
-
-
-def components_of(grains: Group) -> dict[str, Group]:
-    """The components of a `grains` group by name."""
-    return {name: member for name, member in grains.members.items()
-            if isinstance(member, Group) and {"vertices", "faces", "hit_probability"} & member.members.keys()}
-
-
-def exemplar(name: str, component: Group) -> Exemplar:
-    """The grain of a component; AssetError where its triangles are none."""
-    try:
-        vertices, faces = component["vertices"].data, component["faces"].data
-    except (KeyError, AttributeError):
-        raise AssetError(f"grains/{name}: holds no mesh (`vertices` and `faces`)") from None
-    sound = vertices.ndim == 2 and vertices.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3 and len(faces) \
-        and faces.dtype.kind in "iu" and np.isfinite(vertices).all() and np.abs(vertices).max(initial=0) < 1.01 \
-        and faces.min() >= 0 and faces.max() < len(vertices)
-    if not sound:
-        raise AssetError(f"grains/{name}: vertices and faces are no mesh in the unit sphere; run `bake verify` on the asset")
-    shape = _json(component, "shape")
-    return Exemplar(vertices, faces, shape.get("type") == "sphere", shape, _json(component, "surface"))
-
-
 def pictures(root: Group) -> Iterator:
     """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
     grains, um = root["grains"], root["wavelength"].data
     found = components_of(grains)
-    meshes = {name: exemplar(name, part) for name, part in found.items() if {"vertices", "faces"} <= part.members.keys()}
+    meshes = {name: exemplar(part) for name, part in found.items() if {"vertices", "faces"} <= part.members.keys()}
     if meshes:
         yield shapes(meshes, found, grains)
     if any("hit_probability" in part.members for part in found.values()):
@@ -375,18 +334,6 @@ def _columns(parts, names, um) -> tuple:
         columns.append((f"{name} [{units}]", np.array([np.nan if value is None else value for value, _ in found])))
         columns.append((f"standard error of {name} [{units}]", np.array([error for _, error in found])))
     return tuple(columns)
-
-
-def _json(component: Group, name: str) -> dict:
-    """A JSON text of a component; {} where there is none that can be read."""
-    member = component.members.get(name)
-    if not isinstance(member, Dataset) or not is_text(member):
-        return {}
-    try:
-        found = json.loads(read_text(member))
-    except (ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _hex(colour: str) -> tuple[float, float, float]:

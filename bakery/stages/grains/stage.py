@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.stages import rules
-from bakery.stages.declaration import ANY, SIGNED, Cost, Knob, Output, Result, Stage, datasets, later
+from bakery.stages.declaration import Cost, Knob, Result, Stage, datasets, later
+from bakery.stages.grains.measures import measures
+from bakery.stages.grains.outputs import ASKED, BY_RADIUS, FIGURES, LOSSLESS, OUTPUTS, PEAK, SCALARS
+from bakery.stages.grains.rules import check, sound
 from bakery.stages.grains.section import GRAINS, SCATTEROMETER, absorption, shape_keys
-from bakery.stages.measures import integrated_difference
 from bakery.stages.packing.section import radii_law
-from bakery.store.tree import Dataset, Group, read_text, text
+from bakery.store.tree import Group, text
 
-PEAK = 1e-3  # rad, second angle of the table: room for unscattered (delta) transmission, in tables of media
 _APART = 0.02  # of the tolerance: indices of one walk; figures change by less than that
 # seconds on one core, between those of an AMD EPYC (Zen 5) and of an Intel Xeon: of a path, of its look-ups among 200,000
 # triangles (they grow like the square root of the number; light inside of a grain takes several), of a triangle that is made, of
@@ -28,59 +27,6 @@ _OF_BALLS = ("grains.sphere", "grains.surface")
 _OF_WALKS = ("grains._walk", "grains.surface", "grains.scatterometer", "grains.points")
 _OF_MESHES, _OF_SHAPES = ("grains.bvh", "grains.grid"), ("shapes._triangles", "shapes.simplify")
 _SPREAD = 6.0  # times 1/sqrt(paths): error of the phase function
-SCALARS = ("hit_probability", "lambda_delta", "chord")
-FIGURES = ("albedo", "lambda_s", "lambda_o", "mean_square", "g", "forward_delta", "inner_path")
-BY_RADIUS = ("albedo", "lambda_s", "mean_square", "g", "forward_delta")
-LOSSLESS = ("lambda_s", "mean_square", "g", "forward_delta")
-_SHARES = ("hit_probability", "albedo", "forward_delta", "contradicted", "lost")
-_ASKED = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "phase")
-_SAID = {
-    "hit_probability": ("1", "share of rays through the bounding sphere that meet the surface"),
-    "lambda_delta": ("1", "mean chord of the bounding sphere of rays that do not, in its radii"),
-    "chord": ("1", "mean chord of the bounding sphere of rays that do, in its radii"),
-    "albedo": ("1", "share of the light that hits which leaves"),
-    "lambda_s": ("1", "mean displacement from entry to exit of the sphere along the incoming direction, in its radii"),
-    "lambda_o": ("1", "the same along the outgoing direction"),
-    "mean_square": ("1", "mean squared distance of entry and exit, in squared radii"),
-    "g": ("1", "mean cosine of the light that leaves, undeflected light included"),
-    "forward_delta": ("1", "share of the light that leaves in its old direction"),
-    "inner_path": ("1", "mean path length inside the grain of the light that leaves, in radii of the sphere"),
-    "phase": ("1/sr", "phase function of light that leaves changed, linear in cos theta; a node holds the mean over its cell"),
-}
-# what is thrown back may leave the sphere before where it entered
-_WITHIN = dict.fromkeys(_SHARES, (0, 1)) | {"g": SIGNED, "lambda_s": ANY, "lambda_o": ANY}
-
-
-def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
-    return tuple(Output(f"{prefix}{name}{end}", shape, _SAID[name][0], ("standard error of " + name) if end else _SAID[name][1],
-                        within=_WITHIN.get(name + end, (0, math.inf)), **more) for name in names for end in ("", "_error"))
-
-
-OUTPUTS = (
-    Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
-    Output("radius", "(S,)", "m", "radii of bounding spheres that stand for the law of sizes"),
-    Output("radius_share", "(S,)", "1", "share of the grains at each radius, adding up to 1", within=(0, 1)),
-    Output("COMPONENT/vertices", "(V, 3)", "1", "corners of the exemplar, in radii of its bounding sphere", within=(-1.01, 1.01)),
-    Output("COMPONENT/faces", "(F, 3)", "1", "triangles, counterclockwise from outside; of a sphere for pictures only",
-           within=(0, "V - 1"), whole=True),
-    Output("COMPONENT/weight", "(1,)", "1", "share of the number of grains", within=(0, 1)),
-    Output("COMPONENT/shape", "(bytes,)", "utf-8", "shape as in the recipe (JSON)"),
-    Output("COMPONENT/surface", "(bytes,)", "utf-8", "surface, indices relative to the host (JSON)"),
-    Output("COMPONENT/interior", "(L,)", "1/m", "absorption coefficient of the inside"),
-    *_with_errors("COMPONENT/", SCALARS, "(1,)"),
-    *_with_errors("COMPONENT/", FIGURES, "(L,)"),
-    *_with_errors("COMPONENT/", ("phase",), "(L, A)"),
-    Output("COMPONENT/paths", "(1,)", "1", "rays that were followed; 0: closed form", whole=True),
-    Output("COMPONENT/hits", "(1,)", "1", "rays that met the surface", whole=True),
-    Output("COMPONENT/events", "(1,)", "1", "meetings with the surface of a ray that hits"),
-    Output("COMPONENT/contradicted", "(1,)", "1", "share of rays given up because inside and outside did not agree",
-           within=(0, 1)),
-    Output("COMPONENT/lost", "(1,)", "1", "share of the light of hits that was still under way when its path was cut"),
-    *_with_errors("COMPONENT/by_radius/", BY_RADIUS, "(S, L)", optional=True),
-    *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),
-    *_with_errors("COMPONENT/lossless/", LOSSLESS, "(L,)"),
-)
-_REQUIRED = ("vertices", "faces", "weight", "interior", *SCALARS, *FIGURES, "phase", "paths", "hits", "contradicted", "lost")
 
 
 # ---- recipe
@@ -191,7 +137,7 @@ def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
 
     paths = inputs["paths"]
     return scatterometer.measure(
-        tree, trace.surface, trace.mu, seed=context.seed, stream=stream, tracer=tracer, edges=edges, asked=_ASKED,
+        tree, trace.surface, trace.mu, seed=context.seed, stream=stream, tracer=tracer, edges=edges, asked=ASKED,
         tolerance=context.tolerance if paths is None else scatterometer.TOLERANCE_MIN,
         paths_max=scatterometer.PATHS_MAX if paths is None else paths, map=context.map, report=report)
 
@@ -264,91 +210,6 @@ def _reached(values, walks, name) -> tuple[float, list[str]]:
     return max([stats.achieved_error for stats in walks] + [lost, contradicted]), notes
 
 
-# ---- rules
-
-
-def sound(group: Group) -> Iterable[str]:
-    """Whether angles ascend, and every grain is a mesh in the unit sphere with a shape and a surface that can be read."""
-    yield from rules.angles(group["theta"].data)
-    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
-    if not parts:
-        yield "holds no grain"
-    for name, part in parts.items():
-        yield from (f"{name}: {fault}" for fault in (*_mesh(part["vertices"].data, part["faces"].data), *_texts(part)))
-
-
-def _mesh(vertices, faces) -> Iterable[str]:
-    if (faces[:, 0] == faces[:, 1]).any() or (faces[:, 1] == faces[:, 2]).any() or (faces[:, 2] == faces[:, 0]).any():
-        yield "faces holds a triangle that names a vertex twice"
-    if np.sqrt((vertices**2).sum(axis=1)).max() > 1 + 1e-9:
-        yield "a vertex outside of the bounding sphere"
-
-
-def _texts(part: Group) -> Iterable[str]:
-    for name in ("shape", "surface"):
-        try:
-            found = json.loads(read_text(part[name]))
-        except (ValueError, RecursionError):
-            found = None
-        if not isinstance(found, dict):
-            yield f"{name} is no JSON object"
-
-
-def check(group: Group) -> Iterable[str]:
-    """Broken rules of a `grains` group, in words."""
-    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
-    faults = list(rules.complete(v, ("theta", "radius", "radius_share"))) or list(rules.angles(v["theta"]))
-    yield from faults
-    if faults:
-        return
-    if not (v["radius"] > 0).all() or not (v["radius_share"] > 0).all() or abs(v["radius_share"].sum() - 1) > 1e-9:
-        yield "radius is not above 0, or radius_share does not add up to 1"
-    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
-    if not parts:
-        yield "holds no grain"
-    for name, part in parts.items():
-        yield from (f"{name}: {fault}" for fault in _check_component(part, v["theta"]))
-    # of all components or not at all: a component without one has been named, and what is left of the sum says nothing
-    weights = [float(part.members["weight"].data[0]) for part in parts.values() if "weight" in part.members]
-    if parts and len(weights) == len(parts) and abs(math.fsum(weights) - 1) > 1e-6:
-        yield f"weights add up to {math.fsum(weights):.9g}, not 1"
-
-
-def _check_component(part: Group, theta) -> Iterable[str]:
-    v = {path: np.asarray(member.data, float) for path, member in part.walk()
-         if isinstance(member, Dataset) and path not in ("shape", "surface")}
-    faults = list(rules.complete(v, _REQUIRED))
-    yield from faults
-    if faults:
-        return
-    vertices, faces = v["vertices"], part["faces"].data
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" \
-            or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
-        yield "faces do not name vertices"
-        return
-    yield from _mesh(vertices, faces)
-    if (v["interior"] < 0).any():
-        yield "interior below 0"
-    for path, value in v.items():
-        name = path.rpartition("/")[2]
-        if name in _SHARES and ((value < 0) | (value > 1 + 1e-9)).any():
-            yield f"{path} outside 0 .. 1"
-        if name == "g" and (np.abs(value) > 1 + 1e-9).any():
-            yield f"{path} outside -1 .. 1"
-        if name.endswith("_error") and (value < 0).any():
-            yield f"{path} below 0"
-        if name == "phase":
-            yield from rules.phase_function(theta, value)
-        if name == "mean_square" and ((value < 0) | (value > 4 + 1e-9)).any():
-            yield f"{path} outside 0 .. 4"
-    beta = v["hit_probability"][0]
-    # chords of a sphere have the mean 4/3, whatever the grain; six standard errors, and rounding
-    mean = (1 - beta) * v["lambda_delta"][0] + beta * v["chord"][0]
-    spread = math.hypot(*(float(v[name + "_error"][0]) for name in SCALARS)) if "chord_error" in v else 0.0
-    if abs(mean - 4 / 3) > 6 * spread + 1e-3 / math.sqrt(max(v["paths"][0], 1e6) / 1e6):
-        yield f"chords of the bounding sphere have the mean {mean:.6g}, not 4/3"
-
-
 # ---- plan
 
 
@@ -397,39 +258,6 @@ def _kernels(components) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-# ---- how far from converged
-
-
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
-    """Errors of a `grains` group against a converged one: of each measure the largest over components, radii and wavelengths.
-
-    Returns
-    -------
-    dict of floats, in this order
-
-    error : the largest of the others, half of `phase`
-    hit_probability, albedo : relative (of an albedo of at least 0.01)
-    phase : integral of |f - f_ref| over the sphere
-    lambda_delta, lambda_s, mean_square, g, forward_delta : differences, in radii of the bounding sphere
-    """
-    errors = dict.fromkeys((*_ASKED, "forward_delta"), 0.0)
-    theta = np.asarray(reference["theta"].data, float)
-    for name, true in reference.members.items():
-        if not isinstance(true, Group):
-            continue
-        for key in errors:
-            pairs = [(found[f"{name}/{path}"].data, member.data) for path, member in true.walk()
-                     if isinstance(member, Dataset) and path.rpartition("/")[2] == key]
-            for own, converged in pairs:
-                if key == "phase":
-                    error = integrated_difference(theta, own, converged)
-                else:
-                    scale = {"hit_probability": converged, "albedo": np.maximum(converged, 0.01)}.get(key, 1.0)
-                    error = np.abs(own - converged) / scale
-                errors[key] = max(errors[key], float(np.max(error)))
-    return {"error": max(0.5 * value if key == "phase" else value for key, value in errors.items())} | errors
-
-
 STAGE = Stage(
     name="grains",
     version=2,
@@ -458,6 +286,7 @@ STAGE = Stage(
              ("10", "30", "100", "1000", "100000")),
     ),
     measures=measures,
+    view=later("bakery.stages.grains.view:view"),
     reference={"scatterometer.paths": "auto", "scatterometer.depth": "100000"},
     pictures=later("bakery.stages.grains.pictures:pictures"),
     tables=later("bakery.stages.grains.pictures:tables"),

@@ -189,6 +189,7 @@ def check(group: Group) -> Iterable[str]:
         yield "s11 is not phase"
 
 
+_VIEW = later("bakery.stages.medium.view:view")
 _PICTURES = later("bakery.stages.effective.pictures:pictures")  # in an asset without their tile grains' medium is told by members
 
 OF_PARTICLES = Stage(
@@ -207,6 +208,7 @@ OF_PARTICLES = Stage(
     compute=_compute_of_particles,
     check=check,
     sound=sound,
+    view=_VIEW,
     pictures=_PICTURES,
     tables=later("bakery.stages.medium.pictures:tables"),
     rendered=True,
@@ -228,6 +230,7 @@ OF_COEFFICIENTS = Stage(
     check=check,
     sections=(MEDIUM,),
     sound=sound,
+    view=_VIEW,
     pictures=_PICTURES,
     tables=later("bakery.stages.medium.pictures:tables"),
     rendered=True,

@@ -1,0 +1,53 @@
+"""What the group `medium` can be asked: its phase function at any angle, and the same medium without its forward delta."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.medium.similarity import without_delta
+from bakery.stages.members import Members, Phase
+from bakery.store.tree import Group
+
+
+def view(root: Group) -> Medium:
+    """The group as `bakery.open` gives it."""
+    return Medium(root["medium"], "medium")
+
+
+@dataclass(frozen=True)
+class Deflecting:
+    """A medium whose every scattering event deflects.
+
+    Attributes
+    ----------
+    sigma_t : (L,) 1/m
+    albedo : (L,) 1, 0 where nothing is left
+    phase : can be called with angles; integrates to 1
+    """
+
+    sigma_t: np.ndarray
+    albedo: np.ndarray
+    phase: Phase
+
+
+class Medium(Members):
+    """The group `medium`: coefficients and phase function.
+
+    Attributes
+    ----------
+    phase : can be called with angles
+    """
+
+    def without_delta(self) -> Deflecting:
+        """The medium without unscattered (delta) transmission, a peak that no regular grid resolves; itself where it has none.
+
+        Exact: see `bakery.physics.medium.similarity.without_delta`.
+        """
+        sigma_t, sigma_s, phase = (np.asarray(self[name], float) for name in ("sigma_t", "sigma_s", "phase"))
+        if "forward_delta" in self:
+            delta = np.asarray(self["forward_delta"], float)
+            sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, self.theta, phase, delta)
+        albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
+        return Deflecting(sigma_t, albedo, Phase(self.theta, phase))
