@@ -12,7 +12,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | phase functions | `phase_layout` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
-| where a discrete medium is | `region_box`, `region_grid`, `region_mesh`, `region_densities` | `relative_density` |
+| where a discrete medium is | `Region`, `region_box`, `region_grid`, `region_mesh`, `region_densities` | `relative_density` |
 | its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc`, `open_wavelengths`, `disc_cells`,
   `discs_of_cell` |
 | hashes | | `hashed` |
@@ -33,11 +33,11 @@ from bakery.physics.discrete.pencils import cell_range as disc_cells
 from bakery.physics.discrete.pencils import first_disc
 from bakery.physics.discrete.pencils import particles_of as discs_of_cell
 from bakery.physics.discrete.pencils import through as open_wavelengths
+from bakery.physics.discrete.region import BOX, Region, relative_density
 from bakery.physics.discrete.region import box as region_box
 from bakery.physics.discrete.region import densities as region_densities
 from bakery.physics.discrete.region import grid as region_grid
 from bakery.physics.discrete.region import mesh as region_mesh
-from bakery.physics.discrete.region import relative_density
 from bakery.physics.goa import amplitudes as goa_amplitudes
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.bvh import nearest as nearest_triangle
@@ -64,8 +64,10 @@ from bakery.physics.packing.instances import matrix as rotation_matrix
 from bakery.physics.packing.instances import mix as hashed
 
 __all__ = [
+    "BOX",
     "NO_DISC",
     "Mesh",
+    "Region",
     "at_surface",
     "conductor",
     "cumulated_shares",
@@ -93,7 +95,8 @@ __all__ = [
     "phase_value",
     "point_source",
     "procedural_discs",
-    "region_box", "region_densities",
+    "region_box",
+    "region_densities",
     "region_grid",
     "region_mesh",
     "relative_density",

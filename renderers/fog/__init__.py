@@ -115,7 +115,8 @@ def describe(report) -> list[str]:
 
 def _density(scene, threads):
     from bakery.errors import UsageError
-    from renderers.fog import density, grids
+    from renderers import grids
+    from renderers.fog import density
 
     section = scene.values.fog.density
     if section.type == "uniform":

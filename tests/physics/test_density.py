@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from renderers.fog import density, grids
+from renderers import grids
+from renderers.fog import density
 from renderers.fog.density import Grid, Height, Uniform
 from tests.exr import library
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from bakery.errors import RecipeError, UsageError
-from renderers import scene
+from renderers import grids, picture, scene
 from renderers.camera import Camera
-from renderers.fog import grids, picture
 from tests.exr import library
 
 SCENE = """\

@@ -80,7 +80,8 @@ def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PE
     numbers = np.bincount(kind, minlength=len(largest)).astype(float)
     classes = _levels(largest, numbers, velocity)
     extent = region.hi - region.lo
-    levels = [_lattice(extent, numbers[a:b].sum(), math.sqrt(largest[a] / math.pi), per_cell) for a, b in _pairs(classes)]
+    levels = [_lattice(extent, numbers[a:b].sum(), math.sqrt(largest[a:b].max() / math.pi), per_cell)
+              for a, b in _pairs(classes)]
     cells = np.array(levels, np.int64).reshape(-1, 3)
     start = np.concatenate([[0], np.cumsum(cells.prod(axis=1) + 1)])
     level = np.repeat(np.arange(len(cells)), np.diff(classes))
@@ -109,7 +110,7 @@ def procedural(region, extinction, density, words, velocity=None, time=0.0, per_
     cells, counts, cumulated = [], [], np.ones(len(largest))
     for a, b in _pairs(classes):
         number = density[a:b].sum() * extent.prod()
-        cells.append(_lattice(extent, number, math.sqrt(largest[a] / math.pi), per_cell))
+        cells.append(_lattice(extent, number, math.sqrt(largest[a:b].max() / math.pi), per_cell))
         counts.append(hashing.counts(number / np.prod(np.array(cells[-1], float))))
         cumulated[a:b - 1] = np.cumsum(density[a:b - 1]) / max(density[a:b].sum(), 1e-300)
     key = np.uint64(words[0]) << np.uint64(32) | np.uint64(words[1])
@@ -122,10 +123,11 @@ def _discs(region, kept, key, cells, extinction, classes, velocity, time, *, off
            counts=None, cumulated=None):
     levels, square = len(cells), np.ascontiguousarray(np.transpose(extinction) / math.pi)
     largest = square.max(axis=1)
+    reach = np.sqrt(np.maximum.reduceat(largest, classes[:-1])) if levels else np.zeros(0)
     shift = np.zeros((levels, 3))
     if velocity is not None:
         shift = np.asarray(velocity, float)[classes[:-1]] * time
-    return Discs(region, kept, key, (region.hi - region.lo) / cells, cells, np.sqrt(largest[classes[:-1]]), shift, classes,
+    return Discs(region, kept, key, (region.hi - region.lo) / cells, cells, reach, shift, classes,
                  np.zeros(0, np.uint32) if offset is None else offset,
                  np.zeros(levels, np.int64) if start is None else start.astype(np.int64),
                  np.zeros((0, 3), np.float32) if place is None else place, np.zeros(0, np.uint16) if kind is None else kind,

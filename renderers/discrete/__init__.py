@@ -1,0 +1,76 @@
+"""Separate particles: fog whose droplets can be seen, glitter, dust in a beam of light."""
+
+from __future__ import annotations
+
+_TOLERANCE = 0.05  # of scenes that say none
+_SIZE = (480, 640)  # of scenes whose Mitsuba file has no film
+_DETAIL = 0.5  # share of the tolerance that taking the continuous medium for particles may cost
+
+
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
+           resume=False) -> dict:
+    """Renders a scene file to a PNG and an EXR file beside each other.
+
+    Parameters
+    ----------
+    scene : path of the scene, or what `renderers.scene.load` made of it
+    output : `X.png` or `X.exr`, both are written; beside the scene, by its name, if None
+    overrides : dotted key -> value as text, such as `{"discrete.method": "continuous"}`; of a path
+    quality : draft, preview or final: noise, time and samples by the scene's `stop`
+    variant : of Mitsuba, one for colours on arrays
+    seed : of the passes; 0 if None
+    progress : function of (fraction 0 to 1, noise or None)
+    overwrite : replace also files that are no such pictures; never one that the scene reads
+    resume : go on with the passes in the EXR file
+
+    Returns
+    -------
+    report : that of `renderers.progressive`, with `particles` (number, or the expected one), `optical_depth` (of the region's
+        longest edge, smallest and largest wavelength's), `as_particles` (share of the pixels that show any as particles)
+
+    Raises
+    ------
+    RecipeError : with every problem of the scene
+    UsageError, AssetError : a file is not what it should be; the text says which and why
+    Interrupted : after what is there was written
+
+    Notes
+    -----
+    EXR layers: order0 (not scattered by particles), order1, order2, orders (three times and more), light.NAME (from each light),
+    noise (standard error), detail (m, depth up to which particles are particles).
+    """
+    import numpy as np
+
+    from renderers.discrete import methods
+    from renderers.mitsuba.world import World
+    from renderers.progressive import Estimate, Stop, fingerprint
+    from renderers.running import Render
+
+    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
+    scene, values, seed = job.scene, job.scene.values, seed or 0
+    size = (values.film.height, values.film.width) if values.film.height else None
+    surfaces = values.scene
+    world = World(scene.file(surfaces.mitsuba) if surfaces else None, surfaces.unit if surfaces else 1.0, view=values.camera,
+                  size=size or (None if surfaces else _SIZE), variant=variant)
+    if world.camera is None:
+        raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+    tolerance = values.tolerance or _TOLERANCE
+    job.part_over("scene")
+    method = methods.prepare(job, world, _DETAIL * tolerance, seed)
+    job.part_over("medium")
+    estimate = Estimate(method.parts, {"scene": fingerprint(*map(str, sorted(scene.overrides.items())), *scene.inputs),
+                                       "asset": job.asset.content_hash, "seed": seed, "size": list(world.size)})
+    if resume:
+        estimate.resume(job.pair[1])
+    stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
+    estimate.run(stop, job.progress(0.05, 0.98))
+    job.part_over("passes")
+    layers = {} if method.depth is None else {"detail": np.minimum(method.depth, 1e30)}
+    return estimate.finish(job, layers=layers, method=values.discrete.method, reasons=method.reasons, **method.said)
+
+
+def describe(report) -> list[str]:
+    """Lines for people."""
+    from renderers import running
+
+    return running.describe(report)
