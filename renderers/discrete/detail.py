@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 from numba import njit
-from scipy.ndimage import maximum_filter, zoom
+from scipy.ndimage import maximum_filter
 
 from bakery.kernels import phase_value, region_densities
 from renderers import colour
@@ -59,7 +59,7 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     found = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), found)
     # between probes the largest of those around
     grid = maximum_filter(found.reshape(len(rows), len(columns)), size=3, mode="nearest")
-    return zoom(grid, (stride, stride), order=0, grid_mode=True, mode="nearest")[:height, :width]
+    return grid.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
 
 
 def _axis(camera):
