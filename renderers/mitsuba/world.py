@@ -176,11 +176,13 @@ class World:
         """Distances to the first surface, (n,) m; inf where there is none within `longest` (n,) or (), m."""
         import mitsuba as mi
 
+        if not len(origin):
+            return np.zeros(0)
         longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
         ray = self._ray(mi, origin, direction)
         ray.maxt = mi.Float(_single(longest / self._unit))
         found = self._scene.ray_intersect_preliminary(ray, coherent=False)
-        distance, valid = _arrays(found.t, found.is_valid())
+        distance, valid = _arrays(len(origin), found.t, found.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
     def lights(self, point, random) -> LightSample:
@@ -188,10 +190,13 @@ class World:
         import drjit as dr
         import mitsuba as mi
 
+        if not len(point):
+            return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
         here = dr.zeros(mi.Interaction3f, len(point))
         here.p = mi.Point3f(self._inside(point))
         found, radiance = self._scene.sample_emitter_direction(here, _points(mi, random, 0), True)
-        return self._light(*_arrays(found.d, found.dist, _finite(radiance), found.pdf, found.delta, self._index(found.emitter)))
+        return self._light(*_arrays(len(point), found.d, found.dist, _finite(radiance), found.pdf, found.delta,
+                                    self._index(found.emitter)))
 
     def shade(self, origin, direction, random, density, delta) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
@@ -206,6 +211,8 @@ class World:
         import drjit as dr
         import mitsuba as mi
 
+        if not len(origin):
+            return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)))
         scene, context = self._scene, mi.BSDFContext()
         si = scene.ray_intersect(self._ray(mi, origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
         valid, delta = si.is_valid(), mi.Bool(np.ascontiguousarray(delta, bool))
@@ -227,7 +234,7 @@ class World:
         away = si.spawn_ray(si.to_world(next_way.wo))
 
         hit, point, emitted, source, *sample, start, way, weight, by_next, smooth = _arrays(
-            valid, si.p, _finite(emitted), self._index(seen.emitter),
+            len(origin), valid, si.p, _finite(emitted), self._index(seen.emitter),
             light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self._index(light.emitter),
             away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
             mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
@@ -281,9 +288,15 @@ def _finite(colour):
     return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
 
 
-def _arrays(*values):
-    """Dr.Jit's arrays as NumPy's, (n,) or (n, 3), all computed by one launch."""
+def _empty(result):
+    """Without its rays: Dr.Jit ends the process over arrays of length 0."""
+    return result[:0] if isinstance(result, np.ndarray) else type(result)(*map(_empty, result))
+
+
+def _arrays(count, *values):
+    """Dr.Jit's arrays as NumPy's, (count,) or (count, 3), all computed by one launch; one number for all rays is repeated."""
     import drjit as dr
 
     dr.eval(*values)
-    return [np.array(np.asarray(value).T, order="C") for value in values]
+    rows = [np.asarray(value).T for value in values]
+    return [np.array(np.broadcast_to(row, (count, *row.shape[1:])), order="C") for row in rows]

@@ -146,6 +146,22 @@ def test_a_world_without_anything_is_dark():
     assert not shading.hit.any() and not shading.emitted.any() and not shading.weight.any() and np.all(shading.source == -1)
 
 
+@pytest.mark.parametrize("count", [0, 1, 7])
+@pytest.mark.parametrize("lights", [LAMP, ""])
+def test_wavefronts_of_hardly_any_ray(tmp_path, count, lights):
+    """Every array has a row a ray, also where it is the same for all."""
+    world, some = World(written(tmp_path, SENSOR, BOX, lights)), np.zeros((count, 3), np.float32)
+    down, random = some - np.array([0, 0, 1]), np.full((count, 5), 0.3)
+    assert np.array_equal(world.trace(some, down, 2.0), np.ones(count))
+    shading = world.shade(some, down, random, np.ones(count), np.zeros(count, bool))
+    for light in (world.lights(some, random), shading.light):
+        assert [field.shape for field in light] == [(count, 3), (count,), (count, 3), (count,), (count,), (count,)]
+        assert light.share(np.ones(count)).shape == (count,)
+    for name, field in shading._asdict().items():
+        wide = name in ("point", "emitted", "origin", "direction", "weight")
+        assert name == "light" or field.shape == ((count, 3) if wide else (count,))
+
+
 def test_numbers_next_to_one(tmp_path):
     """Samplers take numbers below 1, and 1 - 1e-12 is 1 in single precision."""
     world = World(written(tmp_path, SENSOR, BOX, LAMP))
