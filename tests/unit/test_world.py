@@ -162,6 +162,23 @@ def test_wavefronts_of_hardly_any_ray(tmp_path, count, lights):
         assert name == "light" or field.shape == ((count, 3) if wide else (count,))
 
 
+def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
+    """Neither length nor NumPy's alignment of the memory may be part of it: compiling takes longer than most wavefronts."""
+    import drjit as dr
+
+    world, compiled = World(written(tmp_path, SENSOR, BOX, LIGHTS["many"])), []
+    for count in (100, 100, 101, 3000, 7):
+        random = np.random.default_rng(count).random((count, 5))
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            down = np.tile([0.0, 0.0, -1.0], (count, 1))
+            world.trace(random[:, :3], down, 1.0)
+            world.lights(random[:, :3], random)
+            world.shade(random[:, :3], down, random, np.ones(count), np.zeros(count, bool))
+            kernels = [kernel for kernel in dr.kernel_history() if kernel["type"] == dr.KernelType.JIT]
+        compiled.append([kernel["hash"] for kernel in kernels])
+    assert len(compiled[0]) == 3 and all(hashes == compiled[0] for hashes in compiled)
+
+
 def test_numbers_next_to_one(tmp_path):
     """Samplers take numbers below 1, and 1 - 1e-12 is 1 in single precision."""
     world = World(written(tmp_path, SENSOR, BOX, LAMP))
