@@ -263,7 +263,7 @@ class World:
 
 
 def _single(mi, values):
-    """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for other alignment: here always 64 bytes."""
+    """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for another alignment: always 64 bytes."""
     room = np.empty(4 * len(values) + 64, np.uint8)
     start = -room.ctypes.data % 64
     aligned = room[start:start + 4 * len(values)].view(np.float32)

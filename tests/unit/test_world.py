@@ -95,7 +95,8 @@ def test_pictures_are_those_of_mitsuba(tmp_path, lights):
 
 
 def test_white_things_under_a_white_sky_are_white(tmp_path):
-    """A diffuse ball, a mirror and a pane of glass of albedo 1; in 5 standard errors, false alarm in 1 of 10,000 runs."""
+    """A diffuse ball, a mirror and a pane of glass of albedo 1; in 6 standard errors (18 numbers, 7 degrees of
+    freedom) and the paths that are cut off, false alarm in 1 of 100 runs were the seed not fixed."""
     path = written(tmp_path, SENSOR, """<emitter type="constant"/>
         <shape type="sphere"><float name="radius" value="0.5"/>
             <bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf></shape>
@@ -105,10 +106,10 @@ def test_white_things_under_a_white_sky_are_white(tmp_path):
             <transform name="to_world"><rotate x="1" angle="90"/><scale value="4"/><translate y="2"/></transform>
             <bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/></bsdf></bsdf></shape>""")
     world, generator = World(path), np.random.default_rng(2)
-    pictures = [walked(world, 16, generator, depth=20) for _ in range(16)]
+    pictures = [walked(world, 64, generator, depth=12) for _ in range(8)]
     mean, error = estimated(pictures)
     assert np.abs(np.mean(pictures) - 1).max() < 0.003
-    assert np.all(np.abs(mean - 1) < 5 * error + 1e-5)
+    assert np.all(np.abs(mean - 1) < 6 * error + 1e-4)
 
 
 def test_rays_and_lights_in_metres(tmp_path):
