@@ -93,18 +93,22 @@ class Mean:
     count : passes
     layers : (H, W, 3) by name, means
     square : (H, W, 4), squared distances of the passes from their mean, added up, of R, G, B and luminance of the layer ""
+    lost : values that were no number, from a weight that overflowed, and count as dark
     seconds : of the quickest pass seen, as the first one compiles; inf before it
     """
 
     def __init__(self):
-        self.count, self.layers, self.square, self.seconds = 0, {}, 0.0, math.inf
+        self.count, self.layers, self.square, self.lost, self.seconds = 0, {}, 0.0, 0, math.inf
 
     def add(self, layers, seconds=math.inf):
         """One more pass; a layer that it lacks is black in it."""
         self.count += 1
         self.seconds = min(self.seconds, seconds)
         for name in dict.fromkeys([*self.layers, *layers]):
-            image, mean = np.asarray(layers.get(name, 0.0), float), self.layers.get(name, 0.0)
+            image, mean = np.array(layers.get(name, 0.0), float), self.layers.get(name, 0.0)
+            wrong = ~np.isfinite(image)
+            image[wrong] = 0.0
+            self.lost += int(wrong.sum())
             self.layers[name] = mean + (image - mean) / self.count
             if name == "":
                 before, after = image - mean, image - self.layers[""]
@@ -244,14 +248,14 @@ class Estimate:
         """Of a part's channels; those of a single part are the picture's."""
         return f"{part}." if len(self.parts) > 1 else ""
 
-    def finish(self, job, *, layers=None, **more) -> dict:
+    def finish(self, job, *, layers=None, reasons=(), **more) -> dict:
         """Writes the pictures with all that `resume` needs, and reports.
 
         Parameters
         ----------
         job : `renderers.running.Render`
         layers : further channels (H, W) by name
-        more : as `Render.finish` takes them
+        reasons, more : as `Render.finish` takes them
 
         Returns
         -------
@@ -263,11 +267,13 @@ class Estimate:
         """
         if not all(mean.count for mean in self.means.values()):
             raise self._interrupted("before there was a picture; nothing was written")
-        kept = {name: {"passes": mean.count, "layers": list(mean.layers)} for name, mean in self.means.items()}
+        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost} for name, mean in self.means.items()}
+        lost = sum(mean.lost for mean in self.means.values())
+        reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
                             noise=self.noise, passes={name: mean.count for name, mean in self.means.items()},
-                            stopped_by=self.stopped_by, **more)
+                            stopped_by=self.stopped_by, reasons=reasons, **more)
         if self._signal:
             noise = "" if self.noise is None else f", noise {100 * self.noise:.2g} %"
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
@@ -302,7 +308,7 @@ class Estimate:
         other = sorted(key for key in found.keys() | wanted.keys() if found.get(key) != wanted.get(key))
         for name, mean in self.means.items() if not other else ():
             prefix, kept = self._prefix(name), state["parts"][name]
-            mean.count = int(kept["passes"])
+            mean.count, mean.lost = int(kept["passes"]), int(kept["lost"])
             mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in kept["layers"]}
             if mean.count >= _LEAST:
                 mean.square = _image(channels, f"{prefix}noise.", "RGBY") ** 2 * (mean.count * (mean.count - 1))

@@ -74,6 +74,18 @@ def test_passes_in_single_precision_add_up_in_double():
     assert np.allclose(mean.variance[..., :3], np.var(np.float32(passes), axis=0, ddof=1, dtype=float) / 64, rtol=1e-6)
 
 
+def test_values_that_are_no_numbers_are_dark_and_said(tmp_path):
+    image = np.ones(SHAPE)
+    image[0, 0] = [np.nan, np.inf, 1.0]
+    for _ in range(2):
+        estimate = Estimate([Part("walk", lambda index: {"": image})], {})
+        if (tmp_path / "x.exr").exists():
+            estimate.resume(tmp_path / "x.exr")
+        report = ended(Job(tmp_path), estimate, 4)
+        assert estimate.noise == 0 and np.array_equal(estimate.rgb[0, 0], [0, 0, 1])
+        assert report["reasons"] == ["8 values of pixels were no numbers and count as dark"]
+
+
 def test_layers_of_the_file(tmp_path):
     report = ended(Job(tmp_path), pair(), 8)
     layers = exr.layers(tmp_path / "x.exr")
