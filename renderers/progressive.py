@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Interrupted, UsageError
-from renderers import colour, images
+from renderers import colour
 from renderers.mitsuba import bitmaps
 from renderers.running import rgb_layers
 
@@ -92,26 +92,31 @@ class Mean:
     ----------
     count : passes
     layers : (H, W, 3) by name, means
-    square : (H, W, 3), sum of the squared distances of the passes from their mean, of the layer ""
+    square : (H, W, 4), squared distances of the passes from their mean, added up, of R, G, B and luminance of the layer ""
+    lost : values that were no number, from a weight that overflowed, and count as dark
     seconds : of the quickest pass seen, as the first one compiles; inf before it
     """
 
     def __init__(self):
-        self.count, self.layers, self.square, self.seconds = 0, {}, 0.0, math.inf
+        self.count, self.layers, self.square, self.lost, self.seconds = 0, {}, 0.0, 0, math.inf
 
     def add(self, layers, seconds=math.inf):
         """One more pass; a layer that it lacks is black in it."""
         self.count += 1
         self.seconds = min(self.seconds, seconds)
         for name in dict.fromkeys([*self.layers, *layers]):
-            image, mean = np.asarray(layers.get(name, 0.0), float), self.layers.get(name, 0.0)
+            image, mean = np.array(layers.get(name, 0.0), float), self.layers.get(name, 0.0)
+            wrong = ~np.isfinite(image)
+            image[wrong] = 0.0
+            self.lost += int(wrong.sum())
             self.layers[name] = mean + (image - mean) / self.count
             if name == "":
-                self.square = self.square + (image - mean) * (image - self.layers[""])
+                before, after = image - mean, image - self.layers[""]
+                self.square = self.square + np.dstack([before * after, (before @ colour.LUMINANCE) * (after @ colour.LUMINANCE)])
 
     @property
     def variance(self):
-        """(H, W, 3), of the mean of the layer ""; None before the second pass."""
+        """(H, W, 4), of the mean of the layer "" and its luminance; None before the second pass."""
         return self.square / (self.count * (self.count - 1)) if self.count >= _LEAST else None
 
     @property
@@ -121,7 +126,7 @@ class Mean:
 
     def gain(self):
         """Variance of the picture that another pass takes away, a second."""
-        return np.mean(self.variance @ colour.LUMINANCE**2) / (self.count + 1) / max(self.seconds, 1e-9)
+        return np.mean(self.variance[..., 3]) / (self.count + 1) / max(self.seconds, 1e-9)
 
 
 class Estimate:
@@ -153,15 +158,18 @@ class Estimate:
 
     @property
     def variance(self):
-        """(H, W, 3), of `rgb`; None before the second pass of each part."""
+        """(H, W, 4), of `rgb` and its luminance; None before the second pass of each part."""
         found = [mean.variance for mean in self.means.values()]
         return None if any(one is None for one in found) else sum(found)
 
     @property
     def noise(self):
-        """Relative; None before the second pass of each part."""
+        """Root mean square standard error of the luminance over its mean; None before the second pass of each part."""
         variance = self.variance
-        return None if variance is None else images.relative_noise(self.rgb, variance)
+        if variance is None:
+            return None
+        # measured, as most noise is that of all channels together: `images.relative_noise` takes them as independent
+        return float(np.sqrt(np.mean(variance[..., 3])) / max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30))
 
     @property
     def samples(self):
@@ -240,14 +248,14 @@ class Estimate:
         """Of a part's channels; those of a single part are the picture's."""
         return f"{part}." if len(self.parts) > 1 else ""
 
-    def finish(self, job, *, layers=None, **more) -> dict:
+    def finish(self, job, *, layers=None, reasons=(), **more) -> dict:
         """Writes the pictures with all that `resume` needs, and reports.
 
         Parameters
         ----------
         job : `renderers.running.Render`
         layers : further channels (H, W) by name
-        more : as `Render.finish` takes them
+        reasons, more : as `Render.finish` takes them
 
         Returns
         -------
@@ -259,11 +267,13 @@ class Estimate:
         """
         if not all(mean.count for mean in self.means.values()):
             raise self._interrupted("before there was a picture; nothing was written")
-        kept = {name: {"passes": mean.count, "layers": list(mean.layers)} for name, mean in self.means.items()}
+        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost} for name, mean in self.means.items()}
+        lost = sum(mean.lost for mean in self.means.values())
+        reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
                             noise=self.noise, passes={name: mean.count for name, mean in self.means.items()},
-                            stopped_by=self.stopped_by, **more)
+                            stopped_by=self.stopped_by, reasons=reasons, **more)
         if self._signal:
             noise = "" if self.noise is None else f", noise {100 * self.noise:.2g} %"
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
@@ -298,10 +308,10 @@ class Estimate:
         other = sorted(key for key in found.keys() | wanted.keys() if found.get(key) != wanted.get(key))
         for name, mean in self.means.items() if not other else ():
             prefix, kept = self._prefix(name), state["parts"][name]
-            mean.count = int(kept["passes"])
+            mean.count, mean.lost = int(kept["passes"]), int(kept["lost"])
             mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in kept["layers"]}
             if mean.count >= _LEAST:
-                mean.square = _image(channels, f"{prefix}noise.") ** 2 * (mean.count * (mean.count - 1))
+                mean.square = _image(channels, f"{prefix}noise.", "RGBY") ** 2 * (mean.count * (mean.count - 1))
         return other
 
 
@@ -316,7 +326,7 @@ def fingerprint(*what) -> str:
 
 def _channels(prefix, layers, variance):
     """Channels of layers by name, and of the standard error where it is known."""
-    found = {} if variance is None else rgb_layers(f"{prefix}noise.", np.sqrt(variance))
+    found = {} if variance is None else {f"{prefix}noise.{name}": np.sqrt(variance[..., i]) for i, name in enumerate("RGBY")}
     for name, image in layers.items():
         found |= rgb_layers(_joined(prefix, name), image)
     return found
@@ -326,8 +336,8 @@ def _joined(prefix, layer):
     return f"{prefix}{layer}." if layer else prefix
 
 
-def _image(channels, prefix):
-    return np.stack([channels[f"{prefix}{name}"] for name in "RGB"], axis=-1).astype(float)
+def _image(channels, prefix, names="RGB"):
+    return np.stack([channels[f"{prefix}{name}"] for name in names], axis=-1).astype(float)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Surfaces, lights and camera of a Mitsuba scene for renderers that trace wavefronts of rays themselves.
 
 Arrays in, arrays out: n rays a call, positions and distances in m, radiance as RGB in the units of the scene file.  Each method
-is one launch of Dr.Jit's, with some 10 ms of its own: wavefronts of 10^5 rays and more cost 0.3 us a ray and core to shade.
+is one launch of Dr.Jit's, with some 10 ms of its own: wavefronts of 10^5 rays and more cost half a us a ray and core to shade.
 Samples of lights and of directions are joined by the balance heuristic (Veach and Guibas, SIGGRAPH 1995), so a walk reads
 
     shading = world.shade(origin, direction, random, density, delta)
@@ -176,11 +176,13 @@ class World:
         """Distances to the first surface, (n,) m; inf where there is none within `longest` (n,) or (), m."""
         import mitsuba as mi
 
+        if not len(origin):
+            return np.zeros(0)
         longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
         ray = self._ray(mi, origin, direction)
-        ray.maxt = mi.Float(_single(longest / self._unit))
+        ray.maxt = _single(mi, longest / self._unit)
         found = self._scene.ray_intersect_preliminary(ray, coherent=False)
-        distance, valid = _arrays(found.t, found.is_valid())
+        distance, valid = _arrays(len(origin), found.t, found.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
     def lights(self, point, random) -> LightSample:
@@ -188,10 +190,13 @@ class World:
         import drjit as dr
         import mitsuba as mi
 
+        if not len(point):
+            return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
         here = dr.zeros(mi.Interaction3f, len(point))
-        here.p = mi.Point3f(self._inside(point))
-        found, radiance = self._scene.sample_emitter_direction(here, _points(mi, random, 0), True)
-        return self._light(*_arrays(found.d, found.dist, _finite(radiance), found.pdf, found.delta, self._index(found.emitter)))
+        here.p = self._inside(mi, point)
+        found, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), True)
+        return self._light(*_arrays(len(point), found.d, found.dist, _finite(radiance), found.pdf, found.delta,
+                                    self._index(found.emitter)))
 
     def shade(self, origin, direction, random, density, delta) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
@@ -206,28 +211,30 @@ class World:
         import drjit as dr
         import mitsuba as mi
 
+        if not len(origin):
+            return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)))
         scene, context = self._scene, mi.BSDFContext()
         si = scene.ray_intersect(self._ray(mi, origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
-        valid, delta = si.is_valid(), mi.Bool(np.ascontiguousarray(delta, bool))
+        valid, delta = si.is_valid(), _single(mi, delta) > 0
 
         before = dr.zeros(mi.Interaction3f, len(origin))
-        before.p = mi.Point3f(self._inside(origin))
+        before.p = self._inside(mi, origin)
         seen = mi.DirectionSample3f(scene, si, before)
-        by_ray = mi.Float(_single(density))
+        by_ray = _single(mi, density)
         by_light = scene.pdf_emitter_direction(before, seen, ~delta)
         emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
 
         bsdf = si.bsdf()
         lit = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        light, radiance = scene.sample_emitter_direction(si, _points(mi, random, 0), True, lit)
+        light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*_uniform(mi, random, 0, 2)), True, lit)
         towards = si.to_local(light.d)
-        choice = mi.Float(_uniform(random, 2))
-        value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, choice, _points(mi, random, 3), valid)
+        lobe, *turn = _uniform(mi, random, 2, 3)
+        value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, lobe, mi.Point2f(*turn), valid)
         radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
         away = si.spawn_ray(si.to_world(next_way.wo))
 
         hit, point, emitted, source, *sample, start, way, weight, by_next, smooth = _arrays(
-            valid, si.p, _finite(emitted), self._index(seen.emitter),
+            len(origin), valid, si.p, _finite(emitted), self._index(seen.emitter),
             light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self._index(light.emitter),
             away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
             mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
@@ -248,24 +255,30 @@ class World:
     def _metres(self, inside):
         return inside.astype(float) * self._unit
 
-    def _inside(self, point):
-        return _single(np.asarray(point).T / self._unit)
+    def _inside(self, mi, point):
+        return mi.Point3f(*_columns(mi, np.asarray(point) / self._unit))
 
     def _ray(self, mi, origin, direction):
-        return mi.Ray3f(mi.Point3f(self._inside(origin)), mi.Vector3f(_single(np.asarray(direction).T)))
+        return mi.Ray3f(self._inside(mi, origin), mi.Vector3f(*_columns(mi, direction)))
 
 
-def _single(values):
-    return np.ascontiguousarray(values, np.float32)
+def _single(mi, values):
+    """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for another alignment: always 64 bytes."""
+    room = np.empty(4 * len(values) + 64, np.uint8)
+    start = -room.ctypes.data % 64
+    aligned = room[start:start + 4 * len(values)].view(np.float32)
+    aligned[:] = values
+    return mi.Float(aligned)
 
 
-def _uniform(random, column):
+def _columns(mi, values):
+    """Columns one by one: a vector made of (3, n) would bake n into the kernel."""
+    return [_single(mi, column) for column in np.asarray(values).T]
+
+
+def _uniform(mi, random, first, count):
     # what rounds to 1 in single precision is outside of what samplers take
-    return np.minimum(_single(np.asarray(random)[:, column].T), np.float32(1 - 2**-24))
-
-
-def _points(mi, random, column):
-    return mi.Point2f(_uniform(random, slice(column, column + 2)))
+    return _columns(mi, np.minimum(np.asarray(random)[:, first:first + count], 1 - 2.0**-24))
 
 
 def _share(dr, mine, other):
@@ -281,9 +294,20 @@ def _finite(colour):
     return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
 
 
-def _arrays(*values):
-    """Dr.Jit's arrays as NumPy's, (n,) or (n, 3), all computed by one launch."""
+def _empty(result):
+    """Without its rays: Dr.Jit ends the process over arrays of length 0."""
+    return result[:0] if isinstance(result, np.ndarray) else type(result)(*map(_empty, result))
+
+
+def _arrays(count, *values):
+    """Dr.Jit's arrays as NumPy's, (count,) or (count, 3), all computed by one launch; one number for all rays is repeated."""
     import drjit as dr
 
     dr.eval(*values)
-    return [np.array(np.asarray(value).T, order="C") for value in values]
+    return [np.stack([_row(count, one) for one in value], axis=1) if dr.depth_v(value) > 1 else _row(count, value)
+            for value in values]
+
+
+def _row(count, value):
+    # a copy: the memory is Dr.Jit's
+    return np.array(np.broadcast_to(np.asarray(value), count))

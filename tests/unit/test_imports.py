@@ -42,7 +42,7 @@ SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.ke
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "inputs": set(), "progress": set(), "images": {"colour"}, "scene": {"inputs"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"images", "mitsuba", "progress", "scene"},
-          "progressive": {"colour", "images", "mitsuba", "running"}}
+          "progressive": {"colour", "mitsuba", "running"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

@@ -52,9 +52,17 @@ def test_noise_is_what_the_mean_is_off():
     estimate = pair()
     estimate.run(Stop(samples=14))
     assert estimate.stopped_by == "samples" and [mean.count for mean in estimate.means.values()] == [7, 7]
-    assert estimate.variance.mean() == pytest.approx(1.25 / 7, rel=4.5 * np.sqrt(2 / 864 * (1 + 0.25**2)) / 1.25)
+    assert estimate.variance[..., :3].mean() == pytest.approx(1.25 / 7, rel=4.5 * np.sqrt(2 / 864 * (1 + 0.25**2)) / 1.25)
     assert np.sqrt(np.mean((estimate.rgb - 4.5) ** 2)) == pytest.approx(np.sqrt(1.25 / 7), rel=4.5 / np.sqrt(2 * 144))
-    assert estimate.noise == images.relative_noise(estimate.rgb, estimate.variance)
+    assert estimate.noise == pytest.approx(images.relative_noise(estimate.rgb, estimate.variance[..., :3]), rel=0.1)
+
+
+def test_noise_of_all_channels_together_counts_in_full():
+    """Passes of 1, 2, 3 in every channel: sqrt(1 / 3) of 2, though independent channels would have three quarters of that."""
+    mean = progressive.Mean()
+    for level in (1.0, 2.0, 3.0):
+        mean.add({"": np.full(SHAPE, level)})
+    assert np.allclose(mean.variance, 1 / 3, rtol=1e-12)
 
 
 def test_passes_in_single_precision_add_up_in_double():
@@ -63,13 +71,25 @@ def test_passes_in_single_precision_add_up_in_double():
     for image in passes:
         mean.add({"": image.astype(np.float32)})
     assert np.allclose(mean.layers[""], np.mean(np.float32(passes), axis=0, dtype=float), rtol=1e-14)
-    assert np.allclose(mean.variance, np.var(np.float32(passes), axis=0, ddof=1, dtype=float) / 64, rtol=1e-6)
+    assert np.allclose(mean.variance[..., :3], np.var(np.float32(passes), axis=0, ddof=1, dtype=float) / 64, rtol=1e-6)
+
+
+def test_values_that_are_no_numbers_are_dark_and_said(tmp_path):
+    image = np.ones(SHAPE)
+    image[0, 0] = [np.nan, np.inf, 1.0]
+    for _ in range(2):
+        estimate = Estimate([Part("walk", lambda index: {"": image})], {})
+        if (tmp_path / "x.exr").exists():
+            estimate.resume(tmp_path / "x.exr")
+        report = ended(Job(tmp_path), estimate, 4)
+        assert estimate.noise == 0 and np.array_equal(estimate.rgb[0, 0], [0, 0, 1])
+        assert report["reasons"] == ["8 values of pixels were no numbers and count as dark"]
 
 
 def test_layers_of_the_file(tmp_path):
     report = ended(Job(tmp_path), pair(), 8)
     layers = exr.layers(tmp_path / "x.exr")
-    assert {"R", "noise.G", "order1.B", "order2.R", "splat.R", "splat.noise.R", "walk.order1.G"} <= set(layers)
+    assert {"R", "noise.G", "noise.Y", "order1.B", "order2.R", "splat.R", "splat.noise.R", "walk.order1.G"} <= set(layers)
     for name in "RGB":
         assert np.allclose(layers[name], layers[f"order1.{name}"] + layers[f"order2.{name}"], rtol=1e-6)
         assert np.allclose(layers[name], layers[f"splat.{name}"] + layers[f"walk.{name}"], rtol=1e-6)

@@ -95,7 +95,8 @@ def test_pictures_are_those_of_mitsuba(tmp_path, lights):
 
 
 def test_white_things_under_a_white_sky_are_white(tmp_path):
-    """A diffuse ball, a mirror and a pane of glass of albedo 1; in 5 standard errors, false alarm in 1 of 10,000 runs."""
+    """A diffuse ball, a mirror and a pane of glass of albedo 1; in 6 standard errors (18 numbers, 7 degrees of
+    freedom) and the paths that are cut off, false alarm in 1 of 100 runs were the seed not fixed."""
     path = written(tmp_path, SENSOR, """<emitter type="constant"/>
         <shape type="sphere"><float name="radius" value="0.5"/>
             <bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf></shape>
@@ -105,10 +106,10 @@ def test_white_things_under_a_white_sky_are_white(tmp_path):
             <transform name="to_world"><rotate x="1" angle="90"/><scale value="4"/><translate y="2"/></transform>
             <bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/></bsdf></bsdf></shape>""")
     world, generator = World(path), np.random.default_rng(2)
-    pictures = [walked(world, 16, generator, depth=20) for _ in range(16)]
+    pictures = [walked(world, 64, generator, depth=12) for _ in range(8)]
     mean, error = estimated(pictures)
     assert np.abs(np.mean(pictures) - 1).max() < 0.003
-    assert np.all(np.abs(mean - 1) < 5 * error + 1e-5)
+    assert np.all(np.abs(mean - 1) < 6 * error + 1e-4)
 
 
 def test_rays_and_lights_in_metres(tmp_path):
@@ -144,6 +145,39 @@ def test_a_world_without_anything_is_dark():
     assert not world.lights(origin, np.full((3, 2), 0.5)).radiance.any()
     shading = world.shade(origin, direction, np.full((3, 5), 0.5), np.ones(3), np.zeros(3, bool))
     assert not shading.hit.any() and not shading.emitted.any() and not shading.weight.any() and np.all(shading.source == -1)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+@pytest.mark.parametrize("lights", [LAMP, ""])
+def test_wavefronts_of_hardly_any_ray(tmp_path, count, lights):
+    """Every array has a row a ray, also where it is the same for all."""
+    world, some = World(written(tmp_path, SENSOR, BOX, lights)), np.zeros((count, 3), np.float32)
+    down, random = some - np.array([0, 0, 1]), np.full((count, 5), 0.3)
+    assert np.array_equal(world.trace(some, down, 2.0), np.ones(count))
+    shading = world.shade(some, down, random, np.ones(count), np.zeros(count, bool))
+    for light in (world.lights(some, random), shading.light):
+        assert [field.shape for field in light] == [(count, 3), (count,), (count, 3), (count,), (count,), (count,)]
+        assert light.share(np.ones(count)).shape == (count,)
+    for name, field in shading._asdict().items():
+        wide = name in ("point", "emitted", "origin", "direction", "weight")
+        assert name == "light" or field.shape == ((count, 3) if wide else (count,))
+
+
+def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
+    """Neither length nor NumPy's alignment of the memory may be part of it: compiling takes longer than most wavefronts."""
+    import drjit as dr
+
+    world, compiled = World(written(tmp_path, SENSOR, BOX, LIGHTS["many"])), []
+    for count in (100, 100, 101, 3000, 7):
+        random = np.random.default_rng(count).random((count, 5))
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            down = np.tile([0.0, 0.0, -1.0], (count, 1))
+            world.trace(random[:, :3], down, 1.0)
+            world.lights(random[:, :3], random)
+            world.shade(random[:, :3], down, random, np.ones(count), np.zeros(count, bool))
+            kernels = [kernel for kernel in dr.kernel_history() if kernel["type"] == dr.KernelType.JIT]
+        compiled.append([kernel["hash"] for kernel in kernels])
+    assert len(compiled[0]) == 3 and all(hashes == compiled[0] for hashes in compiled)
 
 
 def test_numbers_next_to_one(tmp_path):
