@@ -139,7 +139,7 @@ def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str
     if "asset" in root and "recipe" in root:
         yield root.names["recipe"].problem("found a recipe beside an asset", "expected one of them")
     film = root.get("film")
-    if isinstance(film, Mapping) and len(sizes := given(film, "width", "height")) == 1:
+    if "film" not in unused and isinstance(film, Mapping) and len(sizes := given(film, "width", "height")) == 1:
         lacking = "height" if sizes == ["width"] else "width"
         yield owner(film).problem("missing", f"expected {lacking}: pixels, beside the {sizes[0]}", key=f"film.{lacking}")
     yield from camera_problems(root, values)
