@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 import bakery
-from renderers import images, scene
+from renderers import assets, images, scene
 from renderers.mitsuba import bitmaps
 from renderers.progress import share
 
@@ -36,15 +36,17 @@ class Render:
 
         Raises
         ------
-        RecipeError : with every problem of the scene
+        RecipeError : with every problem of the scene, or of its recipe
         UsageError, AssetError : the pictures cannot be written there, the asset is no asset
+        StageError, StoreError : its recipe cannot be baked
         """
         self._begin = self._last = time.monotonic()
         self._progress = progress
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
-        self.asset = bakery.open(self.scene.file(self.scene.values.asset))
+        self.scene = assets.baked(self.scene)
+        self.asset = bakery.open(self.scene.asset)
 
     def part_over(self, name):
         """The time since the last part was over is that of `name`."""

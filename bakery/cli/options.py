@@ -51,16 +51,13 @@ def with_scene(recipe, settings: dict[str, str], scene) -> dict[str, str]:
     """The settings, and a section with its defaults for every stage that a scene needs and the recipe does not ask for."""
     if scene is None:
         return settings
-    from bakery.plan import chosen
-    from bakery.recipe import load
-    from bakery.stages import sections_for
+    from bakery.run.ensure import with_stages
     from renderers.scene import needs
 
-    names = [stage.name for stage in chosen(load(recipe, settings))]
-    missing = [name for name in needs(scene) if name not in names]
+    settings, missing = with_stages(recipe, settings, needs(scene))
     for name in missing:
         click.echo(f"{recipe}: {name}, because {scene} needs it", err=True)
-    return {sections_for(name)[0][0]: "{}" for name in missing} | settings
+    return settings
 
 
 def print_paths(paths) -> None:

@@ -18,14 +18,16 @@ from bakery.errors import UsageError
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")
+@click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, overwrite, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, resume, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
-    In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.  Prints the paths of both
-    pictures; how they were made is said on standard error.
+    A SCENE that names a recipe has it baked first, where its asset is missing or out of date.  In a Mitsuba scene --set gives a
+    parameter: `$NAME` in the file takes the value of --set NAME=VALUE.  Prints the paths of both pictures; how they were made is
+    said on standard error.
     """
     from pathlib import Path
 
@@ -38,14 +40,23 @@ def command(source, output, quality, variant, seed, settings, overwrite, as_json
         raise UsageError(f'found "{source}", which is no file; a scene (.yaml or .xml) or an asset (.h5) would do')
     values = settings_of(None, None, None, settings)
     options = {"quality": quality, "variant": variant, "seed": seed, "overwrite": overwrite}
+    prepared = None  # (path, progress) -> what is drawn
+    if resume and suffix not in (".yaml", ".yml"):
+        raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
-        from renderers import scene
+        from renderers import assets, images, scene
 
         path = scene.load(path, values)
         renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
+        if resume and not path.rules.RESUMES:
+            raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
+        options |= {"resume": True} if resume else {}
         draw = renderer.render
+        if path.asset is None:
+            images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
+            prepared = assets.baked
     elif suffix == ".xml":
         import renderers.mitsuba as renderer
 
@@ -60,6 +71,8 @@ def command(source, output, quality, variant, seed, settings, overwrite, as_json
         draw, target, name = renderer.preview, output or path.with_suffix(".png"), path.name
     progress = choose(quiet)
     try:
+        if prepared:
+            path = prepared(path, progress)
         progress.stage("render", f"picture of {name}", 0.0, 0.0)
         with compiling.watched(("renderers",), progress.compiling):
             report = draw(path, Path(target), **options, progress=progress.update)

@@ -11,11 +11,18 @@ from bakery.errors import Problem
 from bakery.grammar.fields import Flag, Path, number, numbers, whole, word
 from bakery.grammar.section import Section, pick
 from bakery.grammar.text import Mapping, Sequence, owner
-from renderers.scene import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
+from renderers.common import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
 
 KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_absorbing", "erf", "path_integral", "elek")
 NEEDS = ("medium", "beam")  # stages of the asset
-FILES = ("asset", "picture.color", "picture.depth", "picture.mitsuba", "fog.density.file")
+FILES = ("picture.color", "picture.depth", "picture.mitsuba", "fog.density.file")
+RESUMES = False  # a filter has no samples
+UNUSED = {
+    "tolerance": "none: the filter's errors are stated in docs/screen.md",
+    "scene": "picture: {mitsuba: …}",
+    "film": "none: it takes the size of the picture",
+    "stop": "picture: {samples: …}, of a Mitsuba scene",
+}
 
 
 # ---- the picture

@@ -205,6 +205,17 @@ def test_parameters_of_a_mitsuba_scene(call, place):
     assert rgb(place / "street.exr")[0, 0] == pytest.approx([2, 2, 2], rel=1e-3)
 
 
+def test_a_recipe_in_place_of_the_asset(call, assets, place):
+    """Baked beside the scene under its own name; the picture is that of the asset."""
+    (place / "fog.yaml").write_text((assets / "fog.yaml").read_text().replace("name: fog", "name: own"))
+    (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "recipe: fog.yaml"))
+    assert call("render", place / "s.yaml", "-o", place / "own.png")[0] == 0
+    own = rgb(place / "own.exr")
+    (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "asset: own.h5"))
+    assert call("render", place / "s.yaml", "-o", place / "given.png")[0] == 0
+    assert np.array_equal(own, rgb(place / "given.exr"))
+
+
 @pytest.mark.parametrize(("settings", "said"), [
     (["asset=bare.h5"], "give its recipe a section `beam` and bake it again"),
     (["asset=depth.npy"], "depth.npy"),
@@ -215,6 +226,11 @@ def test_parameters_of_a_mitsuba_scene(call, place):
     (["picture.sky=7"], "in fog that goes on for ever"),
     (["fog.light=[{type: sun, direction: [0, 0, -1], irradiance: 1}]"], "without an end"),
     (["filter.cut_off=0"], "filter.cut_off"),
+    (["stop={time: 5 s}"], "stop: found a key that fog does not use; expected picture: {samples: …}"),
+    (["scene={mitsuba: street.xml}"], "expected picture: {mitsuba: …}"),
+    (["film={width: 4, height: 4}"], "film: found a key that fog does not use"),
+    (["tolerance=1%"], "tolerance: found a key that fog does not use"),
+    (["recipe=fog.h5"], "recipe: found a recipe beside an asset"),
 ])
 def test_what_will_not_do(call, place, settings, said):
     """One message, status 2, nothing written."""

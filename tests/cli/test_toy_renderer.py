@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 
 import numpy as np
@@ -101,9 +102,94 @@ def test_messages_list_every_renderer(call, place, milk):
 def test_problems_of_its_scene(call, place):
     """Its own, those of every scene, and of a section that is misspelt: by its schema."""
     (place / "milk.h5").touch()
-    bad = SCENE.replace("[1, 2, -1]", "[0, 0, 0], hight: 3").replace("target: [0, 0, 1]", "target: [0, -2, 1]")
+    bad = SCENE.replace("[1, 2, -1]", "[0, 0, 0]}\nfilm: {hight: 3").replace("target: [0, 0, 1]", "target: [0, -2, 1]")
     (place / "haze.yaml").write_text(bad)
     err = call("render", place / "haze.yaml")[2]
     assert "toy.sun: found a direction of length 0" in err and "(height?)" in err and "the camera's own place" in err
     (place / "haze.yaml").write_text(SCENE.replace("toy:", "toys:"))
     assert "(toy?)" in call("render", place / "haze.yaml")[2]
+
+
+def test_its_recipe_is_baked_where_that_is_due(call, place, milk, monkeypatch):
+    """Missing, then out of date, then without a stage that is needed; said on standard error.  Up to date it is left alone."""
+    (place / "haze.yaml").write_text(SCENE.replace("asset: milk.h5", f"recipe: {milk.name}"))
+    asset = place / "milk.h5"
+
+    def rendered():
+        status, out, err = call("render", place / "haze.yaml", "--json", "--overwrite")
+        assert status == 0 and json.loads(out)["asset"] == str(asset), err
+        return json.loads(out)["mean"], bakery.open(asset), err
+
+    mean, first, err = rendered()
+    assert "medium: " in err and set(first.stages) == {"medium"}
+    again, same, err = rendered()
+    assert again == mean and same.content_hash == first.content_hash and "medium: " not in err
+    milk.write_text(milk.read_text().replace("g: 0.7", "g: 0.2"))
+    changed, _, _ = rendered()
+    assert changed != mean
+    monkeypatch.setattr("tests.toy_renderer.scene.NEEDS", ("medium", "multiple"))
+    _, whole, err = rendered()
+    assert set(whole.stages) == {"medium", "multiple"} and "multiple besides what it asks for" in err
+
+
+def test_problems_of_its_recipe(call, place, milk):
+    """Its own file and line; nothing is baked where the pictures cannot be written."""
+    text = SCENE.replace("asset: milk.h5", f"recipe: {milk.name}")
+    (place / "haze.yaml").write_text(text)
+    (place / "notes.png").write_text("what I saw")
+    assert "not a PNG picture" in call("render", place / "haze.yaml", "-o", place / "notes.png")[2]
+    milk.write_text(milk.read_text().replace("albedo", "albdo"))
+    status, out, err = call("render", place / "haze.yaml")
+    assert status == 2 and not out and f"{milk.name}:" in err and "(albedo?)" in err and not (place / "milk.h5").exists()
+    for words, said in (("asset: milk.h5\n" + f"recipe: {milk.name}", "recipe: found a recipe beside an asset"),
+                        ("", "asset: missing; expected asset: a baked asset, or recipe:"),
+                        ("recipe: gone.yaml", "haze.yaml:3: recipe: found \"gone.yaml\", and there is no such file")):
+        (place / "milk.h5").touch()
+        (place / "haze.yaml").write_text(SCENE.replace("asset: milk.h5", words))
+        status, _, err = call("render", place / "haze.yaml")
+        assert status == 2 and said in err, err
+
+
+def test_common_keys(place, monkeypatch):
+    """Those that a renderer reads come in base units, with their defaults; each that it does without is refused."""
+    (place / "milk.h5").touch()
+    (place / "lamp.xml").touch()
+    more = ("tolerance: 2%\nscene: {mitsuba: lamp.xml, unit: 1 cm}\nfilm: {width: 640, height: 480, wavelengths: rgb}\n"
+            "stop: {noise: 1%, time: 500 ms, samples: 1024}\n")
+    (place / "haze.yaml").write_text(SCENE + more)
+    with pytest.raises(bakery.RecipeError) as error:
+        scene.load(place / "haze.yaml")
+    said = str(error.value)
+    for line, key in ((6, "tolerance"), (7, "scene"), (8, "film.wavelengths"), (9, "stop")):
+        assert f"haze.yaml:{line}: {key}: found a key that toy does not use; expected none: " in said
+    monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
+    values = scene.load(place / "haze.yaml").values
+    assert (values.tolerance, values.scene.unit, values.film.wavelengths) == (0.02, 0.01, "rgb")
+    assert (values.film.width, values.film.height) == (640, 480)
+    assert (values.stop.noise, values.stop.time, values.stop.samples) == (0.01, 0.5, 1024)
+    assert place / "lamp.xml" in scene.load(place / "haze.yaml").inputs
+    (place / "haze.yaml").write_text(SCENE)
+    values = scene.load(place / "haze.yaml").values
+    assert values.tolerance is values.scene is values.film.width is values.stop.time is None
+    for key, value, said in (("film", "{width: 64}", "film.height: missing"), ("stop.time", "3 min", "times take ms, s"),
+                             ("stop.noise", "2", "(2 %?)"), ("tolerance", "0", "above 0"), ("scene", "{unit: 1 m}", "mitsuba")):
+        with pytest.raises(bakery.RecipeError, match=re.escape(said)):
+            scene.load(place / "haze.yaml", {key: value})
+
+
+def test_samples_that_go_on(call, place, milk, monkeypatch):
+    """`--resume` reaches a renderer that declares it; the others refuse it."""
+    (place / "milk.h5").touch()
+    status, _, err = call("render", place / "haze.yaml", "--resume")
+    assert status == 2 and "--resume: the renderer toy cannot go on from an EXR" in err
+    assert "is no scene" in call("render", place / "milk.h5", "--resume")[2]
+    told = {}
+
+    def render(scene, output, **options):
+        told.update(options)
+        return {"files": []}
+
+    monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
+    monkeypatch.setattr("tests.toy_renderer.render", render)
+    assert call("render", place / "haze.yaml", "--resume", "--json")[0] == 0 and told["resume"] is True
+    assert call("render", place / "haze.yaml", "--json")[0] == 0

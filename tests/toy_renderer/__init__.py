@@ -19,9 +19,9 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     from tests.toy_renderer.kernels import glow
 
     job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
-    toy, medium = job.scene.values.toy, job.asset.medium
-    camera = Camera.looking(**dict(job.scene.values.camera), height=toy.height, width=toy.width)
-    rays = camera.rays(toy.height, toy.width)
+    toy, film, medium = job.scene.values.toy, job.scene.values.film, job.asset.medium
+    height, width = film.height or 6, film.width or 8
+    rays = Camera.looking(**dict(job.scene.values.camera), height=height, width=width).rays(height, width)
     sun = np.array(toy.sun) / np.linalg.norm(toy.sun)
     rgb, tell = np.empty(rays.shape), job.progress(0.0, 1.0)
     for channel in range(3):

@@ -2,18 +2,19 @@
 
 from pydantic import Field
 
-from bakery.grammar.fields import whole
 from bakery.grammar.section import Section
-from renderers.scene import Camera, Common, Direction, direction_problems
+from renderers.common import Camera, Common, Direction, direction_problems
 
 NEEDS = ("medium",)  # stages of the asset
-FILES = ("asset",)  # keys of the files that a scene names
+FILES = ()  # keys of files, besides those of every scene
+RESUMES = False  # whether `render` takes `resume`
+UNUSED = {  # common keys that it does without, and what would do
+    "scene": "none: a haze has no surfaces", "film.wavelengths": "none: they are the asset's three",
+    "stop": "none: nothing is sampled", "tolerance": "none: nothing is sampled"}
 
 
 class Toy(Section):
     sun: Direction = Field(description="In which its light travels.")
-    width: whole(1, 4096) = Field(8, description="Of the picture, pixels.")
-    height: whole(1, 4096) = Field(6, description="Of the picture, pixels.")
 
 
 class SceneFile(Common):

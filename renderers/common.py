@@ -1,0 +1,182 @@
+"""What every scene may say, whichever renderer it chooses: the material, the Mitsuba scene, camera, film, and when to stop.
+
+A renderer that does without one of these keys refuses it (`UNUSED` of its module `scene`): no key is read and ignored.
+"""
+
+# no annotations from __future__: pydantic would have to compile each of them again
+from collections.abc import Iterator
+from collections.abc import Mapping as MappingType
+from typing import Annotated
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from bakery.errors import Problem
+from bakery.grammar import fields, text, units
+from bakery.grammar.fields import leaf, number, scalar, whole, word
+from bakery.grammar.section import Section, given
+from bakery.grammar.text import Mapping, Node, Sequence, owner
+from bakery.grammar.units import ANGLE, FRACTION, NUMBER_ONLY, Quantity, Wrong
+
+FORMAT = 1
+FILES = ("asset", "recipe", "scene.mitsuba")  # keys of files
+
+# scenes are as large as rooms and landscapes: their lengths are in m
+LENGTH = Quantity("length", "lengths", "m", {"um": -6, "mm": -3, "cm": -2, "m": 0, "km": 3}, "m")
+TIME = Quantity("time", "times", "s", {"ms": -3, "s": 0}, "s")
+
+
+# ---- kinds of values
+
+
+def _read_format(node):
+    found = scalar(node, f"the scene format, {FORMAT}").text
+    if found != str(FORMAT) or node.quoted:
+        raise Wrong(f"found {text.show(found)}", f"this version of bakery reads scene format {FORMAT}")
+    return FORMAT
+
+
+def vector(quantity: Quantity = NUMBER_ONLY, example: str = "[0, 0, 1]"):
+    """Three numbers, as a list or as a list with one unit behind it."""
+
+    def read(node):
+        node = scalar(node, f"three numbers such as {example}")
+        values = units.parse_list(node.text, quantity) if units.is_list(node.text) else ()
+        if len(values) != 3:
+            raise Wrong(f"found {text.show(node.text)}", f"expected three numbers such as {example}")
+        return values
+
+    listed = Annotated[list[number(quantity)], Field(min_length=3, max_length=3)]
+    return Annotated[
+        Annotated[leaf(read, {"type": "string"}), Tag("text")] | Annotated[listed, Tag("list")],
+        Discriminator(lambda node: "list" if isinstance(node, (Sequence, list, tuple)) else "text"),
+    ]
+
+
+Format = leaf(_read_format, {"const": FORMAT})
+Length = number(LENGTH, above=0, most=1e12)
+Position = vector(LENGTH, "[0, -12, 1.7] m")
+Direction = vector()
+Share = number(FRACTION, above=0, most=1)
+Edge = whole(1, 65536)
+
+
+# ---- sections
+
+
+class Surfaces(Section):
+    """A scene of Mitsuba: surfaces, lights, camera."""
+
+    mitsuba: fields.Path = Field(description="Mitsuba scene (XML), relative to the scene's folder.")
+    unit: Length = Field(1.0, description="Length of one unit of the Mitsuba scene, such as 1 cm.")
+
+
+class Camera(Section):
+    """A pinhole camera."""
+
+    origin: Position = Field(description="Where the camera stands.")
+    target: Position = Field(description="A point that lies in the middle of the picture.")
+    up: Direction = Field((0.0, 0.0, 1.0), description="Direction that is up in the picture.")
+    fov: number(ANGLE, above=0, below=3.141592653589793) = Field(
+        description="Angle between the left and the right edge of the picture, such as 40 deg."
+    )
+
+
+class Film(Section):
+    """The picture's pixels and wavelengths."""
+
+    width: Edge | None = Field(None, description="Pixels; what the Mitsuba scene or else the renderer says if absent.")
+    height: Edge | None = Field(None, description="Pixels; given together with the width.")
+    wavelengths: word("asset", "rgb") = Field(
+        "asset", description="asset: every wavelength of the asset, then colours; rgb: three bands."
+    )
+
+
+class Stop(Section):
+    """When a renderer that samples stops: whichever comes first."""
+
+    noise: Share | None = Field(None, description="Relative noise of the picture; the tolerance's share if absent.")
+    time: number(TIME, above=0, most=1e9) | None = Field(None, description="Seconds after which no pass is begun.")
+    samples: whole(1, 10**9) | None = Field(None, description="A pixel, at most.")
+
+
+class Common(Section):
+    """Keys of every scene."""
+
+    bakery_scene: Format = Field(description=f"Scene format, {FORMAT}.")
+    name: fields.Name = Field(description="Of the scene; without -o the pictures are NAME.png and NAME.exr beside it.")
+    description: fields.Text = Field("", description="Free text.")
+    asset: fields.Path | None = Field(None, description="Asset of the medium, relative to the scene's folder.")
+    recipe: fields.Path | None = Field(
+        None, description="Instead of the asset: its recipe, baked beside the scene where the asset is missing or out of date."
+    )
+    tolerance: Share | None = Field(
+        None, description="Of the picture: relative root mean square error of linear radiance; the renderer's own if absent."
+    )
+    scene: Surfaces | None = Field(None, description="Surfaces, lights and camera.")
+    camera: Camera | None = Field(None, description="Where the picture is taken from, instead of the Mitsuba scene's sensor.")
+    film: Film = Field(Film.model_construct(width=None, height=None, wavelengths="asset"), description="Pixels, wavelengths.")
+    stop: Stop = Field(Stop.model_construct(noise=None, time=None, samples=None), description="When to stop.")
+
+
+# ---- what has to hold between keys
+
+
+def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str, str]) -> Iterator[Problem]:
+    """Problems of the common keys; `values` are those that are well formed by themselves.
+
+    Parameters
+    ----------
+    renderer : section that chose it
+    unused : dotted key that it does without -> what would do instead
+    """
+    for key, instead in unused.items():
+        if (node := node_at(root, key)) is not None:
+            yield owner(node).problem(f"found a key that {renderer} does not use", f"expected {instead}")
+    named = given(root, "asset", "recipe")
+    if not named:
+        yield owner(root).problem("missing", "expected asset: a baked asset, or recipe: what to bake it from", key="asset")
+    if "asset" in root and "recipe" in root:
+        yield root.names["recipe"].problem("found a recipe beside an asset", "expected one of them")
+    film = root.get("film")
+    if "film" not in unused and isinstance(film, Mapping) and len(sizes := given(film, "width", "height")) == 1:
+        lacking = "height" if sizes == ["width"] else "width"
+        yield owner(film).problem("missing", f"expected {lacking}: pixels, beside the {sizes[0]}", key=f"film.{lacking}")
+    yield from camera_problems(root, values)
+
+
+def camera_problems(root: Mapping, values: dict) -> Iterator[Problem]:
+    """A camera that looks nowhere, or along its own up."""
+    yield from direction_problems(root, values, "camera.up")
+    origin, target = triple(values, "camera.origin"), triple(values, "camera.target")
+    if origin is None or target is None:
+        return
+    ahead = target - origin
+    up = triple(values, "camera.up") if node_at(root, "camera.up") is not None else np.array([0.0, 0.0, 1.0])
+    if not np.any(ahead):
+        yield owner(node_at(root, "camera.target")).problem("found the camera's own place", "expected a point ahead of it")
+    elif up is not None and np.linalg.norm(np.cross(ahead, up)) < 1e-6 * np.linalg.norm(ahead) * np.linalg.norm(up):
+        place = node_at(root, "camera.up") or node_at(root, "camera.target")
+        yield owner(place).problem("found a camera that looks along its own up", "expected another up, such as [0, 1, 0]")
+
+
+def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:
+    """A direction without length."""
+    if key in values or f"{key}[2]" in values:
+        found = triple(values, key)
+        if found is not None and not np.any(found):
+            yield node_at(root, key).place.problem("found a direction of length 0", "expected one such as [0, 0, 1]")
+
+
+def node_at(root: Mapping, key: str) -> Node | None:
+    """The node at a dotted key, or None."""
+    node = root
+    for step in key.split("."):
+        node = node.get(step) if isinstance(node, Mapping) else None
+    return node
+
+
+def triple(values: dict, key: str):
+    """The three numbers at a key, (3,), or None where they are missing or wrong."""
+    found = values.get(key, tuple(values.get(f"{key}[{i}]") for i in range(3)))
+    return None if None in found else np.array(found, float)
