@@ -1,0 +1,1 @@
+"""Discrete media: particles that can be told apart, as discs that stop pencils of light."""
