@@ -20,7 +20,7 @@ from bakery.physics.sizes.distributions import Part, Population, Single
 
 MOST = 64  # classes of all components together
 RATIO = 1.25  # of the edges of a class
-_SMALL, _LARGE = 0.01, 1e-3  # share of the area below, and of r^4 above, that the outermost classes take besides their own range
+_SMALL, _LARGE = 0.01, 1e-3  # share of the number below, and of r^4 above, that the outermost classes take with their own range
 _LEAST = 1e-15  # share of the number that counts as none
 
 
@@ -84,7 +84,7 @@ def _edges(population, most, exactly):
         return np.array([single[0], *middle, single[-1]])
     reach = [(max(part.law.reach()[0], part.lower), min(part.law.reach()[1], part.upper)) for part in population.parts]
     first, last = min(a for a, _ in reach), max(b for _, b in reach)
-    low, high = _quantile(population, 2, _SMALL, first, last), _quantile(population, 4, 1 - _LARGE, first, last)
+    low, high = _quantile(population, 0, _SMALL, first, last), _quantile(population, 4, 1 - _LARGE, first, last)
     count = exactly or min(most, max(1, math.ceil(math.log(high / low) / math.log(RATIO))))
     edge = np.geomspace(low, high, count + 1) if high > low else np.array([low, high])
     edge[0], edge[-1] = first, last
