@@ -32,6 +32,11 @@ STREAMS = {
     "multiple.compare": Stream(0x636F6D70, ()),
     "beam.photons": Stream(0x6265616D, ("wavelength", "block")),
     "beam.small_angle": Stream(0x616E676C, ("block",)),
+    "discrete.numbers": Stream(0x6E756D62, ()),
+    "discrete.slabs": Stream(0x736C6162, ("class", "attempt")),
+    "discrete.places": Stream(0x64706C63, ("class", "slab", "attempt")),
+    "discrete.extra": Stream(0x65787472, ("class", "attempt")),
+    "discrete.cells": Stream(0x63656C6C, ()),
 }
 _WORD = 1 << 32
 

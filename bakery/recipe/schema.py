@@ -6,11 +6,10 @@ The models validate the tree of `bakery.grammar.text` and give the JSON Schema t
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
 from functools import cache
-from typing import Annotated
 
 from pydantic import Field, create_model
 
-from bakery.grammar.fields import Format, Length, Name, Text, number, numbers, whole, word
+from bakery.grammar.fields import Format, Name, Text, number, numbers, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.units import FRACTION, WAVELENGTH
 from bakery.stages import all_stages
@@ -36,28 +35,11 @@ class Common(Section):
     )
 
 
-# ---- sections whose stages are yet to come
-
-
-class Discrete(Section):
-    """One random realisation."""
-
-    count: whole(1, 10**9) = Field(description="Number of particles.")
-    box: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(description="Edges of the box.")
-
-
-def _not_yet(checker, section):
-    checker.report_section(section, f"{section.place.key} is not available yet", "particles, grains and medium are")
-
-
-DISCRETE = RecipeSection("discrete", Discrete, "One random realisation (not available yet).", _not_yet)
-
-
 @cache
 def sections() -> tuple[RecipeSection, ...]:
     """Every section of recipes, those that say what scatters first."""
     declared = [section for stage in all_stages() for section in stage.sections]
-    return tuple(sorted([*declared, DISCRETE], key=lambda section: not section.scatters))
+    return tuple(sorted(declared, key=lambda section: not section.scatters))
 
 
 @cache

@@ -16,6 +16,7 @@ STAGES = (
     "bakery.stages.effective.stage:OF_GRAINS",
     "bakery.stages.multiple.stage:STAGE",
     "bakery.stages.beam.stage:STAGE",
+    "bakery.stages.discrete.stage:STAGE",
 )
 
 

@@ -24,7 +24,8 @@ STAGE_ATTRIBUTES = {"stage": str, "stage_version": int, "input_hash": str, "cont
 ROOT_ATTRIBUTES = {"format": str, "format_version": int, "name": str, "bakery_version": str, "content_hash": str}
 PROVENANCE = {"seconds": float, "peak_memory": float, "workers": int, "bakery_version": str, "finished": str}
 SHARED = "LA"  # letters that are one length in the whole asset
-LONGEST = {"L": 4096, "A": 1_000_000, "R": 100_000, "S": 4096, "F": 5_000_000, "V": 5_000_000}  # of an axis, by its letter
+# of an axis, by its letter
+LONGEST = {"L": 4096, "A": 1_000_000, "R": 100_000, "S": 4096, "F": 5_000_000, "V": 5_000_000, "N": 1 << 31}
 OTHERS = 1_000_000
 EMPTY = "NK"  # letters of axes that may be empty: the tables of a medium that scatters nothing
 LARGEST = 1e100  # squares and cubes of what is stored stay within floating point

@@ -7,7 +7,7 @@ import numpy as np
 from bakery.store.tree import Dataset, Group
 
 # letter in a declared shape -> the dataset that holds the coordinate, looked for beside the array, then upwards, then in `medium`
-COORDINATES = {"L": "wavelength", "A": "theta", "R": "radius"}
+COORDINATES = {"L": "wavelength", "A": "theta", "B": "theta", "R": "radius"}  # B: angles of one group alone
 
 
 def coordinate(root: Group, path: str, letter: str) -> tuple[str, Dataset] | None:

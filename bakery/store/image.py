@@ -71,11 +71,15 @@ def _add_dataset(target, name: str, dataset: Dataset, path: str) -> None:
 
 
 def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    """The whole array up to `CHUNK` bytes; beyond that full rows of the last axes, cut along the first axis that needs it."""
+    """The whole array up to `CHUNK` bytes; beyond that full rows of the last axes, cut along the first axis that needs it.
+
+    Parts are alike: HDF5 stores the last one whole, and rows beyond the end would take room.
+    """
     chunk = [max(n, 1) for n in shape]
     for axis in range(len(chunk)):
         rest = itemsize * int(np.prod(chunk[axis + 1:], dtype=np.int64))
-        chunk[axis] = min(chunk[axis], max(1, CHUNK // rest))
+        parts = -(-chunk[axis] // max(1, CHUNK // rest))
+        chunk[axis] = -(-chunk[axis] // parts)
         if rest <= CHUNK:
             break
     return tuple(chunk)

@@ -10,6 +10,7 @@ import json
 import math
 import typing
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -84,7 +85,10 @@ BASES = {
     "aggregate": _grains({"type": "aggregate", "seed": 0, "arrangement": "cluster", "bodies": 6, "smallest": 0.6, "length": 0,
                           "overlap": 0.35, "blend": 0.05}),
     "mesh": _grains({"type": "mesh", "file": "grain.ply", "repair": "pymeshlab"}),
-    "discrete": _particles(SINGLE, discrete={"count": 1, "box": ["1 m", "1 m", "1 m"]}),
+    "discrete": _particles(SINGLE, discrete={
+        "count": 1, "box": ["1 m", "1 m", "1 m"], "method": "stored", "seed": 0, "classes": 1, "tolerance": 0.1,
+        "grid": {"file": "grid.npy", "dataset": "density"}}),
+    "discrete in a mesh": _particles(SINGLE, discrete={"count": 1, "mesh": {"file": "grain.ply", "unit": "1 m"}}),
 }
 PLY = """\
 ply
@@ -115,6 +119,7 @@ def folder(tmp_path_factory):
     (made / "clear.csv").write_text("0.3,1.1\n0.9,1.2\n")
     (made / "phase.csv").write_text("theta_deg,value\n0,2\n180,1\n")
     (made / "grain.ply").write_text(PLY)
+    np.save(made / "grid.npy", np.arange(1.0, 9.0).reshape(2, 2, 2))
     return made
 
 
@@ -232,7 +237,7 @@ def test_bases_hold_every_key(folder):
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("base", BASES)
 def test_smallest_largest_and_empty(folder, base):
-    assert base == "discrete" or planned(recipe_in(folder, BASES[base])) is not None
+    assert planned(recipe_in(folder, BASES[base])) is not None
     for path, value in distinct(variants(BASES[base])):
         planned(recipe_in(folder, changed(BASES[base], path, value)))
 

@@ -22,10 +22,10 @@ from tests.samples import small_asset, with_member
 @pytest.fixture(scope="module")
 def asset(tmp_path_factory):
     path = tmp_path_factory.mktemp("asset") / "fog.h5"
-    root = with_member(small_asset(), "discrete", Group({
+    root = with_member(small_asset(), "foreign", Group({
         "centers": Dataset(np.zeros((2, 3)), "1", "centres"),
         "fraction": Dataset(np.array([0.6]), "1", "share"), "fraction_error": Dataset(np.array([0.01]), "1", "its error"),
-        "pair_correlation": Group({"r": Dataset(np.ones(4), "1", "distance")})}, {"stage": "discrete"}))
+        "pair_correlation": Group({"r": Dataset(np.ones(4), "1", "distance")})}, {"stage": "foreign"}))
     write(path, root)
     return bakery.open(path)
 
@@ -42,15 +42,15 @@ def test_what_the_interface_promises(asset):
     assert drops.choices["method"][drops.method[0, 0]] == "mie"
     assert drops.units["extinction"] == "um^2" and drops.description["radius"] == "radii of the quadrature"
     assert asset.optics["droplets/radius"] is drops.radius
-    assert asset.stages["medium"]["achieved_error"] == 0.004 and list(asset.stages) == ["optics", "medium", "discrete"]
+    assert asset.stages["medium"]["achieved_error"] == 0.004 and list(asset.stages) == ["optics", "medium", "foreign"]
     assert asset.provenance.attributes["command"] == "bake fog.yaml" and asset.provenance["optics"].notes == "none"
-    assert asset.discrete.centers.shape == (2, 3) and asset.discrete.pair_correlation.r.shape == (4,)
+    assert asset.foreign.centers.shape == (2, 3) and asset.foreign.pair_correlation.r.shape == (4,)
 
 
 def test_one_number_passes_for_a_number(asset):
-    fraction = asset.discrete.fraction
+    fraction = asset.foreign.fraction
     assert fraction.shape == (1,) and fraction[0] == 0.6 and float(fraction) == 0.6 and f"{fraction:.2f}" == "0.60"
-    assert float(2 * fraction) == 1.2 and float(asset.discrete.error["fraction"]) == 0.01 and np.isclose(fraction, 0.6)
+    assert float(2 * fraction) == 1.2 and float(asset.foreign.error["fraction"]) == 0.01 and np.isclose(fraction, 0.6)
     with pytest.raises(ValueError, match="read-only"):
         fraction[0] = 0.5
 
@@ -107,7 +107,7 @@ def test_read_only(asset):
 
 
 def test_what_is_not_there(asset):
-    words = r"no stage 'grains' \(it holds optics, medium, discrete\).*section `grains`.*`bake RECIPE"
+    words = r"no stage 'grains' \(it holds optics, medium, foreign\).*section `grains`.*`bake RECIPE"
     with pytest.raises(bakery.AssetError, match=words):
         _ = asset.grains
     assert not hasattr(asset, "multiple") and getattr(asset, "beam", None) is None and not hasattr(asset, "colour")

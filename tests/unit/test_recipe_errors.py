@@ -237,8 +237,8 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         ),
         (
             "particles:",
-            "discrete: {count: 5, box: [1 m, 1 m, 1 m]}\nparticles:",
-            ["4: discrete: discrete is not available yet; particles, grains and medium are"],
+            "discrete: {count: 5}\nparticles:",
+            ["4: discrete: found neither box nor mesh; expected one of them, such as box: [1 m, 1 m, 1 m]"],
         ),
     ],
 )

@@ -135,11 +135,11 @@ def _shape(checker: "Checker", shape: Mapping) -> None:
                 f"expected at most {limits.ASPECT:,.0f}",
             )
     if checker.value(shape, "type") == "mesh":
-        _mesh(checker, shape.get("file"))
+        mesh_file(checker, shape.get("file"))
 
 
-def _mesh(checker: "Checker", node: Node | None) -> None:
-    """The content of a mesh file; whether it makes a grain is for the stage to say, which builds it."""
+def mesh_file(checker: "Checker", node: Node | None) -> None:
+    """Read the mesh file that a key names; whether it makes a body is for the stage to say, which builds it."""
     name = None if node is None else checker.values.get(node.place.key)
     if name is None:
         return

@@ -95,10 +95,10 @@ def _expected(recipe):
     from bakery.physics.averages import expected
 
     given = inputs(recipe, {})
-    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance, remember=_remember)
+    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance, remember=remember)
 
 
-def _remember(measure, *asked):
+def remember(measure, *asked):
     """`measure(*asked)`, a `Choice` of rays, or what an earlier plan or bake found for the very same arguments.
 
     Measuring takes seconds where spheres are large; plan, bake and the plan after it ask for the same.
@@ -167,12 +167,12 @@ def compute(inputs: dict, context) -> Result:
     from bakery.physics.averages import averages, expected
 
     aim = share(len(inputs["components"])) * context.tolerance
-    whole = expected(**inputs, tolerance=aim, remember=_remember)[0].seconds
+    whole = expected(**inputs, tolerance=aim, remember=remember)[0].seconds
 
     def report(seconds, error):
         context.report(_share(seconds / max(whole, 1e-9)), error)
 
-    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=_remember)
+    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=remember)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, missed, reached = [], [], 0.0
     for component, average in zip(inputs["components"], found):

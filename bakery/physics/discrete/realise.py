@@ -1,0 +1,209 @@
+"""Stored realisations: independent places in a box, class by class, block by block.
+
+A medium of independent particles is a Poisson process.  Given how many there are, classes are multinomial and places are
+independent of each other and of the classes; so each class is drawn for itself, slab of cells by slab of cells, each slab with a
+random stream of its own.  Blocks are fixed by the inputs, and memory is that of the result and of a few blocks.
+
+Where the density is not the same everywhere, candidates are kept with the chance of the relative density at their place.  There
+are six standard deviations more of them than needed, and what is left over is taken away at random, which leaves the law alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bakery import rng
+from bakery.physics.discrete._places import sorted_by_cell
+
+BLOCK = 1 << 18  # candidates in a block: 3 MB of places
+_TOGETHER = 32  # blocks whose results are held at once
+LEAST_VOLUME = 1e-4  # share of the box below which rejection would throw nearly everything away
+_TRIES = 8
+_OBLIQUE = np.array([0.5257311, 0.3568221, 0.7721990])  # along no axis and no usual plane
+_OBLIQUE = _OBLIQUE / np.linalg.norm(_OBLIQUE)
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where particles are: a box from the origin, and in it everything, a grid of densities, or the inside of a mesh.
+
+    Attributes
+    ----------
+    edge : (3,) m
+    density : (X, Y, Z) relative density 0 to 1 at the middles of the voxels, trilinear in between, constant in the outer halves
+    vertices, faces : (V, 3) m, (F, 3), a closed mesh inside the box, wound outward
+    """
+
+    edge: tuple[float, float, float]
+    density: np.ndarray | None = None
+    vertices: np.ndarray | None = None
+    faces: np.ndarray | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the density is that of the box everywhere."""
+        return self.density is None and self.vertices is None
+
+    @cached_property
+    def volume(self) -> float:
+        """Integral of the relative density, m^3; exact."""
+        if self.vertices is not None:
+            from bakery.physics.shapes.quality import volume
+
+            return volume(self.vertices, self.faces)
+        # each value counts for its own voxel: the interpolant's hats, and the constant outer halves, all have that integral
+        share = 1.0 if self.density is None else float(np.mean(self.density, dtype=np.float64))
+        return math.prod(self.edge) * share
+
+    def at(self, place):
+        """Relative density (n,) at places (n, 3) m inside the box."""
+        if self.density is not None:
+            from scipy.ndimage import map_coordinates
+
+            # one axis longer than the values on each side: what lies beyond the outer middles has their value
+            scale = np.array(self.density.shape) / np.array(self.edge)
+            return map_coordinates(self.density, (place * scale - 0.5).T, np.float64, order=1, mode="nearest")
+        if self.vertices is not None:
+            return self._inside(place)
+        return np.ones(len(place))
+
+    def _inside(self, place):
+        """1 where the first surface along a fixed oblique direction is seen from within."""
+        from bakery.physics.shapes.quality import double_normals
+
+        mesh, centre, scale = self._mesh
+        face, _ = mesh.first_hit((place - centre) / scale, np.broadcast_to(_OBLIQUE, place.shape))
+        inside = (double_normals(mesh.vertices, mesh.faces) @ _OBLIQUE > 0).astype(float)
+        return np.where(face >= 0, inside[face], 0.0)
+
+    @cached_property
+    def _mesh(self):
+        from bakery.physics.grains.bvh import Mesh
+
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        centre, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+        return Mesh((self.vertices - centre) / scale, self.faces), centre, scale
+
+
+class NoRoom(ValueError):
+    """A region that fills next to nothing of its box."""
+
+
+@dataclass(frozen=True)
+class _Slab:
+    """Candidates of one class in some layers of its cells: indices of their random stream, how many, which cells."""
+
+    stream: tuple[int, int, int]  # class, slab, attempt
+    candidates: int
+    first: int  # cells along x, from first to before last
+    last: int
+    cells: tuple[int, int, int]
+    extra: int = 0  # how many of those that the density keeps are taken away again
+
+
+def numbers(seed: int, share, expected: float, count: int | None = None):
+    """How many particles of each class there are, (K,).
+
+    share : (K,) of the number, adds up to 1;  expected : mean number;  count : exactly so many in all; None: as chance has it
+    """
+    share = np.asarray(share, float)
+    random = rng.generator(seed, "discrete.numbers")
+    total = int(random.poisson(expected)) if count is None else int(count)
+    return random.multinomial(total, share / math.fsum(share))
+
+
+def realised(region: Region, number, seed: int, map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+             report: Callable[[float], None] = lambda share: None):
+    """Places of so many particles of each class.
+
+    Parameters
+    ----------
+    region : where they are
+    number : (K,) from `numbers`
+    map : `map(function, tasks)` -> list in the order of the tasks
+    report : takes the share of the work that is done
+
+    Returns
+    -------
+    position : (N, 3) float32 m, class by class; those of a class cell by cell, row-major (x slowest), about one particle a cell
+
+    Raises
+    ------
+    NoRoom : the region fills too little of its box for rejection
+    """
+    filled = region.volume / math.prod(region.edge)
+    if filled < LEAST_VOLUME:
+        raise NoRoom(f"fills {filled:.2g} of its box, where {LEAST_VOLUME:g} or more would do")
+    position = np.empty((int(np.sum(number)), 3), np.float32)
+    slabs = []
+    for k, n in enumerate(number):
+        slabs += _slabs(region, int(n), k, 0, seed, int(n)) if region.whole else _kept(region, int(n), k, filled, seed, map)
+    done = 0
+    for start in range(0, len(slabs), _TOGETHER):
+        for place in map(_places, [(region, seed, slab) for slab in slabs[start:start + _TOGETHER]]):
+            position[done:done + len(place)] = place
+            done += len(place)
+        report(min(1.0, (start + _TOGETHER) / len(slabs)))
+    return position
+
+
+def _slabs(region, candidates, k, attempt, seed, number):
+    """Candidates of class k spread over slabs of cells; `number` decides the cells."""
+    if candidates == 0:
+        return []
+    side = (region.volume / max(number, 1)) ** (1 / 3)
+    cells = tuple(int(min(max(1, round(edge / side)), max(number, 1))) for edge in region.edge)
+    count = min(cells[0], math.ceil(candidates / BLOCK))
+    wall = np.arange(count + 1) * cells[0] // count
+    shared = rng.generator(seed, "discrete.slabs", k, attempt).multinomial(candidates, np.diff(wall) / cells[0])
+    return [_Slab((k, i, attempt), int(n), int(wall[i]), int(wall[i + 1]), cells) for i, n in enumerate(shared) if n]
+
+
+def _kept(region, number, k, filled, seed, map):
+    """Slabs of which rejection leaves just so many particles: all are counted once before they are drawn to stay."""
+    if number == 0:
+        return []
+    for attempt in range(_TRIES):
+        # six standard deviations are too few once in 1e9 times, and then twice as many are tried
+        spare = (6 * math.sqrt(number) + 20) * 2**attempt
+        slabs = _slabs(region, math.ceil((number + spare) / filled), k, attempt, seed, number)
+        left = np.array(map(_count, [(region, seed, slab) for slab in slabs]))
+        if left.sum() >= number:
+            extra = rng.generator(seed, "discrete.extra", k, attempt).multivariate_hypergeometric(
+                left, int(left.sum()) - number, method="marginals")
+            return [replace(slab, extra=int(n)) for slab, n in zip(slabs, extra)]
+    raise NoRoom(f"keeps fewer places than its volume, {region.volume:.3g} m^3, lets expect")
+
+
+def _count(region, seed, slab):
+    """How many candidates the density keeps."""
+    return len(_candidates(region, seed, slab)[0])
+
+
+def _places(region, seed, slab):
+    """Places (n, 3) float32 m of a slab, by cells."""
+    place, random = _candidates(region, seed, slab)
+    if slab.extra:
+        place = np.delete(place, random.choice(len(place), slab.extra, replace=False), axis=0)
+    out = np.empty_like(place)
+    sorted_by_cell(place, slab.first, slab.last, np.array(slab.cells), np.array(region.edge, float), out)
+    return out
+
+
+def _candidates(region, seed, slab):
+    """Places (n, 3) float32 m that the density keeps, and the random stream after them."""
+    random = rng.generator(seed, "discrete.places", *slab.stream)
+    unit = random.random((slab.candidates, 3), np.float32).astype(float)
+    unit[:, 0] = (slab.first + unit[:, 0] * (slab.last - slab.first)) / slab.cells[0]
+    edge = np.array(region.edge, float)
+    top = edge.astype(np.float32)
+    top = np.where(top >= edge, np.nextafter(top, np.float32(0)), top)  # a place lies inside the box, rounded or not
+    place = np.minimum((unit * edge).astype(np.float32), top)
+    if not region.whole:
+        place = place[random.random(len(place)) < region.at(place.astype(float))]
+    return place, random

@@ -1,0 +1,1 @@
+"""Separate particles: one realisation of the medium."""

@@ -1,0 +1,2 @@
+def pictures(root):
+    return ()

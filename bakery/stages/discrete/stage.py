@@ -1,0 +1,360 @@
+"""Stage `discrete`: separate particles by place and class, and what the classes do to light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from bakery import rng
+from bakery.errors import StageError
+from bakery.stages import measures, rules
+from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, later
+from bakery.stages.discrete.section import DISCRETE, METHODS, too_many
+from bakery.stages.discrete.view import classes_of
+from bakery.stages.optics import stage as optics
+from bakery.store.tree import Dataset, Group
+
+_METRES, _CUBIC = 1e-6, 1e-18  # m a um, m^3 a um^3
+_FILE = 12.1  # bytes a particle
+_STORING, _WRITING = 17.0, 45.0  # bytes a particle: while it is drawn; on top, while the file is written and read back
+_PLACING = 1.5e-7  # seconds a particle
+_EDGES = 1e-9, 1e7  # m, of a mesh, as those of a box
+_OFF = 8.0  # standard errors that a statistic may be off: by chance once in 1e15
+_FLOAT32 = 1e-6  # integral of a phase function whose values are float32
+OUTPUTS = (
+    Output("method", "(1,)", "1", "whether places are in the asset or come from hashes", choices=METHODS),
+    Output("number", "(1,)", "1", "particles; procedural: expected number"),
+    Output("number_density", "(1,)", "1/m^3", "particles per volume where the relative density is 1"),
+    Output("box", "(3,)", "m", "edges of the box, one of whose corners is the origin"),
+    Output("volume", "(1,)", "m^3", "integral of the relative density over the box"),
+    Output("key", "(2,)", "1", "words of 32 bits that a procedural realisation is drawn from", whole=True),
+    Output("position", "(N, 3)", "m", "centres, component by component, class by class, those of a class cell by cell", True),
+    Output("radius", "(N,)", "um", "radius of each particle's class", True),
+    Output("component", "(N,)", "1", "index of each particle's component", True, whole=True),
+    Output("density", "(X, Y, Z)", "1", "relative density at the middles of voxels, trilinear in between, constant in the outer "
+           "halves", True, within=(0, 1)),
+    Output("mesh_vertices", "(V, 3)", "m", "vertices of the closed mesh that holds the particles", True),
+    Output("mesh_faces", "(F, 3)", "1", "triangles of the mesh, counterclockwise seen from outside", True, within=(0, "V - 1"),
+           whole=True),
+    Output("theta", "(B,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
+    Output("host", "(L,)", "1", "real index of the host"),
+    Output("mean_extinction", "(L,)", "um^2", "mean extinction cross section of the particles that are there", True),
+    Output("mean_extinction_error", "(L,)", "um^2", "standard deviation of mean_extinction over realisations", True),
+    Output("law_extinction", "(L,)", "um^2", "mean extinction cross section by the law: shares of classes times their means"),
+    Output("cell_dispersion", "(1,)", "1", "variance of counts in cells over its expectation: 1 for independent places", True),
+    Output("cell_dispersion_error", "(1,)", "1", "standard deviation of cell_dispersion over realisations", True),
+    Output("class_dispersion", "(1,)", "1", "variance of counts in classes over its expectation: 1 by the law", True),
+    Output("class_dispersion_error", "(1,)", "1", "standard deviation of class_dispersion over realisations", True),
+    Output("COMPONENT/index", "(1,)", "1", "number of the component in the recipe's order, from 0", whole=True),
+    Output("COMPONENT/fraction", "(1,)", "1", "share of the particle number", within=(0, 1)),
+    Output("COMPONENT/radius", "(R,)", "um", "radius of each class, root mean square of its particles' radii"),
+    Output("COMPONENT/edge", "(R + 1,)", "um", "radii between the classes; equal to the radius where all spheres are equal"),
+    Output("COMPONENT/share", "(R,)", "1", "share of the component's number in each class, adding up to 1", within=(0, 1)),
+    Output("COMPONENT/extinction", "(L, R)", "um^2", "mean extinction cross section of a class"),
+    Output("COMPONENT/scattering", "(L, R)", "um^2", "mean scattering cross section of a class"),
+    Output("COMPONENT/spread", "(L, R)", "1", "relative variance of the extinction cross section within a class"),
+    Output("COMPONENT/phase", "(L, R, B)", "1/sr", "phase function of a class, averaged by scattering, linear in cos theta "
+           "between the angles"),
+    Output("COMPONENT/n", "(L,)", "1", "real part of the refractive index, relative to vacuum"),
+    Output("COMPONENT/k", "(L,)", "1", "imaginary part of the refractive index"),
+)
+_REQUIRED = ("index", "fraction", "radius", "edge", "share", "extinction", "scattering", "spread", "phase", "n", "k")
+
+
+# ---- recipe
+
+
+def _region(discrete):
+    """Where the particles are; StageError says what is wrong with a mesh."""
+    from bakery.physics.discrete.realise import Region
+
+    if discrete.mesh is not None:
+        return _mesh(*discrete.mesh.file, discrete.mesh.unit * _METRES)
+    edge = tuple(_METRES * length for length in discrete.box)
+    return Region(edge, None if discrete.grid is None else discrete.grid.file)
+
+
+def _mesh(data: bytes, kind: str, unit: float):
+    from bakery.physics.discrete.realise import Region
+    from bakery.physics.shapes.files import triangles
+    from bakery.physics.shapes.mending import mended
+
+    try:
+        vertices, faces, _ = mended(*triangles(data, kind))
+    except ValueError as fault:
+        raise StageError(f"discrete.mesh: {fault}") from None
+    vertices = unit * (vertices - vertices.min(axis=0))
+    edge = tuple(vertices.max(axis=0).tolist())
+    if not all(_EDGES[0] <= length <= _EDGES[1] for length in edge):
+        raise StageError(f"discrete.mesh: {' x '.join(f'{length:.3g}' for length in edge)} m; edges of {_EDGES[0]:g} to "
+                         f"{_EDGES[1]:g} m would do: another discrete.mesh.unit")
+    return Region(edge, None, vertices, faces)
+
+
+def _per_volume(particles, volumes) -> float:
+    """Particles per m^3; volumes (C,) um^3 of a mean particle of each component."""
+    from bakery.physics.medium import mixing
+
+    if particles.number_density is not None:
+        return particles.number_density
+    return mixing.number_density([float(c.fraction) for c in particles.components], np.array(volumes), particles.volume_fraction)
+
+
+def _settings(recipe) -> dict:
+    """What the work is, without what comes from other stages."""
+    from bakery.physics.discrete import classes
+
+    given, discrete = optics.inputs(recipe, {}), recipe.discrete
+    region = _region(discrete)
+    most = classes.per_component(len(given["components"]))
+    made = [classes.classes(c.sizes, most, discrete.classes) for c in given["components"]]
+    volumes = [c.sizes.mean_volume for c in given["components"]]
+    density = _per_volume(recipe.particles, volumes) if discrete.count is None else discrete.count / region.volume
+    fault = too_many(density * region.volume, discrete.method)
+    if fault:
+        raise StageError(f"discrete: {fault[0]}; {fault[1]}")
+    return {"components": given["components"], "classes": made, "wavelength": given["wavelength"], "host": given["host"],
+            "rays": given["rays"], "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
+            "number_density": density, "fraction": [float(c.fraction) for c in recipe.particles.components],
+            "index": [(np.asarray(c.material.n, float), np.asarray(c.material.k, float)) for c in recipe.particles.components],
+            "medium_density": _per_volume(recipe.particles, volumes)}
+
+
+def inputs(recipe, upstream) -> dict:
+    held, medium = upstream["optics"], upstream["medium"]
+    names = [c.name for c in recipe.particles.components]
+    means = {kind: np.stack([np.asarray(held[f"{name}/mean_{kind}"].data, float) for name in names])
+             for kind in ("extinction", "scattering")}
+    return _settings(recipe) | {"means": means, "medium_theta": np.asarray(medium["theta"].data, float),
+                                "medium_phase": np.asarray(medium["phase"].data, float)}
+
+
+def cost(recipe) -> Cost:
+    from bakery.physics.discrete.classes import predicted
+
+    given = _settings(recipe)
+    made = predicted(given["components"], given["classes"], given["wavelength"], given["host"], recipe.discrete.tolerance,
+                     rays=given["rays"], remember=optics.remember)
+    number = given["number_density"] * given["region"].volume
+    stored = number if given["method"] == "stored" else 0.0
+    of_classes = sum(len(each.radius) for each in given["classes"])
+    tables = 4.0 * made.angles * of_classes * len(given["wavelength"])
+    # a mesh asks for every candidate twice which side of its surface it lies on
+    placing = _PLACING * stored * (1.0 if given["region"].whole else 8.0)
+    return Cost(2 * made.seconds + placing, made.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
+                _FILE * stored + tables, f"{number:.3g} particles {given['method']}, {of_classes} classes of radii, about "
+                f"{made.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} while "
+                "they are written" * (stored > 0), 0.5, kernels=("discrete._places", "mie._kernels"), kind=recipe.discrete.method)
+
+
+# ---- work
+
+
+def compute(inputs: dict, context) -> Result:
+    from bakery.physics.discrete import classes
+
+    expected = classes.predicted(*(inputs[name] for name in ("components", "classes", "wavelength", "host")), context.tolerance,
+                                 rays=inputs["rays"], remember=optics.remember).seconds
+
+    def report(seconds, error):
+        context.report(0.7 * min(seconds / max(expected, 1e-9), 1.0), error)
+
+    theta, found = classes.optics(*(inputs[name] for name in ("components", "classes", "wavelength", "host")), context.tolerance,
+                                  context.map, report, rays=inputs["rays"], remember=optics.remember)
+    region = inputs["region"]
+    members: dict = dict(datasets(OUTPUTS, {
+        "method": np.array([METHODS.index(inputs["method"])], np.uint8), "number_density": [inputs["number_density"]],
+        "box": np.array(region.edge, float), "volume": [region.volume], "theta": theta, "host": inputs["host"],
+        "key": rng.key(inputs["seed"], "discrete.cells").astype(np.uint32)}))
+    if region.density is not None:
+        members |= datasets(OUTPUTS, {"density": region.density})
+    if region.vertices is not None:
+        members |= datasets(OUTPUTS, {"mesh_vertices": region.vertices, "mesh_faces": region.faces})
+    members |= _components(inputs, found)
+    share = np.concatenate([f * each.share for f, each in zip(inputs["fraction"], inputs["classes"])])
+    extinction = np.concatenate([of.extinction for of in found], axis=1)
+    notes = list(_notes(inputs))
+    if inputs["method"] == "stored":
+        members |= _stored(inputs, share, extinction, context)
+    else:
+        members |= datasets(OUTPUTS, {"number": [inputs["number_density"] * region.volume], "law_extinction": extinction @ share})
+    worst = max(max(float(of.error.max()) for of in found), _against_medium(inputs, theta, found))
+    context.report(1.0, worst)
+    missed = [] if worst <= context.tolerance else [
+        f"the averages of the classes are off by {worst:.2g}; a larger discrete.tolerance, or a smaller one of the recipe where "
+        "the medium itself is as coarse, would do"]
+    return Result(members, worst, tuple(notes), tuple(missed))
+
+
+def _components(inputs, found) -> dict[str, Group]:
+    out = {}
+    for i, (component, each, of) in enumerate(zip(inputs["components"], inputs["classes"], found)):
+        n, k = inputs["index"][i]
+        out[component.name] = Group(datasets(OUTPUTS, {
+            "index": np.array([i]), "fraction": [inputs["fraction"][i]], "radius": each.radius, "edge": each.edge,
+            "share": each.share, "extinction": of.extinction, "scattering": of.scattering, "spread": of.spread,
+            "phase": of.phase, "n": n, "k": k}, "COMPONENT/"))
+    return out
+
+
+def _notes(inputs) -> Iterable[str]:
+    ratio = inputs["number_density"] / inputs["medium_density"]
+    if inputs["count"] and abs(ratio - 1) > 0.01:
+        yield (f"discrete.count brings {inputs['number_density']:.3g} particles a cubic metre, {ratio:.3g} times those of "
+               "`particles`: the group `medium` belongs to the latter")
+
+
+def _stored(inputs, share, extinction, context) -> dict[str, Dataset]:
+    """Places, radii, components, and how far they are from the law."""
+    from bakery.physics.discrete import realise, statistics
+
+    region = inputs["region"]
+    number = realise.numbers(inputs["seed"], share, inputs["number_density"] * region.volume, inputs["count"])
+    try:
+        position = realise.realised(region, number, inputs["seed"], context.map, lambda done: context.report(0.7 + 0.2 * done))
+    except realise.NoRoom as fault:
+        raise StageError(f"discrete: the place of the particles {fault}") from None
+    radius = np.concatenate([each.radius for each in inputs["classes"]]).astype(np.float32)
+    of = np.repeat(np.arange(len(inputs["classes"]), dtype=np.uint8), [len(each.radius) for each in inputs["classes"]])
+    mean, error, law = statistics.mean_cross_section(number, share, extinction)
+    values = {"number": [float(len(position))], "position": position, "radius": np.repeat(radius, number),
+              "component": np.repeat(of, number), "law_extinction": law}
+    if len(position):
+        values |= {"mean_extinction": mean, "mean_extinction_error": error}
+    for name, figure in (("cell", statistics.dispersion(*statistics.in_cells(region, position))),
+                         ("class", statistics.dispersion(number, share))):
+        if figure is not None:
+            values |= {f"{name}_dispersion": [figure.value], f"{name}_dispersion_error": [figure.error]}
+    return datasets(OUTPUTS, values)
+
+
+def _against_medium(inputs, theta, found) -> float:
+    """Largest relative difference of the sum over classes from the continuous medium: cross sections, integral of the phase."""
+    worst, table, weight = 0.0, 0.0, 0.0
+    for i, (each, of) in enumerate(zip(inputs["classes"], found)):
+        for name in ("extinction", "scattering"):
+            mean = inputs["means"][name][i]
+            worst = max(worst, float(np.max(np.abs(getattr(of, name) @ each.share / mean - 1))))
+        scattered = inputs["fraction"][i] * of.scattering * each.share
+        table = table + np.einsum("lr,lra->la", scattered, of.phase.astype(float))
+        weight = weight + scattered.sum(axis=1)
+    return max(worst, _difference(theta, table / weight[:, None], inputs["medium_theta"], inputs["medium_phase"]))
+
+
+def _difference(theta, f, other_theta, other) -> float:
+    """Largest integral of the difference of two phase functions (L, A) over the sphere."""
+    from bakery.physics.medium import phase
+
+    both = np.union1d(theta, other_theta)
+    tables = phase.evaluate(theta, f, both), phase.evaluate(other_theta, other, both)
+    return float(measures.integrated_difference(both, *tables).max())
+
+
+# ---- rules
+
+
+def sound(group: Group) -> Iterable[str]:
+    """Whether angles ascend, there are places or a key, and each particle has a component."""
+    yield from rules.angles(group["theta"].data)
+    held = [name in group.members for name in ("position", "radius", "component")]
+    count = len(_classes(group))
+    if not count:
+        yield "holds no component"
+    if METHODS[int(group["method"].data[0])] == "stored":
+        if not all(held):
+            yield "stored, but position, radius or component is missing"
+        elif group["component"].data.size and group["component"].data.max() >= count:
+            yield f"component up to {group['component'].data.max()}, but there are {count}"
+    if sorted(int(member["index"].data[0]) for member in _classes(group).values()) != list(range(count)):
+        yield "COMPONENT/index does not count the components"
+
+
+def _classes(group: Group) -> dict[str, Group]:
+    return {name: member for name, member in group.members.items() if isinstance(member, Group)}
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `discrete` group, in words."""
+    for name, part in _classes(group).items():
+        yield from (f"{name}: {fault}" for fault in _check_component(part, group["theta"].data))
+    total = sum(float(part["fraction"].data[0]) for part in _classes(group).values())
+    if abs(total - 1) > 1e-5:
+        yield f"fractions add up to {total:.7g}"
+    box, volume = group["box"].data, float(group["volume"].data[0])
+    if not (box > 0).all() or not 0 < volume <= math.prod(box) * (1 + 1e-9):
+        yield "box or volume not above 0, or volume larger than the box"
+    if "position" in group.members:
+        yield from _check_places(group)
+    for name in ("cell_dispersion", "class_dispersion"):
+        if name in group.members:
+            value, error = (float(group[part].data[0]) for part in (name, name + "_error"))
+            if abs(value - 1) > _OFF * error + 1e-9:
+                yield f"{name} is {value:.4g}, {abs(value - 1) / error:.3g} standard deviations from 1"
+    if "mean_extinction" in group.members:
+        mean, error, law = (group[name].data for name in ("mean_extinction", "mean_extinction_error", "law_extinction"))
+        if (np.abs(mean - law) > _OFF * error + 1e-9 * law).any():
+            yield "mean_extinction is far from law_extinction"
+
+
+def _check_component(group: Group, theta) -> Iterable[str]:
+    from bakery.physics.medium import phase
+
+    v = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
+    faults = list(rules.complete(v, _REQUIRED))
+    yield from faults
+    if faults:
+        return
+    radius, edge = v["radius"], v["edge"]
+    if not (np.diff(radius) > 0).all() or (radius < edge[:-1]).any() or (radius > edge[1:]).any():
+        yield "radius does not ascend, or does not lie between the edges of its class"
+    if (radius.astype(np.float32) != radius).any():
+        yield "a radius that float32 does not hold"
+    if abs(v["share"].sum() - 1) > 1e-12:
+        yield "share does not add up to 1"
+    if (v["scattering"] > v["extinction"] * (1 + 1e-12)).any():
+        yield "scattering above extinction"
+    off = np.abs(phase.integral(theta, v["phase"].astype(float)) - 1).max()
+    if not off <= _FLOAT32:
+        yield f"phase integrates to 1 with an error of {off:.1g}, not {_FLOAT32:g}"
+
+
+def _check_places(group: Group) -> Iterable[str]:
+    position, radius, component = (group[name].data for name in ("position", "radius", "component"))
+    box = group["box"].data
+    if len(position) != float(group["number"].data[0]):
+        yield f"{len(position):,} positions, but number is {float(group['number'].data[0]):,.0f}"
+    if position.size and ((position < 0).any() or any(position[:, axis].max() >= box[axis] for axis in range(3))):
+        yield "a position outside of the box"
+    of = np.array([], int) if not len(component) else np.flatnonzero(np.diff(component.astype(int), prepend=-1))
+    if len(np.unique(component[of])) != len(of) or (np.diff(component.astype(int)) < 0).any():
+        yield "component does not ascend"
+    held = classes_of(group)
+    for start, end in zip(of, [*of[1:], len(component)]):
+        known = held.radius[held.component == component[start]].astype(np.float32)
+        if not np.isin(np.unique(radius[start:end]), known).all():
+            yield "a radius that is none of its component's classes"
+
+
+STAGE = Stage(
+    name="discrete",
+    version=1,
+    title="separate particles, and what each does to light",
+    reads=("wavelengths", "seed", "discrete", "phase", "particles"),
+    needs=("optics", "medium"),
+    applies=lambda recipe: recipe.discrete is not None,
+    outputs=OUTPUTS,
+    error_measure="largest of: relative error of a class's mean cross sections and integrated error of its phase function, as "
+                  "estimated by halving the nodes over its sizes; relative difference of the sum over classes from the mean "
+                  "cross sections of optics; integrated difference of the phase function of all classes from that of medium",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    sound=sound,
+    sections=(DISCRETE,),
+    tolerance_key="discrete.tolerance",
+    view=later("bakery.stages.discrete.view:view"),
+    pictures=later("bakery.stages.discrete.pictures:pictures"),
+)
