@@ -8,6 +8,7 @@ import math
 import random
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -211,6 +212,14 @@ class Here:
 
     def close(self):
         pass
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _no_collecting():
+    """The bench collects garbage before it looks at memory, which says nothing here and takes long in the process of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bakery.trade.worker.gc", SimpleNamespace(collect=lambda: 0))
+        yield
 
 
 @pytest.fixture(autouse=True)
