@@ -216,7 +216,7 @@ class Here:
 
 @pytest.fixture(autouse=True, scope="module")
 def _no_collecting():
-    """The bench collects garbage before it looks at memory, which says nothing here and takes long in the process of the tests."""
+    """The bench collects garbage before it looks at memory, which takes long here, where much is imported, and says nothing."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bakery.trade.worker.gc", SimpleNamespace(collect=lambda: 0))
         yield
