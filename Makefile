@@ -40,15 +40,17 @@ fuzz: $(VENV)/.ready-test
 
 setup: $(VENV)/.ready
 
-# the stamp is as new as the last successful install of what pyproject.toml asks for
+# the stamps are as new as the last successful install of what pyproject.toml asks for
 $(VENV)/.ready: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm]'
 	@touch $@
 
-$(VENV)/.ready-test: $(VENV)/.ready
+# all that .ready asks for as well: `make test` installs once
+$(VENV)/.ready-test: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test]'
-	@touch $@
+	@touch $(VENV)/.ready $@
 
 $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.txt

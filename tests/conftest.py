@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -77,6 +78,18 @@ def call(capsys, monkeypatch):
         return status, out, err
 
     return run
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Blank pictures in no time, for tests of what stands around them: `bake plot` and `bake report` draw nothing."""
+    from PIL import Image
+
+    png = io.BytesIO()
+    Image.new("RGB", (2, 1)).save(png, "png")
+    blank = {"png": png.getvalue(), "svg": b'<svg xmlns="http://www.w3.org/2000/svg"/>'}
+    for place in ("bakery.draw.picture", "bakery.report.page"):
+        monkeypatch.setattr(f"{place}.drawn", lambda picture, forms=("png", "svg"), of="": {form: blank[form] for form in forms})
 
 
 @pytest.fixture

@@ -182,7 +182,7 @@ def test_what_stands_in_the_light_takes_it():
 # ---- report
 
 
-def test_the_page_holds_pictures_and_figures(call, mix, tree, tmp_path):
+def test_the_page_holds_pictures_and_figures(call, undrawn, mix, tree, tmp_path):
     status, _, err = call("report", mix, "-o", tmp_path / "x.html", "--no-render")
     assert status == 0, err
     page = (tmp_path / "x.html").read_text()

@@ -191,7 +191,7 @@ def test_the_page_is_whole_and_self_contained(call, fog):
         assert said in found.text, said
 
 
-def test_what_stands_on_top_of_the_page(call, tmp_path):
+def test_what_stands_on_top_of_the_page(call, undrawn, tmp_path):
     """The recipe's description, the preview of exactly this asset, a mark at each stage that missed its tolerance."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -218,7 +218,7 @@ def test_what_stands_on_top_of_the_page(call, tmp_path):
     assert call("report", tmp_path / "fog.h5", "--no-render")[0] == 0
 
 
-def test_a_page_renders_its_own_picture(call, fog, tmp_path, monkeypatch):
+def test_a_page_renders_its_own_picture(call, undrawn, fog, tmp_path, monkeypatch):
     """Where none of this very asset lies beside it: a draft, of which nothing stays."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo

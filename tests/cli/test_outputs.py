@@ -92,7 +92,7 @@ def test_a_recipe_does_not_become_anothers_input(call, place, tmp_path):
 @pytest.mark.parametrize(("words", "name"), [
     ("milk.yaml -o notes.txt", "notes.txt"), ("milk.yaml --depfile notes.txt", "notes.txt"),
     ("report a.h5 --no-render -o notes.txt", "notes.txt"), ("milk.yaml -o theirs.h5", "theirs.h5")])
-def test_overwrite_says_that_it_may_go(call, place, tmp_path, words, name):
+def test_overwrite_says_that_it_may_go(call, undrawn, place, tmp_path, words, name):
     status, _, err = call(*words.split(), "--overwrite")
     assert status == 0 and (tmp_path / name).read_bytes() != place[name], err
     assert call(*words.split())[0] == 0  # now it is of the kind that goes there
@@ -109,7 +109,7 @@ def test_what_is_replaced_without_a_word(call, place, tmp_path):
 
 
 @pytest.mark.parametrize("words", ["plot a.h5 -o out", "export a.h5 --to csv -o out"])
-def test_folders(call, place, tmp_path, words):
+def test_folders(call, undrawn, place, tmp_path, words):
     """A second call replaces what the first wrote; a file of another kind among them stops it before anything is written."""
     status, first, err = call(*words.split())
     assert status == 0 and call(*words.split())[:2] == (0, first), err

@@ -241,31 +241,29 @@ def image_of(phase, seed):
         "light": {"type": "rectangle", "to_world": mi.ScalarTransform4f().look_at([3, 0.5, -2], [0, 0, 0], [0, 1, 0]),
                   "emitter": {"type": "area", "radiance": 10.0}},
         "ball": {"type": "sphere", "bsdf": {"type": "null"},
-                 "interior": {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.9, "phase": phase}}})
-    picture = passes.render([scene], np.ones((3, 1)), samples=8192, per_pass=512, seed=seed)
+                 "interior": {"type": "homogeneous", "sigma_t": 1.0, "albedo": 0.9, "phase": phase}}})
+    picture = passes.render([scene], np.ones((3, 1)), samples=2048, per_pass=512, seed=seed)
     return picture.rgb[..., 0], picture.variance[..., 0]
 
 
 def largest_z(a, b):
-    """Largest difference of two pictures in standard errors, over blocks of 4 x 4 pixels (near normal by their 131,072 paths)."""
+    """Largest difference of two pictures in standard errors, over blocks of 8 x 8 pixels (near normal by their 131,072 paths)."""
     def blocks(image):
-        return image.reshape(6, 4, 6, 4).mean(axis=(1, 3))
+        return image.reshape(3, 8, 3, 8).mean(axis=(1, 3))
 
-    error = np.sqrt((blocks(a[1]) + blocks(b[1])) / 16)
-    seen = error > 0  # the corners see nothing but the dark
-    assert seen.sum() > 20
-    return np.max(np.abs(blocks(a[0]) - blocks(b[0]))[seen] / error[seen])
+    error = np.sqrt((blocks(a[1]) + blocks(b[1])) / 64)
+    return np.max(np.abs(blocks(a[0]) - blocks(b[0])) / error)
 
 
 @needs_llvm
 def test_image_equals_hg(folder):
-    """36 blocks: |z| < 6.1 everywhere but for odds of 4e-8; a g that is off by 0.07 is seen."""
+    """9 blocks: |z| < 6 everywhere but for odds of 2e-8; a g that is off by 0.07 is seen."""
     mi.set_variant("llvm_ad_mono")
     reference = image_of({"type": "hg", "g": 0.7}, 1)
     ours = image_of({"type": "bakedphase", "filename": asset_file(folder / "hg70.h5", henyey_greenstein(0.7, angles()))}, 2)
     other = image_of({"type": "bakedphase", "filename": asset_file(folder / "hg77.h5", henyey_greenstein(0.77, angles()))}, 3)
-    assert largest_z(reference, ours) < 6.1
-    assert largest_z(reference, other) > 6.1
+    assert largest_z(reference, ours) < 6
+    assert largest_z(reference, other) > 6
 
 
 def rayleigh(folder):

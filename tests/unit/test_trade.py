@@ -8,6 +8,7 @@ import math
 import random
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -211,6 +212,14 @@ class Here:
 
     def close(self):
         pass
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _no_collecting():
+    """The bench collects garbage before it looks at memory, which takes long here, where much is imported, and says nothing."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bakery.trade.worker.gc", SimpleNamespace(collect=lambda: 0))
+        yield
 
 
 @pytest.fixture(autouse=True)
@@ -420,14 +429,15 @@ def test_a_recipe_that_changes_meanwhile_is_told(tmp_path):
 def test_a_process_that_dies_is_one_setting_that_failed(tmp_path, monkeypatch):
     """Settings with two orders end their process by signal 9; memory is that of the run, whatever ran before it."""
     only(monkeypatch, (2, 0, 1), (2, 1, 0), (0, 1, 1))
-    sweeper = Sweeper(job(tmp_path, "tests.traded:working"), 60.0, Progress(), Worker)
+    task = replace(job(tmp_path, "tests.traded:working"), presets={"final": {}})
+    sweeper = Sweeper(task, 60.0, Progress(), Worker)
     try:
         found = sweeper.sweep()
     finally:
         sweeper.close()
     runs = {name: found.runs[i] for name, i in by_words(found).items()}
     assert "killed" in runs["phase.orders=2"].failed and not runs["seed=1"].failed
-    for name, size in (("seed=1", 8), ("", 64), ("tolerance=10%", 64), ("tolerance=30%", 64)):
+    for name, size in (("seed=1", 8), ("", 64), ("tolerance=30%", 64)):
         assert runs[name].memory / 2**20 == pytest.approx(size, abs=2.5), name
     assert found.recommended(0.05) is not None and not list((tmp_path / "out").rglob("*.tmp"))
 

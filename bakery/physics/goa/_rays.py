@@ -233,7 +233,7 @@ def _roomier(items, used, rays, rows, angles):
 
 
 @njit(**STRICT)
-def trace(m, theta, orders, rainbow, axis, x=1.0):
+def trace(m, theta, orders, rainbow, axis, x):
     """Rays of the orders p = 0..orders at theta (A,) rad, ascending; x: the smallest sphere that will ask.
 
     Returns

@@ -63,7 +63,7 @@ class MitsubaWalker:
     def __init__(self, vertices, faces, surface: Surface, mu, events_max: int = EVENTS_MAX, threads: int | None = None):
         self.vertices, self.faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
         mu = np.atleast_1d(np.asarray(mu, float))
-        self.surface, self.mu = surface, np.ascontiguousarray(np.broadcast_to(mu, max(len(mu), surface.channels.shape[1])))
+        self.surface, self.mu = surface, np.array(np.broadcast_to(mu, max(len(mu), surface.channels.shape[1])))
         self.events_max, self.threads = min(int(events_max), (1 << _COUNT) - 1), threads
         self._ready = None
 
@@ -85,7 +85,7 @@ class MitsubaWalker:
                    rays.view(np.uint32)[part])
             at += len(uniform)
         ends, marks, carried = self._run(rays, key)
-        rho = np.ascontiguousarray(np.broadcast_to(surface.channels[0] if surface.kind == DIFFUSE else 1.0, self.mu.shape), float)
+        rho = np.array(np.broadcast_to(surface.channels[0] if surface.kind == DIFFUSE else 1.0, self.mu.shape), float)
         _finish(ends, marks, carried, rho, self.mu, paths)
         return paths
 

@@ -28,7 +28,7 @@ def layout(theta, f):
     f : (A,) as given
     cdf : (A,) probability of a smaller angle
     """
-    theta, f = np.asarray(theta, float), np.asarray(f, float)
+    theta, f = np.asarray(theta, float), np.ascontiguousarray(f, float)
     return 2 * np.sin(theta / 2) ** 2, phase.steps(theta), f, phase.cumulative(theta, f)
 
 

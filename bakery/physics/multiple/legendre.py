@@ -127,18 +127,21 @@ def refuse_backward(p, order):
 def _moments(left, width, share_left, share_width, f, first, x, weight, order):
     """Pieces from v = left on, `width` wide; share of their angle interval where they begin, and that they take."""
     total = np.zeros(order + 1)
+    v, value, p, step = np.empty(len(x)), np.empty(len(x)), np.empty(len(x)), np.empty(len(x))
     for piece in range(len(left)):
         i = first[piece]
         for n in range(len(x)):
             t = 0.5 * (1 + x[n])
-            v = left[piece] + t * width[piece]
+            v[n] = left[piece] + t * width[piece]
             share = share_left[piece] + t * share_width[piece]
-            value = (f[i] + share * (f[i + 1] - f[i])) * weight[n] * 0.5 * width[piece] * 2 * math.pi
-            p, step = 1.0, 0.0
-            total[0] += value
-            for l in range(order):
-                # P_(l+1) - P_l from the difference before it: no rounding of 1 - v
-                step = (l * step - (2 * l + 1) * v * p) / (l + 1)
-                p += step
-                total[l + 1] += value * p
+            value[n] = (f[i] + share * (f[i + 1] - f[i])) * weight[n] * 0.5 * width[piece] * 2 * math.pi
+            p[n], step[n] = 1.0, 0.0
+            total[0] += value[n]
+        for l in range(order):
+            # P_(l+1) - P_l from the difference before it: no rounding of 1 - v; all points of a piece side by side, for vectors
+            for n in range(len(x)):
+                step[n] = (l * step[n] - (2 * l + 1) * v[n] * p[n]) / (l + 1)
+                p[n] += step[n]
+            for n in range(len(x)):
+                total[l + 1] += value[n] * p[n]
     return total

@@ -74,8 +74,9 @@ def _arrays(vectors, scalars):
             raise ValueError(f"a position or direction has shape {v.shape}; its last axis must hold three components")
     scalars = [np.asarray(s, float) for s in scalars]
     shape = np.broadcast_shapes(*(v.shape[:-1] for v in vectors), *(s.shape for s in scalars))
-    return ([np.ascontiguousarray(np.broadcast_to(v, (*shape, 3))).reshape(-1, 3) for v in vectors],
-            [np.ascontiguousarray(np.broadcast_to(s, shape)).reshape(-1) for s in scalars], np.empty(shape))
+    # copies, which can be written to: one kind of array is compiled for
+    return ([np.array(np.broadcast_to(v, (*shape, 3)), order="C").reshape(-1, 3) for v in vectors],
+            [np.array(np.broadcast_to(s, shape), order="C").reshape(-1) for s in scalars], np.empty(shape))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

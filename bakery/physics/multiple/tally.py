@@ -163,7 +163,7 @@ def coarser(medium: Medium, sums: Sums) -> tuple[Medium, Sums]:
         shape = (*halves.shape[:2], bins // 2, 2, bins // 2, 2, orders)
         sums = Sums(sums.photons, sums.flights, halves.reshape(shape).sum(axis=(3, 5)),
                     sums.blocks.reshape(*sums.blocks.shape[:2], bins // 2, 2).sum(axis=3))
-    return replace(medium, edges=medium.edges[::2] if bins > 1 else medium.edges, orders=orders), sums
+    return replace(medium, edges=medium.edges[::2].copy() if bins > 1 else medium.edges, orders=orders), sums
 
 
 def at_boxes(sums, boxes):

@@ -110,7 +110,7 @@ def instances(seed, tile, sphere, weights=(1.0,)):
     if tile.shape[-1:] != (3,):
         raise ValueError(f"tile of shape {tile.shape}: (..., 3) whole numbers are needed")
     shape = np.broadcast_shapes(tile.shape[:-1], sphere.shape)
-    flat = [np.ascontiguousarray(np.broadcast_to(a, shape).reshape(-1)) for a in (*np.moveaxis(tile, -1, 0), sphere)]
+    flat = [np.array(np.broadcast_to(a, shape), order="C").reshape(-1) for a in (*np.moveaxis(tile, -1, 0), sphere)]
     kinds, quaternions = np.empty(flat[0].size, np.int64), np.empty((flat[0].size, 4))
     _fill(np.uint64(seed), *flat, shares, kinds, quaternions)
     return kinds.reshape(shape), quaternions.reshape(*shape, 4)

@@ -45,11 +45,11 @@ def inputs(recipe, upstream) -> dict:
 
 
 def compute(inputs: dict, context) -> Result:
-    from bakery.physics.beam import build, choice, kernels, moments, table
+    from bakery.physics.beam import choice, kernels, moments, planar, table
 
     count = len(inputs["albedo"])
     try:
-        widths = [build.prepare(inputs["theta"], phase).planar.width for phase in inputs["phase"]]
+        widths = [planar.table(inputs["theta"], phase).width for phase in np.unique(inputs["phase"], axis=0)]
     except ValueError as fault:
         raise StageError(f"narrow beams: {fault}") from None
     nodes = table.grid(inputs["depth"], min(widths))
