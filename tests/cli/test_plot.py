@@ -179,8 +179,8 @@ def test_figures_name_their_asset(monkeypatch):
     from bakery.report.figures import title_of
 
     said = []
-    monkeypatch.setattr("bakery.draw.picture.saved", lambda figure, form: said.append(
-        [text.get_text() for text in figure.findobj(match=lambda artist: hasattr(artist, "get_text"))]) or b"")
+    monkeypatch.setattr("bakery.draw.picture.saved", lambda figure, forms: said.append(
+        [text.get_text() for text in figure.findobj(match=lambda artist: hasattr(artist, "get_text"))]) or {})
     root = Group(small_asset().members, {"name": "fog", "content_hash": "abcdef" * 10})
     assert title_of(root) == "fog  ·  abcdefabcdef"
     for picture in pictures(root):
