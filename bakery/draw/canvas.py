@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import matplotlib
 import numpy as np
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.backends.backend_svg import RendererSVG
 from matplotlib.figure import Figure
@@ -18,7 +19,6 @@ from matplotlib.transforms import Bbox
 
 _BOTH = ("open_group", "close_group", "draw_path", "draw_markers", "draw_path_collection", "draw_quad_mesh", "draw_image",
          "draw_text")
-_DASHES = 8  # place of the dashes among what `draw_path_collection` is given after the context, behind the widths
 _POINT = 1 / 72  # inch
 _NO_DATE = {"Date": None, "Creator": None}
 _RUNS = 3  # zlib's strategy for runs of equal pixels: a third of the time, a twentieth more bytes
@@ -65,10 +65,7 @@ class _Svg(RendererSVG):
     def draw_markers(self, gc, *args, **kwargs):
         super().draw_markers(self._scaled(gc), *args, **kwargs)
 
-    def draw_path_collection(self, gc, *args, **kwargs):
-        *first, widths, dashes = args[:_DASHES + 1]
-        dashes = [(offset, lengths and [self._scale * length for length in lengths]) for offset, lengths in dashes]
-        super().draw_path_collection(gc, *first, [self._scale * width for width in widths], dashes, *args[_DASHES + 1:], **kwargs)
+    draw_path_collection = RendererBase.draw_path_collection  # path by path
 
     def _scaled(self, gc):
         """The context of a line with its width and dashes, which are points, in pixels."""
