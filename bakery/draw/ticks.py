@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
 from bakery.draw.axes import power
 
-_DECADES = 30.0  # ratio of the ends above which at least one power of ten and its neighbours have room
 _FORMULA = re.compile(r"\$\\mathdefault\{(-?)(?:(\d+)\\times)?10\^\{(-?\d+)\}\}\$")
 
 
@@ -25,7 +25,7 @@ class Powers(LogFormatterSciNotation):
 
 
 def thin_out(figure) -> None:
-    """Has the logarithmic axes of a figure write their powers as `Powers`, and show no ticks without a number over some decades.
+    """Has logarithmic axes write their powers as `Powers`, and show no ticks without numbers where two powers are written.
 
     Formatters of a figure's own stay.  A tick costs a picture as much as a line of text.
     """
@@ -36,6 +36,7 @@ def thin_out(figure) -> None:
                 axis.set_major_formatter(Powers(labelOnlyBase=major.labelOnlyBase))
             if type(minor) is LogFormatterSciNotation:
                 axis.set_minor_formatter(Powers(labelOnlyBase=minor.labelOnlyBase))
-            low, high = sorted(axis.get_view_interval())
-            if axis.get_scale() == "log" and high > _DECADES * low:
-                axis.set_minor_locator(NullLocator())
+            if axis.get_scale() == "log":
+                low, high = np.log10(sorted(axis.get_view_interval()))
+                if np.floor(high) > np.ceil(low):  # at least two powers of ten are written
+                    axis.set_minor_locator(NullLocator())

@@ -106,7 +106,7 @@ def plane(shown: Shown):
             shade = axes.imshow(both, extent=(middle - size, middle + size, -size, size), origin="lower", norm=norm,
                                 cmap="viridis", interpolation="bilinear", zorder=0)
             seen = lines[(np.abs(lines[:, :, 0] - middle) < size).any(axis=1) & (lines[:, :, 1] < size).any(axis=1)]
-            gaps = np.insert(seen, seen.shape[1], np.nan, axis=1).reshape(-1, 2)  # one path: hundreds take an SVG ten times as long
+            gaps = np.insert(seen, seen.shape[1], np.nan, axis=1).reshape(-1, 2)  # one path: hundreds take ten times as long
             axes.plot(*gaps.T, color="white", linewidth=0.35, alpha=0.75, zorder=2)
             axes.plot(rim[:, 0], rim[:, 1], color="white", linewidth=1.1, zorder=3)
             axes.plot(rim[:, 0], -rim[:, 1], color="white", linewidth=1.1, zorder=3)
