@@ -244,7 +244,7 @@ def pictures(count):
             figure.suptitle(f"Kernels of narrow beams to 5 mean free paths, {said}", x=0.01, ha="left", fontsize=10.5,
                             fontweight="bold")
             path = Path(__file__).resolve().parents[1] / "docs" / "pictures" / f"{name}.png"
-            path.write_bytes(saved(figure, "png"))
+            path.write_bytes(saved(figure, ("png",))["png"])
         print(path)
 
 

@@ -32,7 +32,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
 
     Returns
     -------
-    image : (pixels, pixels, 4) sRGB and coverage, 0 .. 1, first row on top
+    image : (pixels, pixels, 4) uint8, sRGB and coverage, first row on top
     """
     size = _FINE * pixels
     low, pixel = np.array([-1.02, -1.02]), 2.04 / size
@@ -46,7 +46,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
         place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
     light = np.zeros((size, size, 3))
     nothing = np.full((1, 1), -np.inf)
-    for towards, rgb, shine in _lights(48 if ball or len(faces) <= 200_000 else 20):
+    for towards, rgb, shine in _lights(24):
         frame = looking_from(towards)
         shadow, corner, step = nothing, np.zeros(2), 1.0
         if not ball:
@@ -60,7 +60,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
     image = image.reshape(pixels, _FINE, pixels, _FINE, 4).mean(axis=(1, 3))[::-1]
     mean = image[..., :3] / np.maximum(image[..., 3:], 1e-9)
     image[..., :3] = srgb(1 - np.exp(-1.3 * mean))
-    return image
+    return np.round(255 * image).astype(np.uint8)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -80,8 +80,8 @@ def depths(position, faces, low, pixel, width, height):
         bx, by, bz = position[b, 0] - ax, position[b, 1] - ay, position[b, 2] - az
         cx, cy, cz = position[c, 0] - ax, position[c, 1] - ay, position[c, 2] - az
         area = bx * cy - by * cx
-        if area == 0.0:
-            continue
+        if area <= 0.0:
+            continue  # seen from inside: another one of a closed surface hides it
         first = max(int((ay + min(by, cy, 0.0) - low[1]) / pixel), 0)
         last = min(int((ay + max(by, cy, 0.0) - low[1]) / pixel) + 1, height)
         left = max(int((ax + min(bx, cx, 0.0) - low[0]) / pixel), 0)

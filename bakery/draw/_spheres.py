@@ -36,6 +36,32 @@ def depths(position, radius, low, pixel, width, height):
 
 
 @njit(cache=True, nogil=True)
+def neighbours(position, visible, reach, most):
+    """The spheres nearest to each visible one, (N, most): -1 where fewer have their centres within `reach`, nearest first.
+
+    Parameters
+    ----------
+    position : (N, 3) ascending in z; visible : (N,) bool, the others get none
+    """
+    near, square = np.full((len(position), most), -1), np.empty(most)
+    for i in np.flatnonzero(visible):
+        square[:] = reach * reach
+        first = np.searchsorted(position[:, 2], position[i, 2] - reach)
+        last = np.searchsorted(position[:, 2], position[i, 2] + reach)
+        for j in range(first, last):
+            x, y, z = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1], position[j, 2] - position[i, 2]
+            found = x * x + y * y + z * z
+            if i == j or found >= square[-1]:
+                continue
+            at = most - 1
+            while at > 0 and square[at - 1] > found:
+                square[at], near[i, at] = square[at - 1], near[i, at - 1]
+                at -= 1
+            square[at], near[i, at] = found, j
+    return near
+
+
+@njit(cache=True, nogil=True)
 def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel):
     """Colour of each pixel, (height, width, 4): linear light and coverage.
 

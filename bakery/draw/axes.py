@@ -8,6 +8,7 @@ import numpy as np
 
 _WAVELENGTH = "wavelength"
 _LITTLE = 10.0  # ratio of the largest to the smallest below which an axis is linear
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def labels(um) -> list[str]:
@@ -50,8 +51,9 @@ def plain_numbers(axes) -> None:
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
-def power(exponent: float) -> str:
-    return f"$10^{{{int(exponent)}}}$"
+def power(exponent: float | str) -> str:
+    """10⁻³ in plain letters: formulas take matplotlib many times as long."""
+    return "10" + str(int(exponent)).translate(_RAISED)
 
 
 def positive(row):

@@ -44,4 +44,4 @@ def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg"), of: str = "")
             head, body = figure.subfigures(2, 1, height_ratios=(_HEAD, high))
             head.text(0.08 / wide, 0.45, of, va="center", color=QUIET, fontsize=8.5, parse_math=False)
         picture.draw(body if of else figure)
-        return {form: saved(figure, form) for form in forms}
+        return saved(figure, forms)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -21,7 +20,9 @@ NEUTRAL = ("#1c2530", "#8a4fbf", "#b3541e")  # curves that belong to no waveleng
 _LOOK = {
     "figure.facecolor": "white", "figure.dpi": 100, "savefig.dpi": 160, "figure.constrained_layout.use": True,
     "font.family": "DejaVu Sans", "font.size": 9.5, "axes.titlesize": 10.5, "axes.titleweight": "bold",
-    "axes.titlelocation": "left", "axes.titlepad": 9, "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK,
+    "axes.titlelocation": "left", "axes.titlepad": 9,
+    "axes.titley": 1.0,  # else matplotlib looks for what may stand in the way, which takes an eighth of a picture
+    "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK,
     "axes.edgecolor": QUIET, "axes.linewidth": 0.8, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
     "grid.color": FAINT, "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": QUIET, "ytick.color": QUIET,
     "xtick.labelcolor": INK,
@@ -42,9 +43,6 @@ def colours(wavelength) -> list[tuple[float, float, float]]:
     return [tuple(float(np.interp(um, at, rgb[:, i])) for i in range(3)) for um in wavelength]
 
 
-_NO_DATE = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
-
-
 @contextmanager
 def look(name: str) -> Iterator[None]:
     """Settings under which a figure is made and saved; independent of the user's own, ids of the SVG derived from `name`."""
@@ -54,14 +52,17 @@ def look(name: str) -> Iterator[None]:
         yield
 
 
-def saved(figure, form: str) -> bytes:
-    """The figure as `png` or `svg` without date and version; letters of an SVG are outlines, so it needs no fonts."""
-    from bakery.draw.ticks import plain_powers
+def saved(figure, forms: Sequence[str]) -> dict[str, bytes]:
+    """The figure as `png`, `svg` or both without date and version; letters of an SVG are outlines, so it needs no fonts."""
+    from bakery.draw.canvas import Canvas, measure_once
+    from bakery.draw.ticks import thin_out
 
-    if figure.get_layout_engine() is not None:  # once for all forms: matplotlib would do it for each, and draw each twice for it
-        plain_powers(figure)
+    canvas = Canvas(figure, forms)
+    thin_out(figure)
+    if figure.get_layout_engine() is not None:
+        for axes in figure.axes:
+            measure_once(axes)
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=form, metadata=_NO_DATE[form])
-    return buffer.getvalue()
+    found = canvas.drawn()
+    return {form: found[form] for form in forms}

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 
-from matplotlib.ticker import LogFormatterSciNotation
+import numpy as np
+from matplotlib.ticker import LogFormatterSciNotation, NullLocator
+
+from bakery.draw.axes import power
 
 _FORMULA = re.compile(r"\$\\mathdefault\{(-?)(?:(\d+)\\times)?10\^\{(-?\d+)\}\}\$")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Powers(LogFormatterSciNotation):
@@ -18,12 +20,15 @@ class Powers(LogFormatterSciNotation):
         formula = _FORMULA.fullmatch(text)
         if formula is None:
             return text
-        sign, factor, power = formula.groups()
-        return sign + (f"{factor}×" if factor else "") + "10" + power.translate(_RAISED)
+        sign, factor, exponent = formula.groups()
+        return sign + (f"{factor}×" if factor else "") + power(exponent)
 
 
-def plain_powers(figure) -> None:
-    """Has the logarithmic axes of a figure write their powers as `Powers`; formatters of its own stay."""
+def thin_out(figure) -> None:
+    """Has logarithmic axes write their powers as `Powers`, and show no ticks without numbers where two powers are written.
+
+    Formatters of a figure's own stay.  A tick costs a picture as much as a line of text.
+    """
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             major, minor = axis.get_major_formatter(), axis.get_minor_formatter()
@@ -31,3 +36,7 @@ def plain_powers(figure) -> None:
                 axis.set_major_formatter(Powers(labelOnlyBase=major.labelOnlyBase))
             if type(minor) is LogFormatterSciNotation:
                 axis.set_minor_formatter(Powers(labelOnlyBase=minor.labelOnlyBase))
+            if axis.get_scale() == "log":
+                low, high = np.log10(sorted(axis.get_view_interval()))
+                if np.floor(high) > np.ceil(low):  # at least two powers of ten are written
+                    axis.set_minor_locator(NullLocator())

@@ -35,7 +35,7 @@ def small(figure):
     """PNG of at most 64 colours, which lines and letters do not miss."""
     from PIL import Image
 
-    picture = Image.open(io.BytesIO(saved(figure, "png"))).convert("RGB").quantize(64, dither=Image.Dither.NONE)
+    picture = Image.open(io.BytesIO(saved(figure, ("png",))["png"])).convert("RGB").quantize(64, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, "png", optimize=True)
     return buffer.getvalue()

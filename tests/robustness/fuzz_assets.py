@@ -224,11 +224,10 @@ def sketched():
 
     from bakery.draw import picture as figures
 
-    def sketch(figure, form):
-        if form == "png":
-            figure.set_dpi(20)
-            FigureCanvasAgg(figure).draw()
-        return b"sketch"
+    def sketch(figure, forms):
+        figure.set_dpi(20)
+        FigureCanvasAgg(figure).draw()
+        return dict.fromkeys(forms, b"sketch")
 
     whole, figures.saved = figures.saved, sketch
     try:

@@ -349,10 +349,10 @@ def test_a_sphere_covers_its_disc():
     image, (left, right, bottom, top), corners = rendered(np.full((1, 3), 6.0), np.ones(1), np.full(3, 12.0), 300)
     pixel = (right - left) / image.shape[1]
     assert (top - bottom) / image.shape[0] == pytest.approx(pixel)
-    assert image[..., 3].sum() * pixel**2 == pytest.approx(4 * np.pi, rel=0.005)
-    assert image.min() >= 0 and image.max() <= 1 and corners.shape == (8, 2)
+    assert image[..., 3].sum() / 255 * pixel**2 == pytest.approx(4 * np.pi, rel=0.005)
+    assert image.dtype == np.uint8 and corners.shape == (8, 2)
     # red exceeds blue in the tile's own sphere only
-    warm = (image[..., 0] > image[..., 2] + 0.2) & (image[..., 3] == 1)
+    warm = (image[..., 0] > image[..., 2] + 50.0) & (image[..., 3] == 255)
     assert warm.sum() * pixel**2 == pytest.approx(np.pi, rel=0.15)
 
 

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from bakery.draw.axes import labels, legend_beside
+from bakery.draw.axes import labels, legend_beside, sentences
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.draw.table import Table
 from bakery.physics.medium.phase import integral
 from bakery.stages.grains.view import Exemplar, components_of, exemplar
-from bakery.stages.medium.pictures import lobe, phase_function
+from bakery.stages.medium.pictures import around, band_of, by_angle, over_angles
 from bakery.store.tree import Dataset, Group
 
 # figure -> symbol, what it is in a few words, range that its column shows (None: from 0 to what is found)
@@ -42,9 +42,9 @@ def pictures(root: Group) -> Iterator:
         yield shapes(meshes, found, grains)
     if any("hit_probability" in part.members for part in found.values()):
         yield statistics(found, um)
-    for name, part in found.items():
-        if "phase" in part.members and "theta" in grains.members:
-            yield from scattering(name, part, grains["theta"], um)
+    scattered = {name: part for name, part in found.items() if "phase" in part.members}
+    if scattered and "theta" in grains.members:
+        yield scattering(scattered, grains["theta"], um)
     sized = {name: part["by_radius"] for name, part in found.items() if isinstance(part.members.get("by_radius"), Group)}
     if sized and "radius" in grains.members and all("albedo" in part.members for part in sized.values()):
         yield by_radius(sized, grains["radius"].data, um)
@@ -96,22 +96,23 @@ def statistics(parts: Mapping[str, Group], um):
     notes = [line for name, part in parts.items() for line in [_effort(name, part)] if line]
 
     def draw(figure):
+        from matplotlib.transforms import ScaledTranslation
+
         panels = figure.subplots(1, len(names), sharey=True)
+        above = ScaledTranslation(0, 3.2 / 72, figure.dpi_scale_trans)
         at = np.array([-(i + 1.0 * list(parts).index(name)) for i, (name, _, _) in enumerate(rows)])
         for axes, figure_name in zip(np.atleast_1d(panels), names, strict=True):
             symbol, words, _ = FIGURES[figure_name]
             low, high = tops[figure_name]
-            for y, (_, part, k) in zip(at, rows, strict=True):
-                value, error = _value(part, figure_name, k)
-                if value is None or (k and _common(part, figure_name)):
-                    continue
-                tint = INK if _common(part, figure_name) else ink[k]
-                if error > _EXACT:
-                    axes.errorbar(value, y, xerr=error, color=tint, elinewidth=1.1, capsize=2.5, zorder=3)
-                axes.plot(value, y, "o", color=tint, markersize=4.2, markeredgewidth=0, zorder=4, clip_on=False)
-                axes.annotate(concise(value, error), (1.0, y), xycoords=("axes fraction", "data"), xytext=(0, 3.2),
-                              textcoords="offset points", ha="right", va="bottom", fontsize=7.6, color=tint,
-                              bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4}, zorder=5)
+            shown = [(y, *_value(part, figure_name, k), INK if _common(part, figure_name) else ink[k])
+                     for y, (_, part, k) in zip(at, rows, strict=True) if not (k and _common(part, figure_name))]
+            shown = [row for row in shown if row[1] is not None]
+            places, value, error, tints = zip(*shown, strict=True)
+            axes.hlines(places, np.subtract(value, error), np.add(value, error), colors=tints, linewidth=1.1, zorder=3)
+            axes.scatter(value, places, s=18, c=tints, linewidths=0, zorder=4, clip_on=False)
+            for y, number, unsure, tint in shown:
+                axes.text(1.0, y, concise(number, unsure), transform=axes.get_yaxis_transform() + above, ha="right", va="bottom",
+                          fontsize=7.6, color=tint, zorder=5)
             for name in list(parts)[1:]:
                 first = min(i for i, row in enumerate(rows) if row[0] == name)
                 axes.axhline(at[first] + 1.25, color=QUIET, linewidth=0.6)
@@ -140,9 +141,34 @@ def statistics(parts: Mapping[str, Group], um):
                    + "  ".join(f"{note}." for note in notes), size, draw, _columns(parts, names, um))
 
 
-def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
-    """The phase function of one component: over the angle with its error, and as a lobe."""
-    view = Group({"theta": theta} | {key: part[key] for key in ("phase", "phase_error") if key in part.members})
+def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
+    """The phase functions of all components, one a row: over the angle with their errors, and as lobes."""
+    views = {name: Group({"theta": theta} | {key: part[key] for key in ("phase", "phase_error") if key in part.members})
+             for name, part in parts.items()}
+    notes = [note for name, part in parts.items() for note in [_of_bins(name, part, theta)] if note]
+
+    def draw(figure):
+        grid = figure.add_gridspec(len(views), 2, width_ratios=(1.9, 1))
+        for row, (name, view) in enumerate(views.items()):
+            wide, polar = figure.add_subplot(grid[row, 0]), figure.add_subplot(grid[row, 1], projection="polar")
+            over_angles(wide, view, um)
+            wide.set_title(name)
+            around(polar, view, um)
+        legend_beside(figure, wide)
+        if notes:
+            figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8.2, color=QUIET)
+
+    columns = [("theta [rad]", theta.data)]
+    for name, view in views.items():
+        columns += by_angle(view, um, f"{name} phase at {{:g}} um [1/sr]", view["phase"].data)[1:]
+    bands = "".join(f"  {name}:{band_of(view)}" for name, view in views.items())
+    return Picture("grain_scattering", "Scattering by the grains", "Phase function of each component over the angle between the "
+                   f"directions of travel, and around the grain; light travels to the right.{bands}{sentences(notes)}",
+                   (10.4, 3.4 * len(views) + 0.16 * len(notes)), draw, tuple(columns))
+
+
+def _of_bins(name: str, part: Group, theta: Dataset) -> str:
+    """What stands below the phase function of a component: its noise, and the peak that is not drawn."""
     said = []
     if "phase_error" in part.members:
         spread = 50 * np.max(integral(theta.data, part["phase_error"].data))
@@ -151,10 +177,7 @@ def scattering(name: str, part: Group, theta: Dataset, um) -> Iterator:
     if delta is not None and np.max(delta.data) > 0:
         shares = dict.fromkeys(f"{100 * value:.3g} %" for value in delta.data)
         said.append(f"{', '.join(shares)} of the light is unscattered (delta) transmission: that peak at 0° is not drawn")
-    remarks = [f"{name}: {text}" for text in said]
-    whose = {"prefix": f"{name}_", "of": f" of {name}"}
-    yield phase_function(view, um, remarks, **whose)
-    yield lobe(view, um, **whose)
+    return f"{name}: {'; '.join(said)}" if said else ""
 
 
 def by_radius(parts: Mapping[str, Group], radius, um):

@@ -64,36 +64,22 @@ def _with_error(value, error) -> str:
     return f"{value:.6g}" + (f" ± {error:.2g}" if error > 0 else "")
 
 
-def phase_function(medium: Group, um, remarks: Sequence[str] = (), prefix: str = "", of: str = "") -> Picture:
+def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
     """Phase functions on a logarithmic scale: all angles, and the forward peak on a logarithmic angle.
 
-    `remarks` (where rays took part, what the curves leave out) stand below the axes; `prefix` goes before the picture's name,
-    `of` behind its title.
+    `remarks` (where rays took part) stand below the axes.
     """
-    theta, phase = np.degrees(medium["theta"].data), medium["phase"].data
-    stated = medium.members.get("phase_error")
-    error = stated.data if stated else phase * float(medium.attributes.get("achieved_error", 0.0))
-    largest = float(np.max(np.divide(error, phase, out=np.zeros_like(phase), where=phase > 0)))
-
-    left = _start_of_zoom(theta, phase)
-    near = np.union1d(np.geomspace(left, 30, 300), theta[(theta > left) & (theta < 30)])
+    theta, phase, error = _curves(medium)
+    largest = _largest(phase, error)
+    left = _start_of_zoom(np.degrees(theta), phase)
+    near = np.union1d(np.geomspace(left, 30, 300), np.degrees(theta[(theta > np.radians(left)) & (theta < np.radians(30))]))
 
     def draw(figure):
         wide, zoom = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
-        for axes, at in ((wide, theta), (zoom, near)):
-            rows, bands = (evaluate(medium["theta"].data, values, np.minimum(np.radians(at), np.pi)) for values in (phase, error))
-            for row, band, colour, label in zip(rows, bands, colours(um), labels(um), strict=True):
-                row = positive(row)
-                if largest > _SEEN:
-                    axes.fill_between(at, np.maximum(row - band, 1e-3 * row), row + band, color=colour, alpha=0.22, linewidth=0)
-                axes.plot(at, row, color=colour, label=label)
-        wide.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
-        if largest > _SEEN:  # the curves, not the error of an angle where next to nothing was found, say what is shown
-            wide.set_ylim(0.4 * phase[phase > 0].min(), 2.5 * phase.max())
-        wide.set_xticks(range(0, 181, 30))
-        wide.axhline(1 / (4 * np.pi), color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
-        wide.annotate("isotropic", (0.5, 1 / (4 * np.pi)), xycoords=("axes fraction", "data"), xytext=(0, 3),
-                      textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
+        over_angles(wide, medium, um)
+        for row, band, colour in zip(*(evaluate(theta, values, np.radians(near)) for values in (phase, error)), colours(um),
+                                     strict=True):
+            _curve(zoom, near, row, band if largest > _SEEN else None, colour)
         wide.set_title("All angles")
         zoom.set(xscale="log", xlim=(left, 30), xlabel="θ (°), logarithmic")
         zoom.set_title("Forward peak")
@@ -102,50 +88,97 @@ def phase_function(medium: Group, um, remarks: Sequence[str] = (), prefix: str =
         if remarks:
             figure.supxlabel("\n".join(remarks), x=0.01, ha="left", fontsize=8.5, color=QUIET)
 
-    band = f"  Largest error: {100 * largest:.2g} %" + (", the band." if largest > _SEEN else ", less than a line is wide.")
-    return Picture(f"{prefix}phase", f"Phase function{of}", "Light scattered by the angle between the directions of travel; "
-                   f"2π times the integral over cos θ is 1.{band}{sentences(remarks)}", (10.4, 4.3 + 0.2 * len(remarks)), draw,
-                   _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+    return Picture("phase", "Phase function", "Light scattered by the angle between the directions of travel; "
+                   f"2π times the integral over cos θ is 1.{band_of(medium)}{sentences(remarks)}",
+                   (10.4, 4.3 + 0.2 * len(remarks)), draw, by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
 
 
-def lobe(medium: Group, um, prefix: str = "", of: str = "") -> Picture:
+def over_angles(axes, medium: Group, um) -> None:
+    """The phase functions over all angles, with their errors as bands where these are wider than a line."""
+    theta, phase, error = _curves(medium)
+    largest = _largest(phase, error)
+    for row, band, colour, label in zip(phase, error, colours(um), labels(um), strict=True):
+        _curve(axes, np.degrees(theta), row, band if largest > _SEEN else None, colour, label)
+    axes.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
+    if largest > _SEEN:  # the curves, not the error of an angle where next to nothing was found, say what is shown
+        axes.set_ylim(0.4 * phase[phase > 0].min(), 2.5 * phase.max())
+    axes.set_xticks(range(0, 181, 30))
+    axes.axhline(1 / (4 * np.pi), color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+    axes.annotate("isotropic", (0.5, 1 / (4 * np.pi)), xycoords=("axes fraction", "data"), xytext=(0, 3),
+                  textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
+
+
+def band_of(medium: Group) -> str:
+    """How large the error of the phase functions is, and whether it is drawn."""
+    _, phase, error = _curves(medium)
+    largest = _largest(phase, error)
+    return f"  Largest error: {100 * largest:.2g} %" + (", the band." if largest > _SEEN else ", less than a line is wide.")
+
+
+def _curves(medium: Group):
+    """theta (A,) rad, phase functions and their errors, (L, A)."""
+    phase, stated = medium["phase"].data, medium.members.get("phase_error")
+    return medium["theta"].data, phase, stated.data if stated else phase * float(medium.attributes.get("achieved_error", 0.0))
+
+
+def _largest(phase, error) -> float:
+    return float(np.max(np.divide(error, phase, out=np.zeros_like(phase), where=phase > 0)))
+
+
+def _curve(axes, at, row, band, colour, label=None) -> None:
+    row = positive(row)
+    if band is not None:
+        axes.fill_between(at, np.maximum(row - band, 1e-3 * row), row + band, color=colour, alpha=0.22, linewidth=0)
+    axes.plot(at, row, color=colour, label=label)
+
+
+def lobe(medium: Group, um) -> Picture:
     """The phase function as a polar diagram whose radius is logarithmic.
 
     The forward peak is cut where it would press all else into the middle, and small values end on an inner circle.
     """
-    theta, phase = medium["theta"].data, medium["phase"].data
-    beside = phase[:, theta >= min(_BESIDE, theta[-1])]
-    top = float(np.ceil(np.log10(beside.max())))
-    bottom = np.floor(np.log10(max(np.percentile(beside[beside > 0], 0.5), 10 ** (top - _LOBE_DECADES))))
-    bottom = float(min(bottom, top - 1))
-    cut = phase.max() > 10**top
+    bottom, top, cut = _limits(medium)
 
     def draw(figure):
         axes = figure.add_subplot(projection="polar")
-        for row, colour, label in zip(phase, colours(um), labels(um), strict=True):
-            radius = np.log10(np.clip(row, 10**bottom, 10**top))
-            axes.plot(np.concatenate([theta, 2 * np.pi - theta[::-1]]), np.concatenate([radius, radius[::-1]]), color=colour,
-                      label=label, linewidth=1.3)
-        decades = np.arange(bottom, top + 1)
-        axes.set_rlim(bottom, top)
-        axes.set_rorigin(bottom - _HOLE * (top - bottom))
-        axes.set_rgrids(decades, [power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
-        axes.set_thetagrids(range(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
-        axes.spines["polar"].set_color(FAINT)
-        axes.spines["inner"].set_color(QUIET)
-        axes.annotate("light", (0.17, 0.06), xytext=(0.0, 0.06), xycoords="axes fraction", va="center", fontsize=9,
-                      arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 4})
-        if cut:
-            axes.annotate(f"peak cut, to {phase.max():.2g}", (0, top), xytext=(-6, 5), textcoords="offset points", ha="right",
-                          fontsize=8, color=QUIET, annotation_clip=False)
-        axes.set_title("Phase function (1/sr), logarithmic radius", pad=16)
+        around(axes, medium, um)
+        axes.set_title("Phase function (1/sr), logarithmic radius", pad=24)
         legend_beside(figure, axes)
 
     said = "The same phase function around the particle; light travels to the right, 0° is straight on."
     said += f"  The inner circle stands for {10**bottom:g} and less" + (
-        f", the outer one for {10**top:g} and more: the forward peak rises to {phase.max():.2g}." if cut else ".")
-    return Picture(f"{prefix}lobe", f"Lobe{of}", said, (6.4, 5.2), draw,
-                   _by_angle(medium, um, "phase at {:g} um [1/sr]", phase))
+        f", the outer one for {10**top:g} and more: the forward peak rises to {medium['phase'].data.max():.2g}." if cut else ".")
+    return Picture("lobe", "Lobe", said, (6.4, 5.2), draw, by_angle(medium, um, "phase at {:g} um [1/sr]", medium["phase"].data))
+
+
+def around(axes, medium: Group, um) -> None:
+    """The phase functions on polar axes; light travels to the right."""
+    theta, phase = medium["theta"].data, medium["phase"].data
+    bottom, top, cut = _limits(medium)
+    for row, colour, label in zip(phase, colours(um), labels(um), strict=True):
+        radius = np.log10(np.clip(row, 10**bottom, 10**top))
+        axes.plot(np.concatenate([theta, 2 * np.pi - theta[::-1]]), np.concatenate([radius, radius[::-1]]), color=colour,
+                  label=label, linewidth=1.3)
+    decades = np.arange(bottom, top + 1)
+    axes.set_rlim(bottom, top)
+    axes.set_rorigin(bottom - _HOLE * (top - bottom))
+    axes.set_rgrids(decades, [power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
+    axes.set_thetagrids(range(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
+    axes.spines["polar"].set_color(FAINT)
+    axes.spines["inner"].set_color(QUIET)
+    axes.text(-0.14, 0.0, "light →", transform=axes.transAxes, fontsize=9)
+    if cut:
+        axes.annotate(f"peak cut, to {phase.max():.2g}", (0, top), xytext=(-6, 5), textcoords="offset points", ha="right",
+                      fontsize=8, color=QUIET, annotation_clip=False)
+
+
+def _limits(medium: Group) -> tuple[float, float, bool]:
+    """log10 of the inner and the outer circle of a lobe, and whether the forward peak goes beyond."""
+    theta, phase = medium["theta"].data, medium["phase"].data
+    beside = phase[:, theta >= min(_BESIDE, theta[-1])]
+    top = float(np.ceil(np.log10(beside.max())))
+    bottom = np.floor(np.log10(max(np.percentile(beside[beside > 0], 0.5), 10 ** (top - _LOBE_DECADES))))
+    return float(min(bottom, top - 1)), top, bool(phase.max() > 10**top)
 
 
 def polarisation(medium: Group, um) -> Picture:
@@ -166,7 +199,7 @@ def polarisation(medium: Group, um) -> Picture:
         legend_beside(figure, axes)
 
     return Picture("polarisation", "Polarisation", "-s12 / s11 for a single scattering of unpolarised light.", (7.2, 4.0), draw,
-                   _by_angle(medium, um, "-s12/s11 at {:g} um [1]", degree))
+                   by_angle(medium, um, "-s12/s11 at {:g} um [1]", degree))
 
 
 def coefficients(medium: Group, um) -> Picture:
@@ -207,7 +240,7 @@ def coefficients(medium: Group, um) -> Picture:
                    (9.6 if absorbs else 7.0, 3.4), draw, (("wavelength [um]", um[order]), *columns))
 
 
-def _by_angle(medium: Group, um, heading: str, rows) -> tuple:
+def by_angle(medium: Group, um, heading: str, rows) -> tuple:
     """Columns of a picture over the scattering angle: one a wavelength."""
     return (("theta [rad]", medium["theta"].data), *((heading.format(x), row) for x, row in zip(um, rows, strict=True)))
 

@@ -14,6 +14,7 @@ from bakery.store.tree import Group
 
 EQUAL = 1e-9  # relative spread below which radii count as equal
 _SAND, _PALE = np.array([0.80, 0.33, 0.06]), np.array([0.68, 0.74, 0.82])
+_NEAR = 12  # spheres that take light of the sky from another: as many as can touch it
 _SMALL, _LARGE = np.array([0.04, 0.30, 0.42]), np.array([0.85, 0.36, 0.07])
 
 
@@ -29,7 +30,7 @@ def pictures(root: Group) -> Iterator:
         yield from dictionary(packed)
 
 
-def rendered(centers, radii, cell, pixels: int = 800) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
+def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple[float, float, float, float], np.ndarray]:
     """The tile from a corner, with three of its periodic images behind it.
 
     Parameters
@@ -39,12 +40,10 @@ def rendered(centers, radii, cell, pixels: int = 800) -> tuple[np.ndarray, tuple
 
     Returns
     -------
-    image : (H, W, 4) sRGB and coverage, 0 .. 1, first row on top
+    image : (H, W, 4) uint8, sRGB and coverage, first row on top
     extent : left, right, bottom, top in the plane of the view, same unit as the cell
     corners : (8, 2) corners of the cell in that plane, the nearest one last
     """
-    from scipy.spatial import cKDTree
-
     from bakery.draw import _spheres
 
     centers, radii, cell = (np.asarray(a, float) for a in (centers, radii, cell))
@@ -54,6 +53,8 @@ def rendered(centers, radii, cell, pixels: int = 800) -> tuple[np.ndarray, tuple
     colour = np.concatenate([_colours(radii), np.tile(0.9 * _PALE + 0.1 * _colours(radii), (3, 1))])
     view = looking_from(np.array([1.0, 0.72, 0.62]))
     seen = position @ view.T
+    order = np.argsort(seen[:, 2], kind="stable")
+    seen, radius, colour = seen[order], radius[order], colour[order]
     low, high = (seen[:, :2] - radius[:, None]).min(0), (seen[:, :2] + radius[:, None]).max(0)
     margin = 0.02 * (high - low).max()
     low, high = low - margin, high + margin
@@ -72,18 +73,16 @@ def rendered(centers, radii, cell, pixels: int = 800) -> tuple[np.ndarray, tuple
     size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
     _, shadow = _spheres.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1]))
 
-    kept = min(16, len(radius) - 1)
-    near = np.full((len(radius), max(kept, 1)), -1)
-    if kept:
-        distance, found = cKDTree(seen).query(seen, kept + 1)
-        near[:] = np.where(distance[:, 1:] < 6 * radius.max(), found[:, 1:], -1)
+    visible = np.zeros(len(radius), bool)
+    visible[index[index >= 0]] = True
+    near = _spheres.neighbours(seen, visible, 6 * radius.max(), _NEAR)
     image = _spheres.shaded(index, depth, seen, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel)
     image = image.reshape(height // fine, fine, pixels, fine, 4).mean(axis=(1, 3))[::-1]
     light = image[..., :3] / np.maximum(image[..., 3:], 1e-9)
     image[..., :3] = srgb(1 - np.exp(-1.25 * light))
     top = low[1] + height * pixel
     box = np.array(np.meshgrid(*[(0, 1)] * 3, indexing="ij")).reshape(3, -1).T * cell
-    return image, (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
+    return np.round(255 * image).astype(np.uint8), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
 
 
 def spheres(tile: Group):
@@ -92,12 +91,12 @@ def spheres(tile: Group):
 
     def draw(figure):
         axes = figure.add_subplot()
-        _show(axes, tile, 800)
+        _show(axes, tile, 640)
         axes.set_title(f"{_kind(radii).capitalize()}, fraction {fraction:.4g}")
 
     return Picture("tile", "Tile", f"In colour {_kind(radii)}, filling {100 * fraction:.4g} % of the cell whose edges are "
                    "drawn; behind it, pale, three of its periodic images.",
-                   (8.6, 7.0), draw, (*((f"{axis} [mean radius]", centers[:, k]) for k, axis in enumerate("xyz")),
+                   (7.4, 6.0), draw, (*((f"{axis} [mean radius]", centers[:, k]) for k, axis in enumerate("xyz")),
                                       ("radius [mean radius]", radii)))
 
 
