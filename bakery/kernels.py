@@ -10,11 +10,12 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
-| phase functions | `phase_layout` | `phase_value`, `phase_sample`, `turned_direction` |
+| phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
-| where a discrete medium is | `Region`, `region_box`, `region_grid`, `region_mesh`, `region_densities` | `relative_density` |
-| its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc`, `open_wavelengths`, `disc_cells`,
+| where a discrete medium is | `Region` (`BOX` or another kind), `region_box`, `region_grid`, `region_mesh`, `region_densities` | `relative_density` |
+| its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc` (or `NO_DISC`), `open_wavelengths`, `disc_cells`,
   `discs_of_cell` |
+| closed meshes of files | `closed_mesh` | |
 | hashes | | `hashed` |
 
 Lengths: mean free paths for tables of multiple scattering, mean radii for tiles, radii of the bounding sphere for grains.
@@ -62,6 +63,8 @@ from bakery.physics.packing.instances import cumulated as cumulated_shares
 from bakery.physics.packing.instances import kind, rotation, uniforms
 from bakery.physics.packing.instances import matrix as rotation_matrix
 from bakery.physics.packing.instances import mix as hashed
+from bakery.physics.shapes.files import triangles
+from bakery.physics.shapes.mending import mended
 
 __all__ = [
     "BOX",
@@ -69,6 +72,7 @@ __all__ = [
     "Mesh",
     "Region",
     "at_surface",
+    "closed_mesh",
     "conductor",
     "cumulated_shares",
     "dielectric",
@@ -108,6 +112,17 @@ __all__ = [
     "triangle_normal",
     "turned_direction",
 ]
+
+
+def closed_mesh(data, kind):
+    """Vertices (V, 3) and triangles (F, 3) of a mesh file, a solid with outward normals.
+
+    data : bytes of the file;  kind : its ending, such as ply
+
+    Raises ValueError, in words, where it is no such file, or no closed mesh.
+    """
+    vertices, faces, _ = mended(*triangles(data, kind))
+    return vertices, faces
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -20,6 +20,8 @@ from renderers.discrete.threads import run
 CHUNK = 1 << 18  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
 _AREA = 4.0  # pixels of a disc for each pencil
+# steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
+_EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
 _BLOCK = 8  # cells along an edge of what is compared with the view
 
 
@@ -131,7 +133,9 @@ def _add(world, medium, view, place, kind, discrete, streams, samples, by_order,
     """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
     n = len(kind)
     seed, number, serial = streams
-    states = np.empty(n, np.uint64)
+    states, offsets = np.empty(n, np.uint64), np.empty((n, 2))
+    _transport.begin_streams(np.uint64(seed), 0, (serial + 1) * CHUNK << 20, states)
+    _transport.draw(states, offsets)
     _transport.begin_streams(np.uint64(seed), number, (serial + 1) * CHUNK << 20, states)
     pencils = np.empty(n, np.int64)
     run(_pencils, n, medium, view.origin, view.area, view.axis, place, kind, pencils)
@@ -140,9 +144,12 @@ def _add(world, medium, view, place, kind, discrete, streams, samples, by_order,
     # a stream for each pencil: those of one particle go apart at their first number
     part = np.arange(m) - np.repeat(np.cumsum(pencils) - pencils, pencils)
     states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
+    # pencils of one particle and of all passes spread over its disc evenly
+    steps = (number * pencils[who] + part)[:, None] * _EVENLY
+    aims = (offsets[who] + steps) % 1.0
     direction, far, weight, pixel = np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64)
     run(_aim, m, medium, view.origin, view.inverse, view.area, view.axis, view.height, view.width, discrete.reshape(-1), place,
-        kind, pencils[who], states, direction, far, weight, pixel)
+        kind, pencils[who], aims, direction, far, weight, pixel)
     kept = np.flatnonzero(pixel >= 0)
     kept = kept[~np.isfinite(world.trace(np.tile(view.origin, (len(kept), 1)), direction[kept], far[kept]))]
     place, kind, states, direction, far, weight, pixel = (
@@ -195,7 +202,7 @@ def _pencils(medium, origin, area, axis, place, kind, pencils, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, kind, pencils, states, direction, far, weight,
+def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, kind, pencils, aims, direction, far, weight,
          pixel, begin, end):
     """A pencil in the cone of each particle: direction, distance, weights over the solid angle of its pixel; pixel -1: none."""
     for i in range(begin, end):
@@ -204,9 +211,9 @@ def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, ki
         pixel[i] = -1
         if distance == 0:
             continue
-        chosen = v * _transport.uniform(states, i)
+        chosen = v * aims[i, 0]
         dx, dy, dz = turned_direction(x / distance, y / distance, z / distance, chosen,
-                                      2 * math.pi * _transport.uniform(states, i))
+                                      2 * math.pi * aims[i, 1])
         ahead = dx * axis[0] + dy * axis[1] + dz * axis[2]
         if ahead <= 0:
             continue
