@@ -12,7 +12,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
-| where particles are | `Region` (`BOX`, ...), `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
+| where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
 | its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc` (or `NO_DISC`), `open_wavelengths` |
 | one by one | | `disc_cells`, `discs_of_cell` |
 | closed meshes of files | `closed_mesh` | |
