@@ -16,6 +16,7 @@ from bakery.physics.discrete import hashing
 from bakery.physics.discrete.region import Region
 
 PER_CELL = 1.5  # particles; 1 to 2 take the same time, within the noise of benchmarks/discrete.py
+BLOCK = 4  # cells along the edge of what lies together in memory: a pencil finds its next cells in the cache
 _ALIKE = 3.0  # largest over smallest disc of a level
 _FEW = 32  # particles for which a level of their own does not pay
 _MOST_CELLS = 1 << 40  # of a procedural level, so that indices stay exact
@@ -31,7 +32,8 @@ class Discs(NamedTuple):
     reach : (G,) m, radius of the largest disc at any wavelength
     shift : (G, 3) m, by which the level has moved; what leaves a stored box on one side comes in on the other
     classes : (G + 1,) which classes are a level's
-    offset : (sum of cells + G,) uint32, first particle of each cell, level after level;  start : (G,) where a level begins in it
+    offset : (sum of cells + G,) uint32, first particle of each cell (`cell_index`), level after level
+    start : (G,) where a level begins in it
     place : (N, 3) float32 m, from region.lo;  kind : (N,) uint16, class
     counts : (G, MOST) cumulated probabilities of numbers in a cell;  cumulated : (K,) cumulated shares within the level
     square : (K, L) m^2, squared radii of the discs;  largest : (K,) of all wavelengths
@@ -83,7 +85,7 @@ def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PE
     levels = [_lattice(extent, numbers[a:b].sum(), math.sqrt(largest[a:b].max() / math.pi), per_cell)
               for a, b in _pairs(classes)]
     cells = np.array(levels, np.int64).reshape(-1, 3)
-    start = np.concatenate([[0], np.cumsum(cells.prod(axis=1) + 1)])
+    start = np.concatenate([[0], np.cumsum((-(-cells // BLOCK) * BLOCK).prod(axis=1) + 1)])
     level = np.repeat(np.arange(len(cells)), np.diff(classes))
     offset = np.zeros(start[-1], np.uint32)
     sorted_place, sorted_kind = np.empty((len(kind), 3), np.float32), np.empty(len(kind), np.uint16)
@@ -163,19 +165,25 @@ def _lattice(extent, number, reach, per_cell):
     return counts.astype(np.int64)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def cell_index(i, j, k, n1, n2):
+    """Where cell (i, j, k) of a level with (., n1, n2) cells stands in memory: blocks of BLOCK^3 cells lie together."""
+    b1, b2 = (n1 + BLOCK - 1) // BLOCK, (n2 + BLOCK - 1) // BLOCK
+    block = ((i // BLOCK) * b1 + j // BLOCK) * b2 + k // BLOCK
+    return ((block * BLOCK + i % BLOCK) * BLOCK + j % BLOCK) * BLOCK + k % BLOCK
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sort(place, kind, lo, extent, cells, level, start, offset, sorted_place, sorted_kind):
     """Counting sort by level and cell."""
     n = len(kind)
-    cell = np.empty(n, np.int64)
+    cell, at = np.empty(n, np.int64), np.empty(3, np.int64)
     for i in range(n):
         g = level[kind[i]]
-        at = 0
         for axis in range(3):
             m = cells[g, axis]
-            c = math.floor((place[i, axis] - lo[axis]) / extent[axis] * m)
-            at = at * m + min(max(c, 0), m - 1)
-        cell[i] = start[g] + at
+            at[axis] = min(max(math.floor((place[i, axis] - lo[axis]) / extent[axis] * m), 0), m - 1)
+        cell[i] = start[g] + cell_index(at[0], at[1], at[2], cells[g, 1], cells[g, 2])
         offset[cell[i]] += np.uint32(1)
     total = np.int64(0)
     for c in range(len(offset)):
@@ -184,11 +192,11 @@ def _sort(place, kind, lo, extent, cells, level, start, offset, sorted_place, so
         total += here
     # a level's last entry counts nothing: it ends where the next level's first begins
     for i in range(n):
-        at = np.int64(offset[cell[i]])
+        to = np.int64(offset[cell[i]])
         offset[cell[i]] += np.uint32(1)
         for axis in range(3):
-            sorted_place[at, axis] = np.float32(place[i, axis] - lo[axis])
-        sorted_kind[at] = kind[i]
+            sorted_place[to, axis] = np.float32(place[i, axis] - lo[axis])
+        sorted_kind[to] = kind[i]
     for c in range(len(offset) - 1, 0, -1):
         offset[c] = offset[c - 1]
     offset[0] = np.uint32(0)

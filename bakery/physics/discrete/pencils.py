@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.discrete.hashing import cell_count, cell_hash, cell_particle
+from bakery.physics.discrete.levels import cell_index
 from bakery.physics.discrete.region import relative_density
 
 NONE = -1
@@ -124,6 +125,8 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
         layers = layer - last + 1
     key, table, base = discs.key[level], discs.counts[level], discs.start[level]
     n0, n1, n2 = cells[0], cells[1], cells[2]
+    h0, h1, h2 = step[0], step[1], step[2]
+    place, offset, farthest = discs.place, discs.offset, reach * reach * (1 + 1e-12)
     partial = region.kind != 0
     for _ in range(layers):
         if way > 0:
@@ -152,29 +155,31 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
                         wi, wj, wk = i // n0, j // n1, k // n2
                         i, j, k = i - wi * n0, j - wj * n1, k - wk * n2
                         ex, ey, ez = ex + wi * (hi[0] - lo[0]), ey + wj * (hi[1] - lo[1]), ez + wk * (hi[2] - lo[2])
-                    cell = base + (i * n1 + j) * n2 + k
-                    p, after = np.int64(discs.offset[cell]), np.int64(discs.offset[cell + 1])
+                    cell = base + cell_index(i, j, k, n1, n2)
+                    begins, after = np.int64(offset[cell]), np.int64(offset[cell + 1])
                 else:
                     h = cell_hash(key, i, j, k)
-                    p, after = 0, cell_count(h, table)
-                while p < after:
-                    share = 0.0
+                    begins, after = np.int64(0), cell_count(h, table)
+                for p in range(begins, after):
+                    chosen, share = 0.0, 0.0
                     if stored:
-                        px, py, pz = ex + discs.place[p, 0], ey + discs.place[p, 1], ez + discs.place[p, 2]
-                        kind = np.int64(discs.kind[p])
+                        px, py, pz = ex + place[p, 0], ey + place[p, 1], ez + place[p, 2]
                     else:
                         u, v, w, chosen, share = cell_particle(h, p)
-                        px, py, pz = ex + (i + u) * step[0], ey + (j + v) * step[1], ez + (k + w) * step[2]
-                        kind = first_class
-                        while kind < after_class - 1 and chosen >= discs.cumulated[kind]:
-                            kind += 1
-                    p += 1
+                        px, py, pz = ex + (i + u) * h0, ey + (j + v) * h1, ez + (k + w) * h2
                     gx, gy, gz = px - ox, py - oy, pz - oz
                     t = gx * dx + gy * dy + gz * dz
-                    if not begin < t < best:
-                        continue
                     gx, gy, gz = gx - t * dx, gy - t * dy, gz - t * dz
                     d2 = gx * gx + gy * gy + gz * gz
+                    # most are farther than any disc of the level reaches
+                    if d2 >= farthest or not begin < t < best:
+                        continue
+                    kind = first_class
+                    if stored:
+                        kind = np.int64(discs.kind[p])
+                    else:
+                        while kind < after_class - 1 and chosen >= discs.cumulated[kind]:
+                            kind += 1
                     if d2 >= discs.largest[kind] or (px == sx and py == sy and pz == sz):
                         continue
                     if moved or not stored:
@@ -221,7 +226,7 @@ def particles_of(discs, level, i, j, k, first, place, kind, filled, room):
         wi, wj, wk = i // cells[0], j // cells[1], k // cells[2]
         i, j, k = i - wi * cells[0], j - wj * cells[1], k - wk * cells[2]
         ex, ey, ez = ex + wi * (hi[0] - lo[0]), ey + wj * (hi[1] - lo[1]), ez + wk * (hi[2] - lo[2])
-        cell = discs.start[level] + (i * cells[1] + j) * cells[2] + k
+        cell = discs.start[level] + cell_index(i, j, k, cells[1], cells[2])
         begin, after = np.int64(discs.offset[cell]), np.int64(discs.offset[cell + 1])
     else:
         h = cell_hash(discs.key[level], i, j, k)
