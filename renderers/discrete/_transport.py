@@ -253,15 +253,51 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, lit,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light_alone(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, single, index, added,
+def light_alone(medium, kind, origin, direction, weight, states, chance, lit, distance, radiance, density, single, index, added,
                 begin, end):
-    """What sampled lights send by way of particles, added (n, 3) linear sRGB, where nothing but light sampling looks for them."""
+    """What sampled lights send by way of particles, added (n, 3) linear sRGB, where nothing but light sampling looks for them.
+
+    chance : (n,) number in [0, 1): light is hidden where it is above what the mean medium lets through; nan: by others' discs
+    """
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
     for i in range(begin, end):
-        if _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, True, i, values,
-                    passed, open, room):
-            to_rgb(medium, values, radiance[i], added[i])
+        if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            continue
+        _scattered(medium, kind, direction, weight, lit, density, True, i, values)
+        if chance[i] >= 0:
+            column = in_box(medium.discs.region, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]),
+                            np.float64(lit[i, 1]), np.float64(lit[i, 2]), distance[i])
+            for w in range(waves):
+                passed[w] = 1.0 if chance[i] < math.exp(-medium.sigma_t[w] * column) else 0.0
+        else:
+            transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]), np.float64(lit[i, 1]),
+                     np.float64(lit[i, 2]), distance[i], np.inf, origin[i, 0], origin[i, 1], origin[i, 2], states, i, passed,
+                     open, room)
+        for w in range(waves):
+            values[w] *= weight[i, w] * passed[w]
+        to_rgb(medium, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_box(region, ox, oy, oz, dx, dy, dz, far):
+    """Length (m) of a ray up to `far` within the region's box."""
+    begin, end = through_box(region, ox, oy, oz, dx, dy, dz, 0.0, far)
+    return max(end - begin, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scattered(medium, kind, direction, weight, lit, density, single, i, values):
+    """values (L,) become albedo times phase function towards a light, times the balance heuristic; 1 at surfaces."""
+    for w in range(len(values)):
+        values[w] = 1.0
+    if kind[i] == NO_DISC:
+        return
+    ex, ey, ez = lit[i, 0] - direction[i, 0], lit[i, 1] - direction[i, 1], lit[i, 2] - direction[i, 2]
+    chance = mixture(medium, kind[i], weight, i, min(0.5 * (ex * ex + ey * ey + ez * ez), 2.0), values)
+    balance = 1.0 if single else density[i] / (density[i] + chance)
+    for w in range(len(values)):
+        values[w] *= medium.albedo[kind[i], w] * balance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -270,26 +306,16 @@ def _arrives(medium, kind, origin, direction, weight, states, discrete, lit, dis
     """Whether light of sample i arrives; values (L,) become what the path makes of radiance 1."""
     if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
         return False
-    lx, ly, lz = np.float64(lit[i, 0]), np.float64(lit[i, 1]), np.float64(lit[i, 2])
+    _scattered(medium, kind, direction, weight, lit, density, single, i, values)
     sx, sy, sz = np.nan, np.nan, np.nan
-    balance = 1.0
-    for w in range(len(values)):
-        values[w] = 1.0
-    if kind[i] != NO_DISC:
-        ex, ey, ez = lx - direction[i, 0], ly - direction[i, 1], lz - direction[i, 2]
-        v = min(0.5 * (ex * ex + ey * ey + ez * ez), 2.0)
-        chance = mixture(medium, kind[i], weight, i, v, values)
-        if not single:
-            balance = density[i] / (density[i] + chance)
-        for w in range(len(values)):
-            values[w] *= medium.albedo[kind[i], w]
-        if kind[i] < len(medium.albedo) - 1:
-            sx, sy, sz = origin[i, 0], origin[i, 1], origin[i, 2]
-    transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], lx, ly, lz, distance[i], discrete[i], sx, sy, sz, states, i,
-             passed, open, room)
+    if 0 <= kind[i] < len(medium.albedo) - 1:
+        sx, sy, sz = origin[i, 0], origin[i, 1], origin[i, 2]
+    lx, ly, lz = np.float64(lit[i, 0]), np.float64(lit[i, 1]), np.float64(lit[i, 2])
+    transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], lx, ly, lz, distance[i], discrete[i], sx, sy, sz, states,
+             i, passed, open, room)
     most = 0.0
     for w in range(len(values)):
-        values[w] *= weight[i, w] * passed[w] * balance
+        values[w] *= weight[i, w] * passed[w]
         most = max(most, values[w])
     return most > 0
 

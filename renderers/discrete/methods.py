@@ -65,7 +65,9 @@ def prepare(job, world, tolerance, seed) -> Method:
             reasons.append(_detail(depth, tolerance))
         later = np.inf if name == "particles" else 0.0
         passes = [("walk", walk.one_pass, walk.Discs(made, later=later, splatted=True))]
-        passes += [("splat", splat.one_pass, made)] if depth.max() > 0 and world.light_names else []
+        if depth.max() > 0 and world.light_names:
+            how = splat.plan(made, world.camera, height, width, depth, drawn=name == "auto")
+            passes.append(("splat", splat.one_pass, (made, how)))
     elif name == "query":
         passes = [("walk", walk.one_pass, _query(classes, discs, order, made, said.footprint, world, region))]
         reasons.append(f"queries of the paper, cylinders of {said.footprint:g} pixels: their mean is not the continuous medium's")

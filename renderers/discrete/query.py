@@ -98,7 +98,7 @@ def _distance(medium, extinction, radius, origin, direction, far, weight, states
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _in_sphere(medium, radius, x, y, z, kinds, place, kind, room):
+def _in_sphere(medium, radius, x, y, z, kinds, place, kind, identity, room):
     """Classes of the particles in the query sphere, into kinds; how many."""
     discs, n = medium.discs, 0
     for level in range(len(discs.reach)):
@@ -112,7 +112,7 @@ def _in_sphere(medium, radius, x, y, z, kinds, place, kind, room):
                 for k in range(low[2], high[2] + 1):
                     rest = 0
                     while rest >= 0:
-                        filled, rest = discs_of_cell(discs, level, i, j, k, rest, place, kind, 0, room)
+                        filled, rest = discs_of_cell(discs, level, i, j, k, rest, place, kind, identity, 0, room)
                         for p in range(filled):
                             u, v, w = place[p, 0] - x, place[p, 1] - y, place[p, 2] - z
                             if u * u + v * v + w * w < radius * radius and n < len(kinds):
@@ -136,10 +136,11 @@ def _scatter(medium, extinction, scattering, radius, place, direction, weight, s
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, added = np.empty(waves), np.empty(waves), np.empty(3)
     kinds, places, kind = np.empty(_IN_SPHERE, np.int64), np.empty((64, 3)), np.empty(64, np.int64)
+    identity = np.empty(64, np.uint64)
     volume = 4 / 3 * math.pi * radius**3
     for i in range(begin, end):
         x, y, z = place[i, 0], place[i, 1], place[i, 2]
-        n = _in_sphere(medium, radius, x, y, z, kinds, places, kind, room)
+        n = _in_sphere(medium, radius, x, y, z, kinds, places, kind, identity, room)
         total = 0.0
         for p in range(n):
             total += scattering[kinds[p], 0]

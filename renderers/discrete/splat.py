@@ -9,40 +9,67 @@ others hide, and on places on lights.  The sum is the mean of `walk` over camera
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from bakery.kernels import disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, turned_direction
+from bakery.kernels import BOX, disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, turned_direction
 from renderers.discrete import _transport
 from renderers.discrete.threads import run
 
-CHUNK = 1 << 18  # particles at a time
+CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
 _AREA = 4.0  # pixels of a disc for each pencil
+_TRACED, _DRAWN = 1 << 20, 1 << 23  # particles in a pass: some seconds
+_TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
 # steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
 _EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
 _BLOCK = 8  # cells along an edge of what is compared with the view
 
 
-def one_pass(world, medium, camera, height, width, number, seed, *, discrete, lights, samples=1):
-    """One pencil, or more for large discs, to each particle.
+class Plan(NamedTuple):
+    """How single scattering is summed.
+
+    shares : passes that make up a sum over all particles; each takes every so many a block of cells, for as many
+    drawn : whether particles that cannot be told apart are hidden by chance, as often as the mean medium hides them, rather than
+        by the discs of others; of the same mean and variance, and many times quicker
+    samples : places on lights for each pencil
+    """
+
+    shares: int = 1
+    drawn: bool = False
+    samples: int = 1
+
+
+def plan(medium, camera, height, width, depth, drawn) -> Plan:
+    """A plan whose passes take seconds; arguments as in `one_pass` and `Plan`."""
+    solid = camera.angle(height, width) ** 2
+    lo, hi = medium.discs.region.lo, medium.discs.region.hi
+    farthest = np.linalg.norm(np.maximum(abs(lo - camera.origin), abs(hi - camera.origin)))
+    seen = medium.density.sum() * min(float(np.sum(solid * np.minimum(depth, farthest) ** 3)) / 3, float((hi - lo).prod()))
+    return Plan(max(1, math.ceil(seen / (_DRAWN if drawn else _TRACED))), drawn)
+
+
+def one_pass(world, what, camera, height, width, number, seed, *, discrete, lights):
+    """A share of the particles, and one pencil, or more for large discs, to each.
 
     Parameters
     ----------
-    samples : places on lights for each pencil
+    what : pair of `renderers.discrete.medium.Medium` and `Plan`
     others : as in `walk.one_pass`
 
     Returns
     -------
     by_order : (ORDERS, H, W, 3), of which only order 1 is filled;  by_light : (lights, H, W, 3) linear sRGB
     """
+    medium, how = what
     pixels = height * width
     by_order, by_light = np.zeros((_transport.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     view = View(camera, height, width)
-    for serial, (place, kind) in enumerate(_particles(medium.discs, view, discrete)):
-        _add(world, medium, view, place, kind, discrete, (seed, number, serial), samples, by_order, by_light)
-    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+    for serial, chunk in enumerate(_particles(medium.discs, view, discrete, number % how.shares, how.shares)):
+        _add(world, medium, how, view, *chunk, discrete, (seed, number, serial), by_order, by_light)
+    return how.shares * by_order.reshape(-1, height, width, 3), how.shares * by_light.reshape(-1, height, width, 3)
 
 
 class View:
@@ -66,16 +93,20 @@ class View:
         self.sides = normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
-def _particles(discs, view, discrete):
-    """Chunks of particles, (n, 3) m and (n,) classes, that may be in the picture and nearer than `discrete` somewhere in it."""
+def _particles(discs, view, discrete, first, every):
+    """Chunks of particles that may be in the picture and nearer than `discrete` somewhere, of one block of cells in `every`.
+
+    Yields place (n, 3) m, class (n,) and identity (n,).
+    """
     for level in range(len(discs.reach)):
-        blocks = _blocks_in_view(discs, level, disc_cells(discs, level), view.origin, view.sides, float(discrete.max()))
+        bounds, farthest = disc_cells(discs, level), float(discrete.max())
+        blocks = _blocks_in_view(discs, level, bounds, view.origin, view.sides, farthest)[first::every]
         state = np.zeros(3, np.int64)  # block, cell in it, particle in that
         while state[0] < len(blocks):
-            place, kind = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64)
-            filled = _gather(discs, level, blocks, state, disc_cells(discs, level), place, kind)
+            place, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
+            filled = _gather(discs, level, blocks, state, bounds, place, kind, identity)
             if filled:
-                yield place[:filled], kind[:filled]
+                yield place[:filled], kind[:filled], identity[:filled]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -107,8 +138,8 @@ def _blocks_in_view(discs, level, bounds, origin, sides, farthest):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(discs, level, blocks, state, bounds, place, kind):
-    """Fills place and kind with the particles of blocks from `state` on, which is moved on; how many they are."""
+def _gather(discs, level, blocks, state, bounds, place, kind, identity):
+    """Fills place, kind and identity with the particles of blocks from `state` on, which is moved on; how many they are."""
     room, filled = mesh_scratch(), 0
     while state[0] < len(blocks):
         cell = state[1]
@@ -117,7 +148,7 @@ def _gather(discs, level, blocks, state, bounds, place, kind):
         k = blocks[state[0], 2] + cell % _BLOCK
         rest = -1
         if i <= bounds[3] and j <= bounds[4] and k <= bounds[5]:
-            filled, rest = discs_of_cell(discs, level, i, j, k, state[2], place, kind, filled, room)
+            filled, rest = discs_of_cell(discs, level, i, j, k, state[2], place, kind, identity, filled, room)
         if rest >= 0:
             state[2] = rest
             return filled
@@ -129,46 +160,55 @@ def _gather(discs, level, blocks, state, bounds, place, kind):
     return filled
 
 
-def _add(world, medium, view, place, kind, discrete, streams, samples, by_order, by_light):
+def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_order, by_light):
     """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
     n = len(kind)
     seed, number, serial = streams
-    states, offsets = np.empty(n, np.uint64), np.empty((n, 2))
-    _transport.begin_streams(np.uint64(seed), 0, (serial + 1) * CHUNK << 20, states)
-    _transport.draw(states, offsets)
+    own, states, pencils = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
+    _transport.draw(identity.copy(), own)  # the same in all passes
     _transport.begin_streams(np.uint64(seed), number, (serial + 1) * CHUNK << 20, states)
-    pencils = np.empty(n, np.int64)
     run(_pencils, n, medium, view.origin, view.area, view.axis, place, kind, pencils)
     who = np.repeat(np.arange(n), pencils)
-    place, kind, m = place[who], kind[who], len(who)
+    place, kind, own, m = place[who], kind[who], own[who], len(who)
     # a stream for each pencil: those of one particle go apart at their first number
     part = np.arange(m) - np.repeat(np.cumsum(pencils) - pencils, pencils)
     states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
     # pencils of one particle and of all passes spread over its disc evenly
-    steps = (number * pencils[who] + part)[:, None] * _EVENLY
-    aims = (offsets[who] + steps) % 1.0
+    aims = (own[:, :2] + (number // how.shares * pencils[who] + part)[:, None] * _EVENLY) % 1.0
     direction, far, weight, pixel = np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64)
     run(_aim, m, medium, view.origin, view.inverse, view.area, view.axis, view.height, view.width, discrete.reshape(-1), place,
         kind, pencils[who], aims, direction, far, weight, pixel)
     kept = np.flatnonzero(pixel >= 0)
-    kept = kept[~np.isfinite(world.trace(np.tile(view.origin, (len(kept), 1)), direction[kept], far[kept]))]
-    place, kind, states, direction, far, weight, pixel = (
-        values[kept] for values in (place, kind, states, direction, far, weight, pixel))
+    if len(kept):
+        kept = kept[~np.isfinite(world.trace(np.tile(view.origin, (len(kept), 1)), direction[kept], far[kept]))]
+    place, kind, own, states, direction, far, weight, pixel = (
+        values[kept] for values in (place, kind, own, states, direction, far, weight, pixel))
+    chances = _chances(medium, how, view, direction, far, own[:, 2:])
     seen = np.empty(len(kept), bool)
-    run(_visible, len(kept), medium, view.origin, direction, far, place, weight, seen)
-    place, kind, states, direction, weight, pixel = (values[seen] for values in (place, kind, states, direction, weight, pixel))
+    run(_visible, len(kept), medium, view.origin, direction, far, place, chances[:, 0], weight, seen)
+    place, kind, states, direction, weight, pixel, chances = (
+        values[seen] for values in (place, kind, states, direction, weight, pixel, chances))
     m = len(pixel)
     if not m:
         return
-    everywhere = np.full(m, np.inf)
-    weight /= samples
-    for _ in range(samples):
+    weight /= how.samples
+    for _ in range(how.samples):
         numbers = np.empty((m, 3))
         _transport.draw(states, numbers)
         sample = world.lights(place, numbers)
         added = np.zeros((m, 3))
-        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, everywhere, *sample, added)
+        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chances[:, 1], *sample, added)
         _sum(added, pixel, sample.light, by_order[1], by_light)
+
+
+def _chances(medium, how, view, direction, far, own):
+    """Numbers (n, 2) in [0, 1) by which pencils, and light to them, are hidden; nan where discs hide them."""
+    if not how.drawn or medium.discs.region.kind != BOX:
+        return np.full((len(far), 2), np.nan)
+    area = medium.discs.square.max(axis=1) * math.pi
+    typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
+    pixel = far**2 * view.area * (direction @ view.axis) ** 3
+    return np.where((pixel > _TOGETHER * typical)[:, None], own, np.nan)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -239,10 +279,19 @@ def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, ki
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _visible(medium, origin, direction, far, place, weight, seen, begin, end):
-    """What the discs of others leave of pencils: weights become 0 where they are stopped; seen: whether anything is left."""
+def _visible(medium, origin, direction, far, place, chance, weight, seen, begin, end):
+    """What others' discs, or chance, leave of pencils: weights become 0 where they are stopped; seen: whether any is left."""
     room, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
     for i in range(begin, end):
+        if chance[i] >= 0:
+            seen[i] = False
+            column = _transport.in_box(medium.discs.region, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
+                                       direction[i, 2], far[i])
+            for w in range(len(open)):
+                if chance[i] >= math.exp(-medium.sigma_t[w] * column):
+                    weight[i, w] = 0.0
+                seen[i] = seen[i] or weight[i, w] > 0
+            continue
         for w in range(len(open)):
             open[w] = weight[i, w] > 0
         seen[i] = open_wavelengths(medium.discs, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],

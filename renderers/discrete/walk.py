@@ -14,7 +14,7 @@ from renderers.discrete import _transport
 from renderers.discrete.threads import run
 from renderers.mitsuba.world import LightSample
 
-ALL = 1 << 19  # paths that go on together; more take more memory, and fewer more calls
+ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 
 
 @dataclass

@@ -18,8 +18,10 @@ from numba import njit
 from bakery.physics.discrete.hashing import cell_count, cell_hash, cell_particle
 from bakery.physics.discrete.levels import cell_index
 from bakery.physics.discrete.region import relative_density
+from bakery.physics.packing.instances import mix
 
 NONE = -1
+_PRIME = np.uint64(0xD1B54A32D192ED03)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -212,8 +214,10 @@ def cell_range(discs, level):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def particles_of(discs, level, i, j, k, first, place, kind, filled, room):
-    """Particles of cell (i, j, k) of a level from number `first` on, written into place (n, 3) m and kind (n,) from `filled` on.
+def particles_of(discs, level, i, j, k, first, place, kind, identity, filled, room):
+    """Particles of cell (i, j, k) of a level from number `first` on, written from `filled` on.
+
+    place : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
 
     Returns how far these are filled, and the number of the particle to go on with, or -1 where the cell is done.
     """
@@ -252,5 +256,6 @@ def particles_of(discs, level, i, j, k, first, place, kind, filled, room):
             if region.kind != 0 and discs.stored == 0 and share >= relative_density(region, px, py, pz, room):
                 continue
         place[filled, 0], place[filled, 1], place[filled, 2], kind[filled] = px, py, pz, one
+        identity[filled] = mix(h + np.uint64(p) * _PRIME)
         filled += 1
     return filled, -1
