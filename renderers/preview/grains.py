@@ -66,7 +66,7 @@ def grains_of(asset) -> tuple[list[Grain], float, int]:
     AssetError : a component without a mesh in the unit sphere, or whose surface is not known
     """
     group, count = asset.grains, len(asset.wavelength)
-    found = []
+    exemplars = []
     for name, part in group.items():
         if not hasattr(part, "units") or "surface" not in part:
             continue
@@ -79,12 +79,12 @@ def grains_of(asset) -> tuple[list[Grain], float, int]:
         share = float(np.ravel(part["weight"])[0]) if "weight" in part else 1.0
         if interior.shape != (count,) or not np.all((interior >= 0) & np.isfinite(interior)):
             raise AssetError(f"{asset.path}: grains/{name}/interior: one absorption coefficient >= 0 a wavelength is needed")
-        found.append(Grain(name, share, vertices, faces, surface, interior))
-    if not found:
+        exemplars.append(Grain(name, share, vertices, faces, surface, interior))
+    if not exemplars:
         raise AssetError(f"{asset.path}: grains holds no component with a surface")
     radius, share = (np.ravel(np.asarray(group[key], float)) for key in ("radius", "radius_share"))
-    found.sort(key=lambda grain: -grain.share)
-    return found[:MOST], float(np.sum(radius * share) / np.sum(share)), len(found)
+    exemplars.sort(key=lambda grain: -grain.share)
+    return exemplars[:MOST], float(np.sum(radius * share) / np.sum(share)), len(exemplars)
 
 
 def scale(count: int) -> float:
@@ -112,9 +112,9 @@ def features(mi, grains: list[Grain], radius: float, width: int, height: int):
                        for g in grains], radius, 0, width, height)
     integrator = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
     image = np.array(mi.render(built, integrator=integrator, spp=64, seed=1), dtype=float)
-    normal, place = image[..., -6:-3], image[..., -3:]
-    on_ground = np.clip(normal[..., 2:3], 0, 1) * (place[..., 2:3] < 1e-3)
-    ground = studio.reflectance(place[..., 0], place[..., 1])[..., None] * on_ground
+    normal, position = image[..., -6:-3], image[..., -3:]
+    on_ground = np.clip(normal[..., 2:3], 0, 1) * (position[..., 2:3] < 1e-3)
+    ground = studio.reflectance(position[..., 0], position[..., 1])[..., None] * on_ground
     return np.concatenate([0.5 * np.where(on_ground > 0.99, 0.0, normal), ground], axis=-1)
 
 
@@ -163,12 +163,12 @@ def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: 
     right /= np.linalg.norm(right)
     towards = np.cross([0.0, 0.0, 1.0], right) * -1.0
     foot = (place[0] * right + place[1] * towards) / unit
-    made = {"bsdf": bsdf(grain.surface, k)}
+    common = {"bsdf": bsdf(grain.surface, k)}
     sigma = grain.interior[k] * radius * unit if grain.surface["type"] == "dielectric" else 0.0
     if sigma > 0:
-        made["interior"] = {"type": "homogeneous", "sigma_t": float(sigma), "albedo": 0.0, "sample_emitters": False}
+        common["interior"] = {"type": "homogeneous", "sigma_t": float(sigma), "albedo": 0.0, "sample_emitters": False}
     if grain.vertices is None:
-        return {"type": "sphere", "center": [*foot[:2], 1 / unit + studio.LIFT], "radius": 1 / unit, **made}
+        return {"type": "sphere", "center": [*foot[:2], 1 / unit + studio.LIFT], "radius": 1 / unit, **common}
     vertices = grain.vertices
     middle = 0.5 * (vertices[:, :2].min(axis=0) + vertices[:, :2].max(axis=0))
     turn = np.radians(_TURN)
@@ -177,7 +177,7 @@ def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: 
     # a file: the one way to hand a mesh to every version of Mitsuba
     path.write_bytes(ply.mesh(np.column_stack([flat / unit + foot[:2], vertices[:, 2] / unit + studio.LIFT]), grain.faces,
                               single=True))
-    return {"type": "ply", "filename": str(path), "face_normals": True, **made}
+    return {"type": "ply", "filename": str(path), "face_normals": True, **common}
 
 
 def _mesh(part, name):
@@ -192,12 +192,12 @@ def _mesh(part, name):
 
 def _json(part, name, key) -> dict:
     try:
-        found = json.loads(part[key])
+        decoded = json.loads(part[key])
     except (KeyError, TypeError, ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
+        decoded = None
+    if not isinstance(decoded, dict):
         raise AssetError(f"grains/{name}/{key}: is no JSON object; run `bake verify` on the asset")
-    return found
+    return decoded
 
 
 def _surface(surface: dict, name: str, count: int) -> dict:

@@ -44,7 +44,7 @@ def strip(asset, tables, width, words=()):
     def paint(page):
         _text(page, asset, words)
         colours = _line_colours(asset.wavelength)
-        first = int(straight(asset) > 0)  # the peak of unscattered light would press everything else against the axis
+        first = int(delta_share(asset) > 0)  # the peak of unscattered light would press everything else against the axis
         theta, value = 2 * np.arcsin(np.sqrt(tables.s[first:])), tables.value[:, first:]
         _polar(page, theta, value, colours)
         _plot(page, 0.52, theta, value, colours)
@@ -83,7 +83,7 @@ def grain_strip(asset, grains, width, words=()):
             row = [(f"{100 * grain.share:.3g} %", _TEXT), (_at(part, "hit_probability", 0, ".3f"), _TEXT)]
             row += [(_close(float(np.ravel(part["albedo"])[k])) if "albedo" in part else "", colours[k]) for k in shown]
             row += [(word, _TEXT) for word in (_at(part, "g", k_middle, ".3f"), _at(part, "lambda_s", k_middle, ".2f", " R"),
-                                               _unchanged(part, k_middle))]
+                                               _unscattered(part, k_middle))]
             for left, (word, one) in zip(lefts, row[narrow:]):
                 page.text(left, 2 + line, word, one)
         page.foot(words)
@@ -93,7 +93,7 @@ def grain_strip(asset, grains, width, words=()):
     return _drawn(width, paint)
 
 
-def straight(asset) -> float:
+def delta_share(asset) -> float:
     """Largest unscattered (delta) share of light in packed grains, which stands in the medium's table as a peak at angle 0."""
     return float(np.max(asset.medium["forward_delta"])) if "forward_delta" in asset.medium else 0.0
 
@@ -115,7 +115,7 @@ def _close(value):
     return "1" if value == 1 else f"{value:.{6 if value > 0.9995 else 4}f}"
 
 
-def _unchanged(part, k):
+def _unscattered(part, k):
     share = float(np.ravel(part["forward_delta"])[k]) if "forward_delta" in part else 0.0
     return f"{100 * share:.3g} %" if share > 0 else "none"
 

@@ -123,7 +123,7 @@ def features(width, height, tau, grid=3):
     chord = np.maximum(leave - enter, 0.0) * length[..., 0]
     opacity = 1 - np.exp(-tau * chord)
     face = (bounds[0].argmax(axis=-1)[..., None] == np.arange(3)) * 0.5 * opacity[..., None]
-    at = CAMERA - CAMERA[2] / np.minimum(direction[..., 2:], -1e-6) * direction
-    ground = reflectance(at[..., 0], at[..., 1]) * (1 - opacity)
+    on_ground = CAMERA - CAMERA[2] / np.minimum(direction[..., 2:], -1e-6) * direction
+    ground = reflectance(on_ground[..., 0], on_ground[..., 1]) * (1 - opacity)
     fine = np.concatenate([opacity[..., None], face, ground[..., None]], axis=-1)
     return fine.reshape(height, grid, width, grid, 5).mean(axis=(1, 3))

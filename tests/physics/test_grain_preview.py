@@ -18,7 +18,7 @@ from bakery.store.tree import text
 from bakery.store.write import write
 from renderers.mitsuba import passes
 from renderers.preview import describe, grains, preview, studio
-from renderers.preview.picture import _without_unchanged
+from renderers.preview.picture import _without_delta
 from tests.grain_assets import RADIUS, asset, component
 from tests.samples import with_member
 
@@ -137,20 +137,20 @@ def test_grains_lie_stable():
         assert len(places) == count and min(apart, default=2.0) >= 2.0 and unit > 1  # bounding spheres do not meet
 
 
-def test_scalar_variants_take_unchanged_light_out(tree, tmp_path):
+def test_scalar_variants_take_unscattered_light_out(tree, tmp_path):
     """What is absorbed and what is turned stay; the table's first cell has lost its peak."""
     peaked = tree["medium"]
     theta = peaked["theta"].data
     share = np.full(3, 0.3)
     table = 0.7 * peaked["phase"].data
     table[:, 0] += share / (2 * np.pi * np.sin(theta[1] / 2) ** 2)
-    changed = with_member(with_member(tree, "medium/forward_delta", type(peaked["g"])(share, "1", "unchanged")), "medium/phase",
+    changed = with_member(with_member(tree, "medium/forward_delta", type(peaked["g"])(share, "1", "unscattered")), "medium/phase",
                           type(peaked["g"])(table, "1/sr", "phase function"))
     write(tmp_path / "peak.h5", changed)
     medium = bakery.open(tmp_path / "peak.h5").medium
     for k in range(3):
         sigma_t, albedo = float(medium.sigma_t[k]), float(medium.albedo[k])
-        less, kept, phase = _without_unchanged(medium, k, sigma_t, albedo)
+        less, kept, phase = _without_delta(medium, k, sigma_t, albedo)
         assert (1 - kept) * less == pytest.approx((1 - albedo) * sigma_t, rel=1e-12)
         assert kept * less == pytest.approx(0.7 * albedo * sigma_t, rel=1e-12)
         np.testing.assert_allclose(phase.table[k], peaked["phase"].data[k], rtol=1e-9)

@@ -83,10 +83,10 @@ def nearest_denser(group: Group, fraction: float) -> tuple[np.ndarray, np.ndarra
     ------
     ValueError : no tile is as dense
     """
-    held = {name: float(tile["fraction"].data[0]) for name, tile in tiles(group).items()}
-    dense = {name: f for name, f in held.items() if f >= fraction * (1 - 1e-9)}
+    fractions = {name: float(tile["fraction"].data[0]) for name, tile in tiles(group).items()}
+    dense = {name: f for name, f in fractions.items() if f >= fraction * (1 - 1e-9)}
     if not dense:
-        raise ValueError(f"found no tile as dense as {fraction:g}; the densest fills {max(held.values(), default=0):.4g}")
+        raise ValueError(f"found no tile as dense as {fraction:g}; the densest fills {max(fractions.values(), default=0):.4g}")
     name = min(dense, key=dense.get)
     tile = tiles(group)[name]
     wider = (dense[name] / fraction) ** (1 / 3) if dense[name] > fraction else 1.0
@@ -125,13 +125,13 @@ def _schedule(tolerance: float, growth: float | None, equilibration: int | None)
     return chosen if equilibration is None else replace(chosen, equilibrate=equilibration)
 
 
-def _seconds(given: dict, tolerance: float) -> list[float]:
+def _seconds(arguments: dict, tolerance: float) -> list[float]:
     """Expected seconds of one core for the dynamics of each tile."""
     from bakery.physics.packing import predicted
 
-    spread = float(np.std(given["radii"]) / np.mean(given["radii"]))
-    schedule = _schedule(tolerance, given["growth"], given["equilibration"])
-    return [predicted(f, given["radii"].size, spread, schedule) for f in given["fractions"]]
+    spread = float(np.std(arguments["radii"]) / np.mean(arguments["radii"]))
+    schedule = _schedule(tolerance, arguments["growth"], arguments["equilibration"])
+    return [predicted(f, arguments["radii"].size, spread, schedule) for f in arguments["fractions"]]
 
 
 def _measuring(count: int, tolerance: float) -> float:
@@ -140,15 +140,15 @@ def _measuring(count: int, tolerance: float) -> float:
 
 
 def cost(recipe) -> Cost:
-    given = inputs(recipe, {})
-    count, number = given["radii"].size, len(given["fractions"])
-    each = _seconds(given, recipe.tolerance)
-    packing = sum(each)
+    arguments = inputs(recipe, {})
+    count, number = arguments["radii"].size, len(arguments["fractions"])
+    by_tile = _seconds(arguments, recipe.tolerance)
+    packing = sum(by_tile)
     seconds = packing + number * _measuring(count, recipe.tolerance)
     return Cost(seconds, (3000.0 + 200.0 * number) * count + 8e7, number * (34.0 * count + 9e3),
                 f"{number} tile{'s' * (number > 1)} of {count:,} spheres: {packing:.2g} s of one core for the dynamics, "
                 f"{seconds - packing:.2g} s for chords and neighbours; {_LOADING:g} s to load kernels", _LOADING,
-                kernels=_KERNELS, most=seconds / max(each))  # a tile is packed on one core
+                kernels=_KERNELS, most=seconds / max(by_tile))  # a tile is packed on one core
 
 
 # ---- work
@@ -207,8 +207,8 @@ def _stream(seed: int, block: int):
 def compute(inputs: dict, context) -> Result:
     schedule = _schedule(context.tolerance, inputs["growth"], inputs["equilibration"])
     fractions = inputs["fractions"]
-    each = np.array(_seconds(inputs, context.tolerance))
-    weight = each / (each.sum() + len(each) * _measuring(inputs["radii"].size, context.tolerance))
+    seconds = np.array(_seconds(inputs, context.tolerance))
+    weight = seconds / (seconds.sum() + len(seconds) * _measuring(inputs["radii"].size, context.tolerance))
     with _watched(context, np.array(fractions), weight) as number:
         packed = context.map(_packed, [(number, k, f, inputs["radii"], inputs["cell"], inputs["seed"], schedule)
                                        for k, f in enumerate(fractions)])
@@ -271,10 +271,10 @@ def _measured(tile, seed: int, context) -> tuple[Group, float]:
 
 def sound(group: Group) -> Iterable[str]:
     """Whether each tile is complete, its spheres have room in it, and its bins ascend."""
-    found = tiles(group)
-    if not found:
+    by_name = tiles(group)
+    if not by_name:
         yield "holds no tile"
-    for name, tile in found.items():
+    for name, tile in by_name.items():
         v = {path: member.data for path, member in tile.walk() if isinstance(member, Dataset)}
         missing = [path for path in _REQUIRED if path not in v]
         faults = [f"{', '.join(missing)} missing"] if missing else [*_room(v["centers"], v["radii"], v["cell"]), *_bins(v)]
@@ -318,10 +318,10 @@ def _bins(v: Mapping[str, np.ndarray]) -> Iterable[str]:
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `packing` group, in words."""
-    found = tiles(group)
-    if not found:
+    by_name = tiles(group)
+    if not by_name:
         yield "holds no tile"
-    for name, tile in found.items():
+    for name, tile in by_name.items():
         yield from (f"{name}: {fault}" if name else fault for fault in _check_tile(tile))
 
 
