@@ -15,10 +15,10 @@ import numpy as np
 
 from bakery.errors import AssetError
 from bakery.stages import all_stages
+from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import Output, Stage
 from bakery.store.tree import TEXT, Dataset, Group, is_text, read_text
 
-ERROR = "_error"  # X_error is the standard error of X
 STAGE_ATTRIBUTES = {"stage": str, "stage_version": int, "input_hash": str, "content_hash": str, "tolerance": float,
                     "achieved_error": float, "error_measure": str}
 ROOT_ATTRIBUTES = {"format": str, "format_version": int, "name": str, "bakery_version": str, "content_hash": str}
@@ -133,8 +133,9 @@ def _dataset(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
         yield f"{path}: not UTF-8 text"
     elif data.dtype.kind in "fc" and not np.isfinite(data).all():
         yield f"{path}: not finite"
-    if path.endswith(ERROR):
-        yield from _error_of(path, dataset, root)
+    for suffix, words in ((ERROR, "standard errors"), (BIAS, "biases")):
+        if path.endswith(suffix):
+            yield from _error_of(path, path.removesuffix(suffix), words, dataset, root)
 
 
 def _decodes(dataset: Dataset) -> bool:
@@ -145,12 +146,12 @@ def _decodes(dataset: Dataset) -> bool:
     return True
 
 
-def _error_of(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
-    name = path.removesuffix(ERROR)
+def _error_of(path: str, name: str, words: str, dataset: Dataset, root: Group) -> Iterable[str]:
+    """How the `words` at `path` are not those of the dataset `name`."""
     try:
         of = root[name]
     except KeyError:
-        yield f"{path}: standard errors of nothing"
+        yield f"{path}: {words} of nothing"
         return
     if getattr(getattr(of, "data", None), "shape", None) != dataset.data.shape:
         yield f"{path}: not of the shape of {name}"
@@ -159,7 +160,7 @@ def _error_of(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
     elif dataset.data.dtype.kind not in "fiu":
         yield f"{path}: not numbers"
     elif (dataset.data < 0).any():
-        yield f"{path}: a negative standard error"
+        yield f"{path}: negative {words}"
 
 
 # ---- what the stages declare

@@ -10,10 +10,10 @@ import numpy as np
 from bakery.errors import AssetError
 from bakery.physics.medium.phase import evaluate
 from bakery.physics.medium.regular import Loss, adaptive_table
+from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
-ERROR = "_error"  # X_error is the standard error of X
 HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
 _FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are named
 
@@ -31,6 +31,7 @@ class Members(Mapping):
     units, description : name of a dataset -> its unit, its description
     choices : name of an enumeration -> names of its values 0, 1, ...
     error : name of a dataset -> its standard errors, where it has any
+    bias : name of a dataset -> the estimated size of its systematic errors, where they are stored
     """
 
     def __init__(self, group: Group, path: str, theta: np.ndarray | None = None):
@@ -40,8 +41,9 @@ class Members(Mapping):
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})
         self.choices = MappingProxyType({name: member.choices for name, member in datasets.items() if member.choices})
-        self.error = MappingProxyType({name.removesuffix(ERROR): _seen(member) for name, member in datasets.items()
-                                       if name.endswith(ERROR) and name.removesuffix(ERROR) in datasets})
+        self.error, self.bias = (MappingProxyType({name.removesuffix(end): _seen(member) for name, member in datasets.items()
+                                                   if name.endswith(end) and name.removesuffix(end) in datasets})
+                                 for end in (ERROR, BIAS))
         own = datasets.get("theta")
         self._theta = own.data if own is not None else theta
         self._items = {name: self._item(name, member) for name, member in group.members.items()}
@@ -89,7 +91,7 @@ class Members(Mapping):
                 lines.append(f"  {name}  text, {member.data.size} bytes")
             else:
                 lines.append(f"  {name} {_shape(member.data.shape)} {member.units}  {_range(member)}"
-                             f"{_largest_error(member.data, self.error.get(name))}")
+                             f"{_largest_error(stated_error(self._group, name))}")
         return "\n".join(lines)
 
 
@@ -190,7 +192,7 @@ def summary(attributes: Mapping) -> str:
 
 def headline(group: Members) -> str:
     """The figures that one asks a group for first, with units and largest relative errors, and what else it holds, in a line."""
-    shown = [f"{name} {in_words(group[name], group.units[name], group.error.get(name))}" for name in HEADLINES
+    shown = [f"{name} {in_words(group[name], group.units[name], stated_error(group._group, name))}" for name in HEADLINES
              if isinstance(group.get(name), np.ndarray) and group[name].size]
     rest = [name for name in group if name not in HEADLINES]
     room = max(_NAMED - len(shown), 0)
@@ -227,7 +229,5 @@ def range_of(data: np.ndarray) -> str:
     return f"{low:.4g}" if low == high else f"{low:.4g} .. {high:.4g}"
 
 
-def _largest_error(data: np.ndarray, error: np.ndarray | None) -> str:
-    if error is None or error.shape != data.shape or not error.size:
-        return ""
-    return f"  +- {error.max():.2g}"
+def _largest_error(error: np.ndarray | None) -> str:
+    return "" if error is None or not error.size else f"  +- {error.max():.2g}"

@@ -231,7 +231,7 @@ def hail(tmp_path_factory, root):
     phase = np.array([[0.5], [0.45]]) * narrow + np.array([[0.5], [0.55]]) * broad
     phase = normalised(theta, phase)[0]
     tree = with_member(root, "optics", None)
-    for name, data in {"theta": theta, "phase": phase, "cdf": cumulative(theta, phase), "phase_error": 0 * phase}.items():
+    for name, data in {"theta": theta, "phase": phase, "cdf": cumulative(theta, phase), "phase_bias": 0 * phase}.items():
         tree = with_member(tree, f"medium/{name}", Dataset(data, root[f"medium/{name}"].units, name))
     for name in {"s11", "s12", "s33", "s34"} & root["medium"].members.keys():
         tree = with_member(tree, f"medium/{name}", None)

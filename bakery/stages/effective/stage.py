@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
+from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.effective.section import EFFECTIVE
 from bakery.stages.grains import stage as grain_stage
@@ -32,8 +33,10 @@ _WALK = (
     ("correlation", "1", "between the lengths of successive flights"),
 )
 OUTPUTS = (
-    *medium.OUTPUTS,
-    Output("sigma_t_error", "(L,)", "1/m", "error of sigma_t: standard error, and how far light spreads otherwise in the grains"),
+    *(output for output in medium.OUTPUTS if not output.path.endswith(BIAS)),
+    Output("phase_error", "(L, A)", "1/sr", "standard error of phase"),
+    Output("sigma_t_error", "(L,)", "1/m", "standard error of sigma_t"),
+    Output("sigma_t_bias", "(L,)", "1/m", "difference from the sigma_t that matches the random walk", optional=True),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
     Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
     Output("hit_probability", "(1,)", "1", "share of the spheres on light's path whose grain it hits", within=(0, 1)),
@@ -143,7 +146,7 @@ def compute(inputs: dict, context) -> Result:
                       "effective_medium.sigma_t: random_walk matches it")
     if match.walked and inputs["walks"] is None and not walks.reached:
         missed.append(f"the random walk's mean square way is known to {2 * match.spread:.2g} only: {walks.reason}")
-    sigma_t, sigma_t_error = match.sigma_t, match.error
+    sigma_t = match.sigma_t
     theta, f = inputs["theta"], means.phase
     f = phase.with_delta(theta, f, means.forward_delta)
     albedo = np.clip(means.albedo, 0.0, 1.0)
@@ -151,12 +154,14 @@ def compute(inputs: dict, context) -> Result:
     sigma_a = sigma_t - sigma_s
     # spread over the table in proportion to what is not in the peak
     error = means.errors["phase"] * (1 - means.forward_delta[:, None])
-    members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], error, sigma_t, albedo)
+    members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], sigma_t, albedo)
     single = {"fraction": inputs["fraction"], "hit_probability": means.hit_probability,
               "hit_probability_error": means.errors["hit_probability"], "void_chord": chord, "lambda_beta": found.lambda_beta,
               "lambda_beta_error": found.errors["lambda_beta"]}
     values = {name: np.array([float(value)]) for name, value in single.items()}
-    values |= {"sigma_t_error": sigma_t_error, "albedo_error": means.errors["albedo"]}
+    values |= {"phase_error": error, "sigma_t_error": match.error, "albedo_error": means.errors["albedo"]}
+    if match.walked:
+        values["sigma_t_bias"] = match.bias
     for name in ("lambda_s", "mean_square", "forward_delta"):
         values[name], values[name + "_error"] = getattr(means, name), means.errors[name]
     for name, (value, error) in match.each.items():
@@ -166,8 +171,9 @@ def compute(inputs: dict, context) -> Result:
     members |= datasets(OUTPUTS, values)
     if match.walked:
         members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))
-    sampled = float(np.max(np.divide(sigma_t_error, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
-    reached = max(abs(match.farther), sampled, match.spread)
+    both = np.hypot(match.error, match.bias)
+    relative = float(np.max(np.divide(both, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
+    reached = max(abs(match.farther), relative, match.spread)
     context.report(1.0, reached)
     return Result(members, reached, tuple(notes), tuple(missed))
 
@@ -205,7 +211,7 @@ def check(group: Group) -> Iterable[str]:
     yield from faults
     v = {path: np.asarray(member.data, float) for path, member in group.walk() if isinstance(member, Dataset)}
     for path, value in v.items():
-        if path.endswith("_error") and (value < 0).any():
+        if path.endswith((ERROR, BIAS)) and (value < 0).any():
             yield f"{path} below 0"
         if path.rpartition("/")[2] in _SHARES and ((value < 0) | (value > 1 + 1e-9)).any():
             yield f"{path} outside 0 .. 1"
@@ -252,7 +258,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
 OF_GRAINS = Stage(
     name="medium",
-    version=3,
+    version=4,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),

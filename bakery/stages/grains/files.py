@@ -8,7 +8,7 @@ from bakery.store.tree import Dataset, Group
 
 
 def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
-    """File name -> text of the single figures of grains and of their medium, and of figures by size; the paths written in them."""
+    """File name -> text of the single figures of grains and their medium, and of figures by size; the paths written in them."""
     files, written = {}, set()
     grains, medium = root["grains"], root.members.get("medium")
     groups = {f"grains/{name}": part for name, part in components_of(grains).items()}

@@ -36,13 +36,14 @@ OUTPUTS = (
     Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
     Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
     Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
-    Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
+    Output("COMPONENT/mean_absorption_bias", "(L,)", "um^2", "change of mean_absorption when nodes are halved", optional=True),
     Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections, rays apart"),
     Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere", optional=True),
     Output("COMPONENT/ray_difference", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres",
            optional=True),
     Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
-    Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    Output("COMPONENT/phase_bias", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34): sizes, angles, rays",
+           optional=True),
     *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True,
              within=ANY)
       for name in ELEMENTS),
@@ -185,11 +186,11 @@ def compute(inputs: dict, context) -> Result:
 
 
 def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
-    worst = int(np.argmax(average.absorption_error))
-    if average.absorption_error[worst] > tolerance:
+    worst = int(np.argmax(average.absorption_bias))
+    if average.absorption_bias[worst] > tolerance:
         absorption, extinction = (mean[worst] for mean in _means(average))
         yield (f"{component.name} at {wavelength[worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
-               f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
+               f"the extinction, changed by {100 * average.absorption_bias[worst]:.2g} % in the last halving: spheres that "
                "hardly absorb do so in resonances narrower than any grid")
 
 
@@ -228,8 +229,8 @@ def _group(component, average, wavelength, host) -> Group:
         "switch": np.where(np.isfinite(switch), switch, 0.0),
         "ray_difference": np.array([choice.error for choice in average.choices]),
         "mean_extinction": mean_extinction, "mean_scattering": mean_scattering,
-        "mean_absorption": mean_absorption, "mean_absorption_error": average.absorption_error * mean_absorption,
-        "error": average.error, "phase": average.elements[:, 0], "phase_error": average.phase_error,
+        "mean_absorption": mean_absorption, "mean_absorption_bias": average.absorption_bias * mean_absorption,
+        "error": average.error, "phase": average.elements[:, 0], "phase_bias": average.phase_bias,
     }
     values |= dict(zip(ELEMENTS, np.moveaxis(average.elements[:, 1:], 1, 0), strict=False))
     return Group(datasets(OUTPUTS, values, "COMPONENT/"))
@@ -285,7 +286,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
         yield "switch to rays below size parameter 30"
     if "mean_volume" in values and not (values["mean_volume"] > 0).all():
         yield "mean_volume not above 0"
-    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error", "ray_difference")
+    if any((values[name] < 0).any() for name in ("error", "mean_absorption_bias", "phase_bias", "ray_difference")
            if name in values):
         yield "an error estimate below 0"
     if theta is not None:
@@ -296,7 +297,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=8,
+    version=9,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "phase"),
