@@ -37,17 +37,17 @@ def check(path: str, root: Group) -> None:
 
     What no stage declares is let pass: other hands, and later versions, may add to an asset.
     """
-    found = declared(root)
-    if found:
-        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-        raise AssetError(f"{path}: damaged, or not written by bakery: {found[0]}{more}; `bake verify` lists all")
+    departures = declared(root)
+    if departures:
+        more = f" and {len(departures) - 1} more" if len(departures) > 1 else ""
+        raise AssetError(f"{path}: damaged, or not written by bakery: {departures[0]}{more}; `bake verify` lists all")
 
 
 def declared(root: Group) -> list[str]:
     """Where a tree departs from what its stages declare, in words: what readers count on."""
-    found = [*_root(root), *_stage_groups(root)]
+    departures = [*_root(root), *_stage_groups(root)]
     # sums and indices over what may not even be an array would only trip
-    return found or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.sound(root.members[stage.name])]
+    return departures or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.sound(root.members[stage.name])]
 
 
 def faults(root: Group) -> list[str]:
@@ -80,8 +80,8 @@ def _root(root: Group) -> Iterable[str]:
         yield "wavelength: not positive and finite"
     for name, spent in (provenance.members if isinstance(provenance, Group) else {}).items():
         if isinstance(spent, Group):
-            held = {key: kind for key, kind in PROVENANCE.items() if key in spent.attributes}
-            yield from _attributes(f"provenance/{name}", spent.attributes, held)
+            present = {key: kind for key, kind in PROVENANCE.items() if key in spent.attributes}
+            yield from _attributes(f"provenance/{name}", spent.attributes, present)
             yield from (f"provenance/{name}/{key}: not text" for key, member in spent.members.items()
                         if not is_text(member) or not _decodes(member))
 

@@ -41,7 +41,7 @@ class Members(Mapping):
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})
         self.choices = MappingProxyType({name: member.choices for name, member in datasets.items() if member.choices})
-        self.error, self.bias = (MappingProxyType({name.removesuffix(end): _seen(member) for name, member in datasets.items()
+        self.error, self.bias = (MappingProxyType({name.removesuffix(end): _with_unit(member) for name, member in datasets.items()
                                                    if name.endswith(end) and name.removesuffix(end) in datasets})
                                  for end in (ERROR, BIAS))
         own = datasets.get("theta")
@@ -53,25 +53,25 @@ class Members(Mapping):
             return Members(member, f"{self._path}/{name}", self._theta)
         if is_text(member):
             return read_text(member)
-        return _seen(member)
+        return _with_unit(member)
 
     def __getitem__(self, name: str):
         """A member as it is stored: an array (`Values`, with its unit), text, or a group; `droplets/radius` goes down a group."""
         head, _, rest = name.partition("/")
-        found = self._items[head]
-        if rest and not isinstance(found, Members):
+        member = self._items[head]
+        if rest and not isinstance(member, Members):
             raise KeyError(name)
-        return found[rest] if rest else found
+        return member[rest] if rest else member
 
     def __getattr__(self, name: str):
         if name.startswith("_") or name not in self._items:
-            held = ", ".join(self.__dict__.get("_items", ()))
-            raise AttributeError(f"{self.__dict__.get('_path', 'group')} holds no {name!r}; it holds {held}")
-        found = self._items[name]
-        if name == "phase" and isinstance(found, np.ndarray) and self._theta is not None \
-                and found.shape[-1] == len(self._theta):
-            return Phase(self._theta, found, self.units[name])
-        return found
+            names = ", ".join(self.__dict__.get("_items", ()))
+            raise AttributeError(f"{self.__dict__.get('_path', 'group')} holds no {name!r}; it holds {names}")
+        member = self._items[name]
+        if name == "phase" and isinstance(member, np.ndarray) and self._theta is not None \
+                and member.shape[-1] == len(self._theta):
+            return Phase(self._theta, member, self.units[name])
+        return member
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)
@@ -141,14 +141,14 @@ class One(Values):
 
 def with_units(data: np.ndarray, units: str) -> Values:
     """The same array, which knows its unit."""
-    seen = data.view(Values)
-    seen.units = units
-    return seen
+    values = data.view(Values)
+    values.units = units
+    return values
 
 
-def _seen(member: Dataset) -> Values:
-    seen = with_units(member.data, member.units)
-    return seen.view(One) if seen.shape == (1,) else seen
+def _with_unit(member: Dataset) -> Values:
+    values = with_units(member.data, member.units)
+    return values.view(One) if values.shape == (1,) else values
 
 
 class Phase:
@@ -202,12 +202,12 @@ def headline(group: Members) -> str:
 
 def in_words(data: np.ndarray, units: str, error: np.ndarray | None = None) -> str:
     """Values, or their range where they are many, with unit and largest relative error."""
-    said = " ".join(f"{x:.6g}" for x in data.flat) if data.size <= _FEW else range_of(data)
-    said += f" {units}" if units not in ("", "1") else ""
+    text = " ".join(f"{x:.6g}" for x in data.flat) if data.size <= _FEW else range_of(data)
+    text += f" {units}" if units not in ("", "1") else ""
     if error is None or error.shape != data.shape or not np.any(data != 0):
-        return said
+        return text
     worst = np.max(np.divide(error, np.abs(data), out=np.zeros(data.shape), where=data != 0))
-    return f"{said} +- {100 * worst:.2g} %"
+    return f"{text} +- {100 * worst:.2g} %"
 
 
 def _shape(shape: tuple[int, ...]) -> str:
@@ -216,8 +216,8 @@ def _shape(shape: tuple[int, ...]) -> str:
 
 def _range(dataset: Dataset) -> str:
     if dataset.choices:
-        held = [name for i, name in enumerate(dataset.choices) if (dataset.data == i).any()]
-        return " or ".join(held)
+        present = [name for i, name in enumerate(dataset.choices) if (dataset.data == i).any()]
+        return " or ".join(present)
     return range_of(dataset.data) if dataset.data.dtype.kind in "fiu" else str(dataset.data.dtype)
 
 

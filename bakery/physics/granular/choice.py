@@ -33,12 +33,12 @@ class Matched(NamedTuple):
     spread: float
 
 
-def matched(found: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
+def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
     """Chooses sigma_t: as wanted, or the random walk's, or that of Eq. 4 where the walk gives none.
 
     Parameters
     ----------
-    found, lossless : the medium, and the same if nothing were absorbed
+    coefficients, lossless : the medium, and the same if nothing were absorbed
     walks : `packed.walk`, lengths in units of
     radius : in the unit of the medium
     at : the channel of the walk's grains
@@ -48,8 +48,8 @@ def matched(found: Effective, lossless: Effective, walks: Walks, radius: float, 
     ------
     ValueError : the random walk is wanted and gives no mean square displacement
     """
-    each = {"mean_flight": (found.sigma_t, found.errors["sigma_t"]),
-            "second_moment": (found.sigma_t_second_moment, found.errors["sigma_t_second_moment"])}
+    each = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
+            "second_moment": (coefficients.sigma_t_second_moment, coefficients.errors["sigma_t_second_moment"])}
     if walks.reason and not math.isfinite(walks.achieved_error):
         if wanted == "random_walk":
             raise ValueError(f"random_walk: {walks.reason}")

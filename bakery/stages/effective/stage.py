@@ -71,7 +71,7 @@ def inputs(recipe, upstream) -> dict:
     group, packing = upstream["grains"], upstream["packing"]
     fraction = float(recipe.packing.fraction[0])
     names = [grain.name for grain in recipe.grains.components]
-    given = grain_stage.inputs(recipe, {})
+    arguments = grain_stage.inputs(recipe, {})
     sizes = len(group["radius"].data)
 
     def rows(name, figure, lossless=False):
@@ -90,8 +90,8 @@ def inputs(recipe, upstream) -> dict:
         "parts": [{figure: rows(name, figure) for figure in figures} for name in names],
         "lossless": [{figure: rows(name, figure, True) for figure in figures} for name in names],
         "radius": np.asarray(group["radius"].data, float), "share": np.asarray(group["radius_share"].data, float),
-        "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": given["radius"],
-        "tile": _tile(packing, fraction), "components": given["components"], "depth": given["depth"],
+        "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": arguments["radius"],
+        "tile": _tile(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "wavelength": np.asarray(recipe.wavelength, float),
         "choice": None if recipe.effective_medium.sigma_t == "auto" else recipe.effective_medium.sigma_t,
@@ -130,22 +130,22 @@ def compute(inputs: dict, context) -> Result:
     R, tile = inputs["mean_radius"], inputs["tile"]
     chord = void_chord(inputs["fraction"], R * tile[1])
     means, white = _means(inputs["parts"], inputs), _means(inputs["lossless"], inputs, lossless=True)
-    found, lossless = effective(means, chord), effective(white, chord)
+    coefficients, lossless = effective(means, chord), effective(white, chord)
     notes, missed = [], []
     at = len(inputs["wavelength"]) // 2
     walks = _walked(inputs, at, context)
     try:
-        match = choice.matched(found, lossless, walks, R, at, inputs["choice"])
+        match = choice.matched(coefficients, lossless, walks, R, at, inputs["choice"])
     except ValueError as fault:
         raise StageError(f"effective_medium.sigma_t: {fault}; mean_flight would do") from None
     if not match.walked:
-        notes.append(f"the random walk gives no mean square way: {walks.reason}")
+        notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
     elif abs(match.farther) > max(3 * match.spread, context.tolerance):
         how = "farther" if match.farther > 0 else "less far"
         missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {how} than sigma_t says; "
                       "effective_medium.sigma_t: random_walk matches it")
     if match.walked and inputs["walks"] is None and not walks.reached:
-        missed.append(f"the random walk's mean square way is known to {2 * match.spread:.2g} only: {walks.reason}")
+        missed.append(f"the random walk's mean square displacement is known to {2 * match.spread:.2g} only: {walks.reason}")
     sigma_t = match.sigma_t
     theta, f = inputs["theta"], means.phase
     f = phase.with_delta(theta, f, means.forward_delta)
@@ -156,8 +156,8 @@ def compute(inputs: dict, context) -> Result:
     error = means.errors["phase"] * (1 - means.forward_delta[:, None])
     members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], sigma_t, albedo)
     single = {"fraction": inputs["fraction"], "hit_probability": means.hit_probability,
-              "hit_probability_error": means.errors["hit_probability"], "void_chord": chord, "lambda_beta": found.lambda_beta,
-              "lambda_beta_error": found.errors["lambda_beta"]}
+              "hit_probability_error": means.errors["hit_probability"], "void_chord": chord,
+              "lambda_beta": coefficients.lambda_beta, "lambda_beta_error": coefficients.errors["lambda_beta"]}
     values = {name: np.array([float(value)]) for name, value in single.items()}
     values |= {"phase_error": error, "sigma_t_error": match.error, "albedo_error": means.errors["albedo"]}
     if match.walked:
@@ -183,12 +183,12 @@ def _walked(inputs, at, context):
     from bakery.physics.grains import bvh, surface
     from bakery.physics.granular import packed
 
-    made = []
+    grains = []
     for component, (vertices, faces) in zip(inputs["components"], inputs["meshes"]):
         index = None if component["index"] is None else component["index"].real[at]
-        made.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
+        grains.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
                                  None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
-    return packed.walk(*inputs["tile"], made, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
+    return packed.walk(*inputs["tile"], grains, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
                        tolerance=max(0.5 * context.tolerance, 1e-4), map=context.map,
                        report=lambda share, error: context.report(share, error, "random walk through the grains"))
 
@@ -236,7 +236,7 @@ def cost(recipe) -> Cost:
                 kernels=("granular._packed", "packing.instances"), kind="of grains")
 
 
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
+def measures(group: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `medium` group from grains against a converged one.
 
     Returns
@@ -249,9 +249,9 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
     phase : integral of |f - f_ref| over the sphere
     """
     true = reference["sigma_t_random_walk" if "sigma_t_random_walk" in reference.members else "sigma_t"].data
-    errors = {"spread": np.abs(found["sigma_t"].data / true - 1)}
-    errors |= {name: np.abs(found[name].data - reference[name].data) for name in ("albedo", "g")}
-    errors["phase"] = integrated_difference(reference["theta"].data, found["phase"].data, reference["phase"].data)
+    errors = {"spread": np.abs(group["sigma_t"].data / true - 1)}
+    errors |= {name: np.abs(group[name].data - reference[name].data) for name in ("albedo", "g")}
+    errors["phase"] = integrated_difference(reference["theta"].data, group["phase"].data, reference["phase"].data)
     largest = {name: float(np.max(value)) for name, value in errors.items()}
     return {"error": max(largest["spread"], 0.5 * largest["phase"])} | largest
 

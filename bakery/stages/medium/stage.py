@@ -57,13 +57,13 @@ def members_of(sigma_s, sigma_a, theta, elements, sigma_t=None, albedo=None) -> 
 
 
 def _inputs_of_particles(recipe, upstream) -> dict:
-    particles, held = recipe.particles, upstream["optics"]
+    particles, group = recipe.particles, upstream["optics"]
     names = [c.name for c in particles.components]
 
     def stacked(path):
-        return np.stack([np.asarray(held[f"{name}/{path}"].data, float) for name in names])
+        return np.stack([np.asarray(group[f"{name}/{path}"].data, float) for name in names])
 
-    fields = ["phase"] + [name for name in optics.ELEMENTS if name in held[names[0]].members]
+    fields = ["phase"] + [name for name in optics.ELEMENTS if name in group[names[0]].members]
     return {
         "names": names, "fraction": [float(c.fraction) for c in particles.components],
         "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
@@ -72,7 +72,7 @@ def _inputs_of_particles(recipe, upstream) -> dict:
         "absorption_bias": stacked("mean_absorption_bias"),
         "elements": np.stack([stacked(name) for name in fields], axis=2),
         "phase_bias": stacked("phase_bias"), "error": stacked("error"),
-        "theta": np.asarray(held["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
+        "theta": np.asarray(group["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
         "host_k": np.asarray(particles.host.k, float),
     }
 
@@ -191,7 +191,7 @@ def check(group: Group) -> Iterable[str]:
         yield "s11 is not phase"
 
 
-_PICTURES = later("bakery.stages.effective.pictures:pictures")  # in an asset without their tile grains' medium is told by members
+_PICTURES = later("bakery.stages.effective.pictures:pictures")  # grains' medium is recognised by its members
 
 OF_PARTICLES = Stage(
     name="medium",

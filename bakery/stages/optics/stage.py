@@ -95,8 +95,8 @@ def predicted(recipe):
 def _expected(recipe):
     from bakery.physics.averages import expected
 
-    given = inputs(recipe, {})
-    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance, remember=_remember)
+    arguments = inputs(recipe, {})
+    return expected(**arguments, tolerance=share(len(arguments["components"])) * recipe.tolerance, remember=_remember)
 
 
 def _remember(measure, *asked):
@@ -109,8 +109,8 @@ def _remember(measure, *asked):
         return measure(*asked)
     # repr writes the shortest digits that give the same float back
     key = hashlib.sha256(repr((STAGE.version, asked)).encode()).hexdigest()
-    held = memory.get("rays", key)
-    choice = _choice_of(held[0]) if held else None
+    entry = memory.get("rays", key)
+    choice = _choice_of(entry[0]) if entry else None
     if choice is None:
         choice = measure(*asked)
         memory.put("rays", key, _kept(choice, key), Group())
@@ -141,11 +141,11 @@ def _choice_of(group: Group):
 def cost(recipe) -> Cost:
     from bakery.physics.averages.predicted import LOADING
 
-    made, channels, choices = _expected(recipe)
+    expectation, channels, choices = _expected(recipe)
     rays = any(choice.taken for choice in choices)
-    seconds = _SLOWER * made.seconds
-    return Cost(seconds, made.memory + rays * _RAYS_LOADED, made.file,
-                f"about {made.angles} angles, {made.spheres} spheres, {seconds:.2g} s of one core by the rates of "
+    seconds = _SLOWER * expectation.seconds
+    return Cost(seconds, expectation.memory + rays * _RAYS_LOADED, expectation.file,
+                f"about {expectation.angles} angles, {expectation.spheres} spheres, {seconds:.2g} s of one core by the rates of "
                 f"benchmarks/averages.py; {LOADING:g} s to load kernels", LOADING, _remarks(channels, choices),
                 kernels=_KERNELS + rays * _OF_RAYS, kind=f"{'rays' if rays else 'series'} {recipe.measure}")
 
@@ -173,10 +173,10 @@ def compute(inputs: dict, context) -> Result:
     def report(seconds, error):
         context.report(_share(seconds / max(whole, 1e-9)), error)
 
-    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=_remember)
+    theta, by_component = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=_remember)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, missed, reached = [], [], 0.0
-    for component, average in zip(inputs["components"], found):
+    for component, average in zip(inputs["components"], by_component):
         members[component.name] = _group(component, average, inputs["wavelength"], inputs["host"])
         notes += _notes(component, average, inputs["wavelength"], context.tolerance)
         missed += _missed(component, average, inputs, context.tolerance)
