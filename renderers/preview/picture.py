@@ -242,7 +242,7 @@ def _scene(mi, asset, asset_path, k, edge, width, height):
     medium = {"type": "homogeneous", "sigma_t": sigma_t * edge, "albedo": albedo, "phase": phase,
               # Aiming at the lights pays for round lobes; in a forward peak, and deep in a heap, it doubles the time for little.
               "sample_emitters": g < AIM and not heap}
-    # Roulette before 1 / (1 - albedo) events would end paths that still carry nearly all of their light.  It lets at most 95 %
-    # live, so weights grow from then on: bright dots in heaps, whose paths are long; there it waits until little light is left.
+    # Roulette before 1 / (1 - albedo) events would end paths that still carry nearly all of their light.  At most 95 % of the
+    # paths survive it, so weights grow from then on: bright dots in heaps, whose paths are long; there it starts later.
     patience = HEAP_PATIENCE if heap else 1.0
     return studio.scene(mi, medium, width, height, int(np.clip(patience / max(1 - albedo, 1e-9), 8, 2000 * patience))), lost

@@ -1,8 +1,8 @@
 """The studio of the preview: a cube of the medium on checkered ground, under light from all sides, most of it from two.
 
 The light comes from afar and is one map of directions: a key light, a rim light and a dim sky.  The lights are wide and
-soft, so paths that have lost their way in the medium end at similar radiance whatever direction they leave in: that keeps
-the picture quiet at few samples.  Everything but the medium is grey.
+soft, so paths that have scattered many times meet similar radiance whatever direction they leave in: that keeps
+noise low at few samples.  Everything but the medium is grey.
 """
 
 from __future__ import annotations

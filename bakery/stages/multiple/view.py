@@ -51,7 +51,7 @@ class Multiple(Members):
     def point_to_segment(self, vertex, incoming, eye, view, distance) -> np.ndarray:
         """Radiance that reaches `eye` against `view`, mfp^-2 sr^-1.
 
-        The line of sight's integral of point_to_point within `distance` (mean free paths), weakened on its way.
+        The line of sight's integral of point_to_point within `distance` (mean free paths), attenuated up to the viewer.
         """
         return self._asked("point_to_segment", (vertex, eye), (incoming, view), distance)
 
