@@ -61,9 +61,9 @@ def scattering_of(medium: Group) -> Scattering:
     share = medium.members.get("forward_delta")
     if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
         return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t))
-    unchanged = np.clip(share.data, 0.0, 1.0)
-    return Scattering(sigma_t - unchanged * sigma_s, (1 - unchanged) * sigma_s, theta,
-                      without_delta(theta, phase, unchanged), unchanged, np.zeros_like(sigma_t))
+    delta = np.clip(share.data, 0.0, 1.0)
+    return Scattering(sigma_t - delta * sigma_s, (1 - delta) * sigma_s, theta,
+                      without_delta(theta, phase, delta), delta, np.zeros_like(sigma_t))
 
 
 def without_peak(medium: Scattering, end: int) -> Scattering:
