@@ -1,4 +1,4 @@
-"""A small asset made by hand, with everything that the format knows, and ways to damage it."""
+"""A small asset made by hand, with everything that the format knows, and functions that corrupt it."""
 
 from __future__ import annotations
 
@@ -93,5 +93,5 @@ def sealed_bytes(root: Group) -> bytes:
 
 
 def resealed(data: bytes) -> bytes:
-    """The same bytes with a first line that fits them: damage from inside, or on purpose."""
+    """The same bytes with a digest in the first line that fits them: a corruption that only the content shows."""
     return bytes(user_block(data[USER_BLOCK:])) + data[USER_BLOCK:]
