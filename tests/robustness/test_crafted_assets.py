@@ -218,7 +218,7 @@ def test_verify_names_it_to_the_user(call, sound, tmp_path):
     """Through the child process, and with more than one fault."""
     write(tmp_path / "x.h5", no_phase(two_ranks(sound["fog"])))
     found = verify(tmp_path / "x.h5")
-    assert [line.split(":")[0] for line in found] == ["medium/sigma_s", "medium/phase", "medium/phase_error"]
+    assert [line.split(":")[0] for line in found] == ["medium/sigma_s", "medium/phase", "medium/phase_bias"]
     with pytest.raises(AssetError, match=r"medium/sigma_s.* and 1 more; `bake verify`"):
         bakery.open(tmp_path / "x.h5")
 
