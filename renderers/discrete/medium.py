@@ -66,8 +66,8 @@ def classes_of(group) -> Classes:
     """The classes of `asset.discrete`, as they were baked."""
     baked = group.classes()
     return Classes(float(group.number_density[0]) * baked.share, baked.extinction * _SQUARE_METRES,
-                   baked.scattering * _SQUARE_METRES, np.asarray(baked.theta, float), np.asarray(baked.phase, float), baked.radius * _METRES, baked.component,
-                   np.zeros(len(baked.extinction)))
+                   baked.scattering * _SQUARE_METRES, np.asarray(baked.theta, float), np.asarray(baked.phase, float),
+                   baked.radius * _METRES, baked.component, np.zeros(len(baked.extinction)))
 
 
 def without_peak(classes, angle) -> Classes:

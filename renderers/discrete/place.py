@@ -27,8 +27,8 @@ def region_of(scene, group) -> kernels.Region:
             return own._replace(lo=lo, hi=hi, centre=own.centre + lo)
         if stored or own.kind != kernels.BOX:
             kind = "its places are stored" if stored else "it is not a whole box"
-            raise scene.wrong("discrete.where.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} m and "
-                              f"{kind}; that box, or an asset with method: procedural, would do")
+            raise scene.wrong("discrete.where.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} m "
+                              f"and {kind}; that box, or an asset with method: procedural, would do")
         return kernels.region_box(lo, hi)
     if stored:
         raise scene.wrong("discrete.where", "found a mesh or a grid, but the asset's places are stored; an asset with method: "

@@ -63,11 +63,13 @@ class Discrete(Section):
     """Particles that can be seen."""
 
     where: Where | None = Field(None, description="Where the particles are; the asset's own box from the origin if absent.")
-    method: word(*METHODS) = Field("auto", description="auto: particles where they can be told apart, the continuous medium elsewhere.")
-    footprint: number(above=0, most=100) = Field(0.5, description="Of method query: radius of the cylinder in pixels (k of the paper).")
+    method: word(*METHODS) = Field(
+        "auto", description="auto: particles where they can be told apart, the continuous medium elsewhere.")
+    footprint: number(above=0, most=100) = Field(
+        0.5, description="Of method query: radius of the cylinder in pixels (k of the paper).")
     peak: leaf(_peak, {"type": ["string", "number"]}) = Field(
-        "auto", description="Forward peak of the phase functions within this angle counts as unscattered; auto: half a pixel; keep."
-    )
+        "auto", description="Forward peak of the phase functions within this angle counts as unscattered; auto: half a pixel; "
+                            "keep.")
     velocity: vector(SPEED, "[0, 0, -1] m/s") = Field((0.0, 0.0, 0.0), description="Of all particles.")
     time: number(TIME) = Field(0.0, description="At which the moving particles are seen.")
 
