@@ -67,7 +67,8 @@ def _of_grid(scene, where):
         values, lo, hi = grids.read(scene.file(where.grid), where.dataset)
     except UsageError as fault:
         raise scene.wrong("discrete.where.grid", fault) from None
-    lo, hi = (np.array(given if given is not None else held, float) for given, held in ((where.lo, lo), (where.hi, hi)))
+    lo, hi = (np.array(requested if requested is not None else stored, float)
+              for requested, stored in ((where.lo, lo), (where.hi, hi)))
     if lo.shape != (3,) or hi.shape != (3,):
         raise scene.wrong("discrete.where.grid", "found no box in the file; lo and hi would do")
     most = float(np.max(values))
