@@ -49,6 +49,17 @@ grains:
 packing: {fraction: 0.3, count: 30}
 effective_medium: {walks: 10000}
 """,
+    "drops": """\
+bakery: 1
+name: drops
+wavelengths: [0.61, 0.465]
+tolerance: 10%
+particles:
+  number_density: 1e9 /m^3
+  components:
+    - {name: water, material: water, size: {distribution: single, radius: 1 um}}
+discrete: {count: 1000, box: [1 cm, 1 cm, 1 cm], method: stored}
+""",
 }
 
 
