@@ -83,7 +83,7 @@ def discs_of(group, region, velocity, time):
     `order` says which class of the asset each is; velocity (3,) m/s, time s.
     """
 
-    def made(extinction, density, order):
+    def discs(extinction, density, order):
         moves = np.tile(np.asarray(velocity, float), (len(order), 1))
         if "position" not in group:
             return kernels.procedural_discs(region, extinction, density, group.key, moves, time)
@@ -92,4 +92,4 @@ def discs_of(group, region, velocity, time):
         place = np.asarray(group.position) + region.lo
         return kernels.stored_discs(region, extinction, place, rank[group.kinds()], moves, time)
 
-    return made
+    return discs
