@@ -24,6 +24,6 @@ def baked(scene: Scene, progress=None) -> Scene:
     """
     if scene.asset is not None:
         return scene
-    made = ensured(scene.file(scene.values.recipe), os.path.join(scene.path.parent, ""), needs=scene.rules.NEEDS,
+    result = ensured(scene.file(scene.values.recipe), os.path.join(scene.path.parent, ""), needs=scene.rules.NEEDS,
                    progress=progress)
-    return dataclasses.replace(scene, asset=made.output)
+    return dataclasses.replace(scene, asset=result.output)

@@ -30,9 +30,9 @@ TIME = Quantity("time", "times", "s", {"ms": -3, "s": 0}, "s")
 
 
 def _read_format(node):
-    found = scalar(node, f"the scene format, {FORMAT}").text
-    if found != str(FORMAT) or node.quoted:
-        raise Wrong(f"found {text.show(found)}", f"this version of bakery reads scene format {FORMAT}")
+    version = scalar(node, f"the scene format, {FORMAT}").text
+    if version != str(FORMAT) or node.quoted:
+        raise Wrong(f"found {text.show(version)}", f"this version of bakery reads scene format {FORMAT}")
     return FORMAT
 
 
@@ -163,8 +163,8 @@ def camera_problems(root: Mapping, values: dict) -> Iterator[Problem]:
 def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:
     """A direction without length."""
     if key in values or f"{key}[2]" in values:
-        found = triple(values, key)
-        if found is not None and not np.any(found):
+        direction = triple(values, key)
+        if direction is not None and not np.any(direction):
             yield node_at(root, key).place.problem("found a direction of length 0", "expected one such as [0, 0, 1]")
 
 
@@ -178,5 +178,5 @@ def node_at(root: Mapping, key: str) -> Node | None:
 
 def triple(values: dict, key: str):
     """The three numbers at a key, (3,), or None where they are missing or wrong."""
-    found = values.get(key, tuple(values.get(f"{key}[{i}]") for i in range(3)))
-    return None if None in found else np.array(found, float)
+    numbers = values.get(key, tuple(values.get(f"{key}[{i}]") for i in range(3)))
+    return None if None in numbers else np.array(numbers, float)

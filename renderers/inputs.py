@@ -15,19 +15,19 @@ def files_of(path, parameters: Mapping[str, object] | None = None) -> list[Path]
     path : Mitsuba XML, or any other file
     parameters : `$name` in the scene -> value
     """
-    found: list[Path] = []
+    files: list[Path] = []
     top = Path(path)
     waiting = [top]
     while waiting:
         file = waiting.pop()
-        if file in found:
+        if file in files:
             continue
-        found.append(file)
+        files.append(file)
         if file.suffix.lower() == ".xml":
             # Mitsuba looks in the folder of the whole scene, too
             places = [folder / text for text in _values(file, parameters or {}) for folder in (file.parent, top.parent)]
             waiting += filter(_is_file, places)
-    return found
+    return files
 
 
 def _values(file: Path, parameters: Mapping[str, object]) -> list[str]:

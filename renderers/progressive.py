@@ -159,8 +159,8 @@ class Estimate:
     @property
     def variance(self):
         """(H, W, 4), of `rgb` and its luminance; None before the second pass of each part."""
-        found = [mean.variance for mean in self.means.values()]
-        return None if any(one is None for one in found) else sum(found)
+        variances = [mean.variance for mean in self.means.values()]
+        return None if any(one is None for one in variances) else sum(variances)
 
     @property
     def noise(self):
@@ -303,13 +303,13 @@ class Estimate:
 
     def _restore(self, channels, state):
         """Takes the means from a picture, unless what it says of itself differs: the names of what does."""
-        found, wanted = ({"parts": list(parts)} | identity for parts, identity in
+        stored, own = ({"parts": list(parts)} | identity for parts, identity in
                          ((state["parts"], state["identity"]), (self.means, self.identity)))
-        other = sorted(key for key in found.keys() | wanted.keys() if found.get(key) != wanted.get(key))
+        other = sorted(key for key in stored.keys() | own.keys() if stored.get(key) != own.get(key))
         for name, mean in self.means.items() if not other else ():
-            prefix, kept = self._prefix(name), state["parts"][name]
-            mean.count, mean.lost = int(kept["passes"]), int(kept["lost"])
-            mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in kept["layers"]}
+            prefix, part = self._prefix(name), state["parts"][name]
+            mean.count, mean.lost = int(part["passes"]), int(part["lost"])
+            mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in part["layers"]}
             if mean.count >= _LEAST:
                 mean.square = _image(channels, f"{prefix}noise.", "RGBY") ** 2 * (mean.count * (mean.count - 1))
         return other
@@ -326,10 +326,10 @@ def fingerprint(*what) -> str:
 
 def _channels(prefix, layers, variance):
     """Channels of layers by name, and of the standard error where it is known."""
-    found = {} if variance is None else {f"{prefix}noise.{name}": np.sqrt(variance[..., i]) for i, name in enumerate("RGBY")}
+    channels = {} if variance is None else {f"{prefix}noise.{name}": np.sqrt(variance[..., i]) for i, name in enumerate("RGBY")}
     for name, image in layers.items():
-        found |= rgb_layers(_joined(prefix, name), image)
-    return found
+        channels |= rgb_layers(_joined(prefix, name), image)
+    return channels
 
 
 def _joined(prefix, layer):

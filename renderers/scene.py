@@ -71,13 +71,13 @@ class Scene:
     @property
     def inputs(self) -> list[Path]:
         """The scene and every file that it is made of."""
-        found = [self.path]
+        files = [self.path]
         for key in (*common.FILES, *self.rules.FILES):
             value = self.values
             for step in key.split("."):
                 value = getattr(value, step, None)
-            found += files_of(self.file(value)) if value is not None else []
-        return found
+            files += files_of(self.file(value)) if value is not None else []
+        return files
 
     def file(self, name: str) -> Path:
         """A file that the scene names."""

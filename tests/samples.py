@@ -1,4 +1,4 @@
-"""A small asset made by hand, with everything that the format knows, and ways to damage it."""
+"""A small asset made by hand, with everything that the format knows, and functions that corrupt it."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def small_asset() -> Group:
         "mean_extinction": Dataset((scattering + absorption) @ weight, "um^2", "averaged extinction cross section"),
         "mean_scattering": Dataset(scattering @ weight, "um^2", "averaged scattering cross section"),
         "mean_absorption": Dataset(absorption @ weight, "um^2", "averaged absorption cross section"),
-        "mean_absorption_error": Dataset(1e-4 * (absorption @ weight), "um^2", "error of mean_absorption"),
+        "mean_absorption_bias": Dataset(1e-4 * (absorption @ weight), "um^2", "estimated error of mean_absorption"),
         "error": Dataset(np.array([0.004, 0.003]), "1", "largest relative error of phase function and mean cross sections"),
         "phase": Dataset(phase, "1/sr", "phase function, averaged"),
-        "phase_error": Dataset(1e-3 * phase, "1/sr", "error of phase"),
+        "phase_bias": Dataset(1e-3 * phase, "1/sr", "estimated error of phase"),
     })}, _stage("optics"))
     sigma_s, sigma_a = (1e8 * 1e-12 * (cross_section @ weight) for cross_section in (scattering, absorption))
     sigma_t_reduced, albedo_reduced, sigma_tr = reduced(sigma_s, sigma_a, g)
@@ -56,7 +56,7 @@ def small_asset() -> Group:
         "sigma_tr": Dataset(sigma_tr, "1/m", "decay of diffuse light"),
         "theta": Dataset(theta, "rad", "angle between the directions of travel"),
         "phase": Dataset(phase, "1/sr", "phase function"),
-        "phase_error": Dataset(1e-3 * phase, "1/sr", "error of phase"),
+        "phase_bias": Dataset(1e-3 * phase, "1/sr", "estimated error of phase"),
         "cdf": Dataset(cumulative(theta, phase), "1", "cumulative distribution of theta"),
     }, _stage("medium"))
     return Group({
@@ -93,5 +93,5 @@ def sealed_bytes(root: Group) -> bytes:
 
 
 def resealed(data: bytes) -> bytes:
-    """The same bytes with a first line that fits them: damage from inside, or on purpose."""
+    """The same bytes with a digest in the first line that fits them: a corruption that only the content shows."""
     return bytes(user_block(data[USER_BLOCK:])) + data[USER_BLOCK:]

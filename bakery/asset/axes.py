@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from bakery.stages import all_stages
-from bakery.stages.coordinates import coordinate
+from bakery.stages.coordinates import ERROR, coordinate
 from bakery.store.tree import Group
 
 
@@ -14,7 +14,7 @@ def axes(root: Group, path: str) -> tuple[str, ...]:
     member = root[path]
     if path == "wavelength":
         return ("L",)
-    letters = _declared(root, path) or _declared(root, path.removesuffix("_error"))
+    letters = _declared(root, path) or _declared(root, path.removesuffix(ERROR))
     if len(letters) != member.data.ndim:
         letters = ("-",) * member.data.ndim
     lengths = zip(letters, member.data.shape, strict=True)

@@ -10,7 +10,7 @@ from bakery.asset.axes import axes
 from bakery.errors import UsageError
 from bakery.physics.medium.phase import evaluate
 from bakery.stages.conform import stages_of
-from bakery.stages.coordinates import COORDINATES, coordinate, standard_error
+from bakery.stages.coordinates import COORDINATES, coordinate, stated_error
 from bakery.stages.declaration import Answer, Remark
 from bakery.store.tree import Dataset, Group
 
@@ -37,7 +37,7 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         known = [name for name in names if name]
         raise UsageError(f"{path}: {useless[0]} has no effect on it; " + (f"{' and '.join(known)} would" if known else
                          "it takes no arguments"))
-    values, error = member.data, standard_error(root, path)
+    values, error = member.data, stated_error(root, path)
     left, remarks = [], []
     for letter, name in zip(letters, names, strict=True):
         axis = len(left)

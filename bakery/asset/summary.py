@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bakery.stages.coordinates import standard_error
+from bakery.stages.coordinates import stated_error
 from bakery.store.missed import missed
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
@@ -55,7 +55,7 @@ def stage(root: Group, name: str) -> dict:
 
 
 def dataset(root: Group, path: str) -> dict:
-    """Shape, unit, range and size of one array; its largest relative standard error where it has one."""
+    """Shape, unit, range and size of one array; its largest relative error, standard error and bias together."""
     found = root[path]
     data = found.data
     row = {"path": path, "shape": list(data.shape), "type": str(data.dtype), "units": found.units,
@@ -72,7 +72,7 @@ def dataset(root: Group, path: str) -> dict:
         row["minimum"], row["maximum"] = number(data.min()), number(data.max())
         if data.size <= FEW:
             row["values"] = [number(value) for value in data.reshape(-1)]
-        error = standard_error(root, path)
+        error = stated_error(root, path)
         if error is not None:
             share = np.abs(error) / np.where(data == 0, np.inf, np.abs(data))
             row["largest_relative_error"] = number(share.max())

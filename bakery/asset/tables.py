@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bakery.stages import all_stages
-from bakery.stages.conform import ERROR
+from bakery.stages.coordinates import ERROR
 from bakery.stages.declaration import Output
 
 _PLACE = re.compile(r"(?<=<!-- datasets: )([^>]+?)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)

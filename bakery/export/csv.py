@@ -19,14 +19,14 @@ def csv_files(root: Group) -> dict[str, str]:
     it depends on it, each wavelength.  What has no coordinate gets a file of its own.
     """
     files = {"recipe.yaml": read_text(root["recipe"])} if "recipe" in root.members else {}
-    told: set[str] = set()
+    written: set[str] = set()
     for stage in stages_of(root):
         own, paths = stage.files(root)
         files |= own
-        told |= set(paths)
+        written |= set(paths)
     tables: dict[str, list] = {}
     for path, member in root.walk():
-        if not isinstance(member, Dataset) or path in told \
+        if not isinstance(member, Dataset) or path in written \
                 or path.split("/")[0] in ("provenance", "recipe", "wavelength"):
             continue
         group = path.rpartition("/")[0].replace("/", "_")

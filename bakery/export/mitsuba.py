@@ -56,7 +56,7 @@ class Fragment:
 
     def as_dict(self) -> dict:
         """The losses for machines (`--json`)."""
-        return {"values": self.values, "unchanged": self.delta, "straight": self.peak, "within": self.within,
+        return {"values": self.values, "unscattered": self.delta, "peak": self.peak, "within": self.within,
                 "useless": self.useless(), "resampling": asdict(self.resampling),
                 "wavelengths": [{"wavelength_um": um} | asdict(misfit) for um, misfit in self.colour.items()]}
 

@@ -48,10 +48,10 @@ def xyz_files(root: Group) -> dict[str, str]:
 def _tiles(root: Group) -> dict[str, Group]:
     """End of file name -> tile."""
     packing = root.members.get("packing")
-    found = tiles(packing) if isinstance(packing, Group) else {}
-    if not found:
+    by_name = tiles(packing) if isinstance(packing, Group) else {}
+    if not by_name:
         raise AssetError(f"{root.attributes.get('name')}: holds no stage `packing`; bake it from a recipe with `packing`")
-    return {f"_{name}" if name else "": tile for name, tile in found.items()}
+    return {f"_{name}" if name else "": tile for name, tile in by_name.items()}
 
 
 def _form(tile: Group):

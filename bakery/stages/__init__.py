@@ -32,9 +32,9 @@ def sections_for(name: str) -> tuple[tuple[str, ...], ...]:
 
     A stage without a section of its own runs where those that it needs do; defaults fill a section that stands beside another.
     """
-    found = []
+    alternatives = []
     for stage in all_stages():
         if stage.name == name:
             own = tuple(section.name for section in stage.sections if not section.beside)
-            found.append(own or tuple(each for need in stage.needs for each in sections_for(need)[0]))
-    return tuple(found)
+            alternatives.append(own or tuple(each for need in stage.needs for each in sections_for(need)[0]))
+    return tuple(alternatives)

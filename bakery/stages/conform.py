@@ -15,10 +15,10 @@ import numpy as np
 
 from bakery.errors import AssetError
 from bakery.stages import all_stages
+from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import Output, Stage
 from bakery.store.tree import TEXT, Dataset, Group, is_text, read_text
 
-ERROR = "_error"  # X_error is the standard error of X
 STAGE_ATTRIBUTES = {"stage": str, "stage_version": int, "input_hash": str, "content_hash": str, "tolerance": float,
                     "achieved_error": float, "error_measure": str}
 ROOT_ATTRIBUTES = {"format": str, "format_version": int, "name": str, "bakery_version": str, "content_hash": str}
@@ -38,17 +38,17 @@ def check(path: str, root: Group) -> None:
 
     What no stage declares is let pass: other hands, and later versions, may add to an asset.
     """
-    found = declared(root)
-    if found:
-        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-        raise AssetError(f"{path}: damaged, or not written by bakery: {found[0]}{more}; `bake verify` lists all")
+    departures = declared(root)
+    if departures:
+        more = f" and {len(departures) - 1} more" if len(departures) > 1 else ""
+        raise AssetError(f"{path}: damaged, or not written by bakery: {departures[0]}{more}; `bake verify` lists all")
 
 
 def declared(root: Group) -> list[str]:
     """Where a tree departs from what its stages declare, in words: what readers count on."""
-    found = [*_root(root), *_stage_groups(root)]
+    departures = [*_root(root), *_stage_groups(root)]
     # sums and indices over what may not even be an array would only trip
-    return found or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.sound(root.members[stage.name])]
+    return departures or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.sound(root.members[stage.name])]
 
 
 def faults(root: Group) -> list[str]:
@@ -81,8 +81,8 @@ def _root(root: Group) -> Iterable[str]:
         yield "wavelength: not positive and finite"
     for name, spent in (provenance.members if isinstance(provenance, Group) else {}).items():
         if isinstance(spent, Group):
-            held = {key: kind for key, kind in PROVENANCE.items() if key in spent.attributes}
-            yield from _attributes(f"provenance/{name}", spent.attributes, held)
+            present = {key: kind for key, kind in PROVENANCE.items() if key in spent.attributes}
+            yield from _attributes(f"provenance/{name}", spent.attributes, present)
             yield from (f"provenance/{name}/{key}: not text" for key, member in spent.members.items()
                         if not is_text(member) or not _decodes(member))
 
@@ -134,8 +134,9 @@ def _dataset(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
         yield f"{path}: not UTF-8 text"
     elif data.dtype.kind in "fc" and not np.isfinite(data).all():
         yield f"{path}: not finite"
-    if path.endswith(ERROR):
-        yield from _error_of(path, dataset, root)
+    for suffix, words in ((ERROR, "standard errors"), (BIAS, "biases")):
+        if path.endswith(suffix):
+            yield from _error_of(path, path.removesuffix(suffix), words, dataset, root)
 
 
 def _decodes(dataset: Dataset) -> bool:
@@ -146,12 +147,12 @@ def _decodes(dataset: Dataset) -> bool:
     return True
 
 
-def _error_of(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
-    name = path.removesuffix(ERROR)
+def _error_of(path: str, name: str, words: str, dataset: Dataset, root: Group) -> Iterable[str]:
+    """How the `words` at `path` are not those of the dataset `name`."""
     try:
         of = root[name]
     except KeyError:
-        yield f"{path}: standard errors of nothing"
+        yield f"{path}: {words} of nothing"
         return
     if getattr(getattr(of, "data", None), "shape", None) != dataset.data.shape:
         yield f"{path}: not of the shape of {name}"
@@ -160,7 +161,7 @@ def _error_of(path: str, dataset: Dataset, root: Group) -> Iterable[str]:
     elif dataset.data.dtype.kind not in "fiu":
         yield f"{path}: not numbers"
     elif (dataset.data < 0).any():
-        yield f"{path}: a negative standard error"
+        yield f"{path}: negative {words}"
 
 
 # ---- what the stages declare

@@ -1,4 +1,4 @@
-"""Where an asset keeps the coordinate of an axis and the standard error of an array."""
+"""Where an asset keeps the coordinate of an axis, and the standard error and the bias of an array."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from bakery.store.tree import Dataset, Group
 
+ERROR = "_error"  # X_error is the standard error of a Monte Carlo figure X
+BIAS = "_bias"  # X_bias is the estimated size of the systematic error of X: quadrature, interpolation, the model
 # letter in a declared shape -> the dataset that holds the coordinate, looked for beside the array, then upwards, then in `medium`
 COORDINATES = {"L": "wavelength", "A": "theta", "B": "theta", "R": "radius"}  # B: angles of one group alone
 
@@ -19,19 +21,29 @@ def coordinate(root: Group, path: str, letter: str) -> tuple[str, Dataset] | Non
     for places in [parts[:n] for n in range(len(parts), -1, -1)] + [["medium"]]:
         here = "/".join([*places, name])
         try:
-            found = root[here]
+            member = root[here]
         except KeyError:
             continue
-        if isinstance(found, Dataset) and found.data.ndim == 1:
-            return here, found
+        if isinstance(member, Dataset) and member.data.ndim == 1:
+            return here, member
     return None
 
 
 def standard_error(root: Group, path: str) -> np.ndarray | None:
     """The values of `X_error` beside a Monte Carlo figure X, or None."""
+    return _beside(root, path, ERROR)
+
+
+def stated_error(root: Group, path: str) -> np.ndarray | None:
+    """The error that is stated of X as a whole: `X_error` and `X_bias`, added in squares where there are both; or None."""
+    parts = [values for values in (_beside(root, path, ERROR), _beside(root, path, BIAS)) if values is not None]
+    return np.hypot(*parts) if len(parts) == 2 else parts[0] if parts else None
+
+
+def _beside(root: Group, path: str, suffix: str) -> np.ndarray | None:
     try:
-        found = root[path + "_error"]
+        member = root[path + suffix]
     except KeyError:
         return None
-    same = isinstance(found, Dataset) and found.data.shape == root[path].data.shape
-    return found.data if same else None
+    same = isinstance(member, Dataset) and member.data.shape == root[path].data.shape
+    return member.data if same else None

@@ -115,7 +115,7 @@ class Answer:
     ----------
     values : (...,) in `units`; one axis less for each argument that was a single value
     axes : (name, unit, coordinates) of each axis that is left; a position where there is no coordinate
-    error : like `values`, absolute, where the asset has an error of this array
+    error : like `values`, absolute, standard error and bias together, where the asset has either of this array
     remarks : how the values came about
     """
 

@@ -12,12 +12,12 @@ from bakery.store.tree import Group
 _LEAST = 1e-6  # of the mean phase function 1/(4 pi): below that a relative error is of no consequence
 
 
-def optics(found: Group, reference: Group) -> Mapping[str, float]:
+def optics(baked: Group, reference: Group) -> Mapping[str, float]:
     """Errors of an `optics` group against a converged one: of each measure the largest over components and wavelengths.
 
     Parameters
     ----------
-    found, reference : groups of the same recipe, whose angles need not be the same
+    baked, reference : groups of the same recipe, whose angles need not be the same
 
     Returns
     -------
@@ -36,14 +36,14 @@ def optics(found: Group, reference: Group) -> Mapping[str, float]:
     Both tables are taken onto the union of their angles, linear in cos theta in between as the asset defines them, so that
     nothing is lost: the integral is exact, and the largest ratio of two lines lies at an end.
     """
-    theta, reference_theta = (np.asarray(group["theta"].data, float) for group in (found, reference))
+    theta, reference_theta = (np.asarray(group["theta"].data, float) for group in (baked, reference))
     at = np.union1d(theta, reference_theta)
     errors = {"phase": 0.0, "phase_pointwise": 0.0, "extinction": 0.0, "absorption": 0.0, "g": 0.0}
     lost = 0.0
     for name, true in reference.members.items():
         if not isinstance(true, Group):
             continue
-        own = found[name]
+        own = baked[name]
         table, true_table = np.asarray(own["phase"].data, float), np.asarray(true["phase"].data, float)
         f, f_ref = phase.evaluate(theta, table, at), phase.evaluate(reference_theta, true_table, at)
         floor = np.maximum(f_ref, _LEAST / (4 * np.pi))

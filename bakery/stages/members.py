@@ -10,10 +10,10 @@ import numpy as np
 from bakery.errors import AssetError
 from bakery.physics.medium.phase import evaluate
 from bakery.physics.medium.regular import Loss, adaptive_table
+from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
-ERROR = "_error"  # X_error is the standard error of X
 HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
 _FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are named
 
@@ -31,6 +31,7 @@ class Members(Mapping):
     units, description : name of a dataset -> its unit, its description
     choices : name of an enumeration -> names of its values 0, 1, ...
     error : name of a dataset -> its standard errors, where it has any
+    bias : name of a dataset -> the estimated size of its systematic errors, where they are stored
     """
 
     def __init__(self, group: Group, path: str, theta: np.ndarray | None = None):
@@ -40,8 +41,9 @@ class Members(Mapping):
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})
         self.choices = MappingProxyType({name: member.choices for name, member in datasets.items() if member.choices})
-        self.error = MappingProxyType({name.removesuffix(ERROR): _seen(member) for name, member in datasets.items()
-                                       if name.endswith(ERROR) and name.removesuffix(ERROR) in datasets})
+        self.error, self.bias = (MappingProxyType({name.removesuffix(end): _with_unit(member) for name, member in datasets.items()
+                                                   if name.endswith(end) and name.removesuffix(end) in datasets})
+                                 for end in (ERROR, BIAS))
         own = datasets.get("theta")
         self._theta = own.data if own is not None else theta
         self._items = {name: self._item(name, member) for name, member in group.members.items()}
@@ -51,25 +53,25 @@ class Members(Mapping):
             return Members(member, f"{self._path}/{name}", self._theta)
         if is_text(member):
             return read_text(member)
-        return _seen(member)
+        return _with_unit(member)
 
     def __getitem__(self, name: str):
         """A member as it is stored: an array (`Values`, with its unit), text, or a group; `droplets/radius` goes down a group."""
         head, _, rest = name.partition("/")
-        found = self._items[head]
-        if rest and not isinstance(found, Members):
+        member = self._items[head]
+        if rest and not isinstance(member, Members):
             raise KeyError(name)
-        return found[rest] if rest else found
+        return member[rest] if rest else member
 
     def __getattr__(self, name: str):
         if name.startswith("_") or name not in self._items:
-            held = ", ".join(self.__dict__.get("_items", ()))
-            raise AttributeError(f"{self.__dict__.get('_path', 'group')} holds no {name!r}; it holds {held}")
-        found = self._items[name]
-        if name == "phase" and isinstance(found, np.ndarray) and self._theta is not None \
-                and found.shape[-1] == len(self._theta):
-            return Phase(self._theta, found, self.units[name])
-        return found
+            names = ", ".join(self.__dict__.get("_items", ()))
+            raise AttributeError(f"{self.__dict__.get('_path', 'group')} holds no {name!r}; it holds {names}")
+        member = self._items[name]
+        if name == "phase" and isinstance(member, np.ndarray) and self._theta is not None \
+                and member.shape[-1] == len(self._theta):
+            return Phase(self._theta, member, self.units[name])
+        return member
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)
@@ -89,7 +91,7 @@ class Members(Mapping):
                 lines.append(f"  {name}  text, {member.data.size} bytes")
             else:
                 lines.append(f"  {name} {_shape(member.data.shape)} {member.units}  {_range(member)}"
-                             f"{_largest_error(member.data, self.error.get(name))}")
+                             f"{_largest_error(stated_error(self._group, name))}")
         return "\n".join(lines)
 
 
@@ -139,14 +141,14 @@ class One(Values):
 
 def with_units(data: np.ndarray, units: str) -> Values:
     """The same array, which knows its unit."""
-    seen = data.view(Values)
-    seen.units = units
-    return seen
+    values = data.view(Values)
+    values.units = units
+    return values
 
 
-def _seen(member: Dataset) -> Values:
-    seen = with_units(member.data, member.units)
-    return seen.view(One) if seen.shape == (1,) else seen
+def _with_unit(member: Dataset) -> Values:
+    values = with_units(member.data, member.units)
+    return values.view(One) if values.shape == (1,) else values
 
 
 class Phase:
@@ -190,7 +192,7 @@ def summary(attributes: Mapping) -> str:
 
 def headline(group: Members) -> str:
     """The figures that one asks a group for first, with units and largest relative errors, and what else it holds, in a line."""
-    shown = [f"{name} {in_words(group[name], group.units[name], group.error.get(name))}" for name in HEADLINES
+    shown = [f"{name} {in_words(group[name], group.units[name], stated_error(group._group, name))}" for name in HEADLINES
              if isinstance(group.get(name), np.ndarray) and group[name].size]
     rest = [name for name in group if name not in HEADLINES]
     room = max(_NAMED - len(shown), 0)
@@ -200,12 +202,12 @@ def headline(group: Members) -> str:
 
 def in_words(data: np.ndarray, units: str, error: np.ndarray | None = None) -> str:
     """Values, or their range where they are many, with unit and largest relative error."""
-    said = " ".join(f"{x:.6g}" for x in data.flat) if data.size <= _FEW else range_of(data)
-    said += f" {units}" if units not in ("", "1") else ""
+    text = " ".join(f"{x:.6g}" for x in data.flat) if data.size <= _FEW else range_of(data)
+    text += f" {units}" if units not in ("", "1") else ""
     if error is None or error.shape != data.shape or not np.any(data != 0):
-        return said
+        return text
     worst = np.max(np.divide(error, np.abs(data), out=np.zeros(data.shape), where=data != 0))
-    return f"{said} +- {100 * worst:.2g} %"
+    return f"{text} +- {100 * worst:.2g} %"
 
 
 def _shape(shape: tuple[int, ...]) -> str:
@@ -214,8 +216,8 @@ def _shape(shape: tuple[int, ...]) -> str:
 
 def _range(dataset: Dataset) -> str:
     if dataset.choices:
-        held = [name for i, name in enumerate(dataset.choices) if (dataset.data == i).any()]
-        return " or ".join(held)
+        present = [name for i, name in enumerate(dataset.choices) if (dataset.data == i).any()]
+        return " or ".join(present)
     return range_of(dataset.data) if dataset.data.dtype.kind in "fiu" else str(dataset.data.dtype)
 
 
@@ -227,7 +229,5 @@ def range_of(data: np.ndarray) -> str:
     return f"{low:.4g}" if low == high else f"{low:.4g} .. {high:.4g}"
 
 
-def _largest_error(data: np.ndarray, error: np.ndarray | None) -> str:
-    if error is None or error.shape != data.shape or not error.size:
-        return ""
-    return f"  +- {error.max():.2g}"
+def _largest_error(error: np.ndarray | None) -> str:
+    return "" if error is None or not error.size else f"  +- {error.max():.2g}"

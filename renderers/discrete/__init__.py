@@ -66,7 +66,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     layers = {} if method.depth is None else {"detail": np.minimum(method.depth, 1e30)}
-    return estimate.finish(job, layers=layers, method=values.discrete.method, reasons=method.reasons, **method.said)
+    return estimate.finish(job, layers=layers, method=values.discrete.method, reasons=method.reasons, **method.figures)
 
 
 def describe(report) -> list[str]:

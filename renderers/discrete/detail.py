@@ -55,10 +55,10 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     left = np.concatenate([np.cumsum(variance[:, ::-1], axis=1)[:, ::-1], np.zeros((len(pixel), 1))], axis=1)
     enough = left <= (tolerance * mean[:, None]) ** 2
     first = enough.argmax(axis=1)
-    found = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
-    found = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), found)
+    depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
+    depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
     # between probes the largest of those around
-    grid = maximum_filter(found.reshape(len(rows), len(columns)), size=3, mode="nearest")
+    grid = maximum_filter(depth.reshape(len(rows), len(columns)), size=3, mode="nearest")
     return grid.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
 
 

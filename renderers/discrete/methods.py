@@ -22,13 +22,13 @@ class Method(NamedTuple):
     parts : of `renderers.progressive`
     depth : (H, W) m, up to which particles are particles; None where the method tells no such depths
     reasons : sentences
-    said : what the report says besides
+    figures : what the report says besides
     """
 
     parts: tuple
     depth: np.ndarray | None
     reasons: list
-    said: dict
+    figures: dict
 
 
 def prepare(job, world, tolerance, seed) -> Method:
@@ -42,37 +42,38 @@ def prepare(job, world, tolerance, seed) -> Method:
     seed : of the passes
     """
     values, asset, group = job.scene.values, job.asset, job.asset.discrete
-    said, name = values.discrete, values.discrete.method
+    settings, name = values.discrete, values.discrete.method
     height, width = world.size
     region = place.region_of(job.scene, group)
     waves = np.asarray(asset.wavelength, float)
     to_rgb, to_waves = colour.srgb_matrix(waves), colour.spread_matrix(waves)
     pixel = float(np.median(world.camera.angle(height, width)))
     baked = classes_of(group)
-    angle = 0.0 if name == "explicit" or said.peak == "keep" else _HALF * pixel if said.peak == "auto" else said.peak
+    angle = 0.0 if name == "explicit" or settings.peak == "keep" else _HALF * pixel if settings.peak == "auto" else settings.peak
     classes = without_peak(baked, angle)
-    discs = place.discs_of(group, region, said.velocity, said.time)
+    discs = place.discs_of(group, region, settings.velocity, settings.time)
     reasons = [_peak(classes, angle)]
-    made, order = medium(classes, discs, to_rgb, to_waves)
-    depth, passes = None, [("walk", walk.one_pass, walk.Discs(made))]
+    tabulated, order = medium(classes, discs, to_rgb, to_waves)
+    depth, passes = None, [("walk", walk.one_pass, walk.Discs(tabulated))]
     if name == "continuous":
-        passes = [("walk", walk.one_pass, walk.Discs(made, later=0.0))]
+        passes = [("walk", walk.one_pass, walk.Discs(tabulated, later=0.0))]
         depth = np.zeros((height, width))
     elif name in ("particles", "auto"):
         depth = np.full((height, width), np.inf)
         if name == "auto":
-            depth = detail.depths(world, made, world.camera, height, width, tolerance, seed)
+            depth = detail.depths(world, tabulated, world.camera, height, width, tolerance, seed)
             reasons.append(_detail(depth, tolerance))
         later = np.inf if name == "particles" else 0.0
-        passes = [("walk", walk.one_pass, walk.Discs(made, later=later, splatted=True))]
+        passes = [("walk", walk.one_pass, walk.Discs(tabulated, later=later, splatted=True))]
         if depth.max() > 0 and world.light_names:
-            how = splat.plan(made, world.camera, height, width, depth, drawn=name == "auto")
-            passes.append(("splat", splat.one_pass, (made, how)))
+            how = splat.plan(tabulated, world.camera, height, width, depth, drawn=name == "auto")
+            passes.append(("splat", splat.one_pass, (tabulated, how)))
     elif name == "query":
-        passes = [("walk", walk.one_pass, _query(classes, discs, order, made, said.footprint, world, region))]
-        reasons.append(f"queries of the paper, cylinders of {said.footprint:g} pixels: their mean is not the continuous medium's")
+        passes = [("walk", walk.one_pass, _query(classes, discs, order, tabulated, settings.footprint, world, region))]
+        reasons.append(f"queries of the paper, cylinders of {settings.footprint:g} pixels: their mean is not the continuous "
+                       "medium's")
     elif name == "explicit":
-        passes = [("walk", walk.one_pass, _spheres(group, baked, discs, made, order, waves))]
+        passes = [("walk", walk.one_pass, _spheres(group, baked, discs, tabulated, order, waves))]
         reasons.append("spheres of geometrical optics: without diffraction, and with the index of the middle wavelength")
     lights = world.light_names
     everywhere = np.full((height, width), np.inf) if depth is None else depth
@@ -92,7 +93,7 @@ def _pass(function, world, what, height, width, seed, depth, lights):
     return one
 
 
-def _query(classes, discs, order, made, footprint, world, region):
+def _query(classes, discs, order, tabulated, footprint, world, region):
     """Cylinders as wide as a share of a pixel where the medium begins (Eq. 23)."""
     origin = world.camera.origin
     nearest = float(np.linalg.norm(np.maximum(np.maximum(region.lo - origin, origin - region.hi), 0.0)))
@@ -101,11 +102,11 @@ def _query(classes, discs, order, made, footprint, world, region):
     radius = math.sqrt(footprint * pixel**2 / math.pi) * nearest
     reach = np.broadcast_to(math.pi * (classes.radius[order] + radius) ** 2, classes.extinction.shape)
     cylinders = discs(reach, classes.density[order], order)
-    return query.Query(made._replace(discs=cylinders), np.ascontiguousarray(classes.extinction[:, order].T),
+    return query.Query(tabulated._replace(discs=cylinders), np.ascontiguousarray(classes.extinction[:, order].T),
                        np.ascontiguousarray(classes.scattering[:, order].T), radius)
 
 
-def _spheres(group, classes, discs, made, order, waves):
+def _spheres(group, classes, discs, tabulated, order, waves):
     """Spheres of the classes' radii and their components' indices."""
     parts = [group[name] for name in group.classes().names]
     host, middle = np.asarray(group.host, float), int(np.argsort(waves)[len(waves) // 2])
@@ -113,7 +114,7 @@ def _spheres(group, classes, discs, made, order, waves):
     absorption = np.array([4 * math.pi * np.asarray(part.k, float) / (waves * 1e-6) for part in parts])
     reach = np.broadcast_to(math.pi * classes.radius[order] ** 2, classes.extinction.shape)
     of = classes.component[order]
-    return explicit.Spheres(made._replace(discs=discs(reach, classes.density[order], order)), index[of],
+    return explicit.Spheres(tabulated._replace(discs=discs(reach, classes.density[order], order)), index[of],
                             np.ascontiguousarray(absorption[of]))
 
 

@@ -67,7 +67,8 @@ def _of_grid(scene, where):
         values, lo, hi = grids.read(scene.file(where.grid), where.dataset)
     except UsageError as fault:
         raise scene.wrong("discrete.where.grid", fault) from None
-    lo, hi = (np.array(given if given is not None else held, float) for given, held in ((where.lo, lo), (where.hi, hi)))
+    lo, hi = (np.array(requested if requested is not None else stored, float)
+              for requested, stored in ((where.lo, lo), (where.hi, hi)))
     if lo.shape != (3,) or hi.shape != (3,):
         raise scene.wrong("discrete.where.grid", "found no box in the file; lo and hi would do")
     most = float(np.max(values))
@@ -82,7 +83,7 @@ def discs_of(group, region, velocity, time):
     `order` says which class of the asset each is; velocity (3,) m/s, time s.
     """
 
-    def made(extinction, density, order):
+    def discs(extinction, density, order):
         moves = np.tile(np.asarray(velocity, float), (len(order), 1))
         if "position" not in group:
             return kernels.procedural_discs(region, extinction, density, group.key, moves, time)
@@ -91,4 +92,4 @@ def discs_of(group, region, velocity, time):
         place = np.asarray(group.position) + region.lo
         return kernels.stored_discs(region, extinction, place, rank[group.kinds()], moves, time)
 
-    return made
+    return discs

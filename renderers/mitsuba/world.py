@@ -181,8 +181,8 @@ class World:
         longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
         ray = self._ray(mi, origin, direction)
         ray.maxt = _single(mi, longest / self._unit)
-        found = self._scene.ray_intersect_preliminary(ray, coherent=False)
-        distance, valid = _arrays(len(origin), found.t, found.is_valid())
+        hit = self._scene.ray_intersect_preliminary(ray, coherent=False)
+        distance, valid = _arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
     def lights(self, point, random) -> LightSample:
@@ -194,9 +194,9 @@ class World:
             return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
         here = dr.zeros(mi.Interaction3f, len(point))
         here.p = self._inside(mi, point)
-        found, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), True)
-        return self._light(*_arrays(len(point), found.d, found.dist, _finite(radiance), found.pdf, found.delta,
-                                    self._index(found.emitter)))
+        sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), True)
+        return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
+                                    self._index(sample.emitter)))
 
     def shade(self, origin, direction, random, density, delta) -> Shading:
         """What rays meet: emission, a light sample and a next direction.

@@ -59,13 +59,14 @@ class Grain:
 def grains_of(asset) -> tuple[list[Grain], float, int]:
     """The grains to draw, commonest first; the bounding radius in m (mean by number); the number of components."""
     group = asset.grains
-    found = []
+    exemplars = []
     for name, exemplar in group.exemplars.items():
         vertices, faces = (None, None) if exemplar.ball else (resting(exemplar.vertices), exemplar.faces)
-        found.append(Grain(name, float(group[name].weight), vertices, faces, exemplar.surface, np.asarray(group[name].interior)))
+        exemplars.append(Grain(name, float(group[name].weight), vertices, faces, exemplar.surface,
+                               np.asarray(group[name].interior)))
     radius, share = (np.ravel(np.asarray(group[key], float)) for key in ("radius", "radius_share"))
-    found.sort(key=lambda grain: -grain.share)
-    return found[:MOST], float(np.sum(radius * share) / np.sum(share)), len(found)
+    exemplars.sort(key=lambda grain: -grain.share)
+    return exemplars[:MOST], float(np.sum(radius * share) / np.sum(share)), len(exemplars)
 
 
 def scale(count: int) -> float:
@@ -93,9 +94,9 @@ def features(mi, grains: list[Grain], radius: float, width: int, height: int):
                        for g in grains], radius, 0, width, height)
     integrator = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
     image = np.array(mi.render(built, integrator=integrator, spp=64, seed=1), dtype=float)
-    normal, place = image[..., -6:-3], image[..., -3:]
-    on_ground = np.clip(normal[..., 2:3], 0, 1) * (place[..., 2:3] < 1e-3)
-    ground = studio.reflectance(place[..., 0], place[..., 1])[..., None] * on_ground
+    normal, position = image[..., -6:-3], image[..., -3:]
+    on_ground = np.clip(normal[..., 2:3], 0, 1) * (position[..., 2:3] < 1e-3)
+    ground = studio.reflectance(position[..., 0], position[..., 1])[..., None] * on_ground
     return np.concatenate([0.5 * np.where(on_ground > 0.99, 0.0, normal), ground], axis=-1)
 
 
@@ -144,12 +145,12 @@ def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: 
     right /= np.linalg.norm(right)
     towards = np.cross([0.0, 0.0, 1.0], right) * -1.0
     foot = (place[0] * right + place[1] * towards) / unit
-    made = {"bsdf": bsdf(grain.surface, k)}
+    common = {"bsdf": bsdf(grain.surface, k)}
     sigma = grain.interior[k] * radius * unit if grain.surface["type"] == "dielectric" else 0.0
     if sigma > 0:
-        made["interior"] = {"type": "homogeneous", "sigma_t": float(sigma), "albedo": 0.0, "sample_emitters": False}
+        common["interior"] = {"type": "homogeneous", "sigma_t": float(sigma), "albedo": 0.0, "sample_emitters": False}
     if grain.vertices is None:
-        return {"type": "sphere", "center": [*foot[:2], 1 / unit + studio.LIFT], "radius": 1 / unit, **made}
+        return {"type": "sphere", "center": [*foot[:2], 1 / unit + studio.LIFT], "radius": 1 / unit, **common}
     vertices = grain.vertices
     middle = 0.5 * (vertices[:, :2].min(axis=0) + vertices[:, :2].max(axis=0))
     turn = np.radians(_TURN)
@@ -158,4 +159,4 @@ def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: 
     # a file: the one way to hand a mesh to every version of Mitsuba
     path.write_bytes(ply.mesh(np.column_stack([flat / unit + foot[:2], vertices[:, 2] / unit + studio.LIFT]), grain.faces,
                               single=True))
-    return {"type": "ply", "filename": str(path), "face_normals": True, **made}
+    return {"type": "ply", "filename": str(path), "face_normals": True, **common}

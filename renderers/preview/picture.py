@@ -95,15 +95,15 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
     pair = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
-    held = [name for name in ("grains", "medium") if name in asset.stages]
-    edge, words = block_edge(asset, "grains" in held) if "medium" in held else (0.0, "")
-    shown = grains.grains_of(asset) if "grains" in held else None
+    groups = [name for name in ("grains", "medium") if name in asset.stages]
+    edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
+    shown = grains.grains_of(asset) if "grains" in groups else None
     chosen, reason = variants.activate("mono", variant)
     if "mono" not in chosen and not chosen.startswith("scalar"):
         raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
                          "scalar_rgb would do")
-    given = (width, spp, tolerance, time_limit)
-    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(given, QUALITY[quality]))
+    requested = (width, spp, tolerance, time_limit)
+    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, QUALITY[quality]))
     if width < 16 or spp < 1:
         raise UsageError(f"width {width}, spp {spp}: at least 16 pixels and 1 sample are needed")
     size = width, width * 5 // 8
@@ -168,23 +168,23 @@ class Panel:
 
 def _grains(mi, asset, shown, size) -> Panel:
     """The exemplars on the ground."""
-    found, radius, count = shown
-    unit = grains.scale(len(found))
+    exemplars, radius, count = shown
+    unit = grains.scale(len(exemplars))
     sizes = asset.grains["radius"]
     words = [f"R = {lobe.length(radius)}" + (f" on average, {lobe.length(sizes.min())} to {lobe.length(sizes.max())}"
                                              if len(sizes) > 1 else ""),
              f"checks {lobe.length(studio.CHECK * unit * radius)}"]
-    words += [f"{len(found)} of {count} components"] if count > len(found) else []
+    words += [f"{len(exemplars)} of {count} components"] if count > len(exemplars) else []
     um = asset.wavelength[lobe.middle(asset)]
-    strip = lobe.grain_strip(asset, found, size[0], (
+    strip = lobe.grain_strip(asset, exemplars, size[0], (
         "   ·   ".join(words), f"g, path (along the ray, through the bounding sphere) and phase function at {um:.3f} um",
         "delta: unscattered transmission, not in the curves"))
 
     def report():
-        return {"grains": [grain.name for grain in found], "grain_radius": radius, "grains_left_out": count - len(found)}
+        return {"grains": [grain.name for grain in exemplars], "grain_radius": radius, "grains_left_out": count - len(exemplars)}
 
-    return Panel("grains", lambda: [grains.scene(mi, found, radius, k, *size) for k in range(len(asset.wavelength))],
-                 lambda: grains.features(mi, found, radius, *size), strip, report)
+    return Panel("grains", lambda: [grains.scene(mi, exemplars, radius, k, *size) for k in range(len(asset.wavelength))],
+                 lambda: grains.features(mi, exemplars, radius, *size), strip, report)
 
 
 def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
@@ -192,14 +192,14 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
     losses = []
 
     def scenes():
-        made, lost = zip(*(_scene(mi, asset, asset_path, k, edge, *size) for k in range(len(asset.wavelength))))
+        built, lost = zip(*(_scene(mi, asset, asset_path, k, edge, *size) for k in range(len(asset.wavelength))))
         losses.extend(loss.misdirected for loss in lost if loss)
-        return list(made)
+        return list(built)
 
     delta = lobe.forward_delta(asset)
-    said = [f"block edge {lobe.length(edge)} = {words}", f"checks {lobe.length(studio.CHECK * edge)}   ·   {chosen}"]
-    said += [f"not drawn: a peak with {100 * delta:.2g} % of the light"] if delta else []
-    strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], said)
+    captions = [f"block edge {lobe.length(edge)} = {words}", f"checks {lobe.length(studio.CHECK * edge)}   ·   {chosen}"]
+    captions += [f"not drawn: a peak with {100 * delta:.2g} % of the light"] if delta else []
+    strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], captions)
     return Panel("medium", scenes, lambda: studio.features(*size, edge * np.asarray(asset.medium.sigma_t).max()), strip,
                  lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
 
@@ -227,7 +227,7 @@ def _scene(mi, asset, asset_path, k, edge, width, height):
     medium = {"type": "homogeneous", "sigma_t": sigma_t * edge, "albedo": albedo, "phase": phase,
               # Aiming at the lights pays for round lobes; in a forward peak, and deep in a heap, it doubles the time for little.
               "sample_emitters": g < AIM and not heap}
-    # Roulette before 1 / (1 - albedo) events would end paths that still carry nearly all of their light.  It lets at most 95 %
-    # live, so weights grow from then on: bright dots in heaps, whose paths are long; there it waits until little light is left.
+    # Roulette before 1 / (1 - albedo) events would end paths that still carry nearly all of their light.  At most 95 % of the
+    # paths survive it, so weights grow from then on: bright dots in heaps, whose paths are long; there it starts later.
     patience = HEAP_PATIENCE if heap else 1.0
     return studio.scene(mi, medium, width, height, int(np.clip(patience / max(1 - albedo, 1e-9), 8, 2000 * patience))), lost

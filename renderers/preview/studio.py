@@ -1,8 +1,8 @@
 """The studio of the preview: a cube of the medium on checkered ground, under light from all sides, most of it from two.
 
 The light comes from afar and is one map of directions: a key light, a rim light and a dim sky.  The lights are wide and
-soft, so paths that have lost their way in the medium end at similar radiance whatever direction they leave in: that keeps
-the picture quiet at few samples.  Everything but the medium is grey.
+soft, so paths that have scattered many times meet similar radiance whatever direction they leave in: that keeps
+noise low at few samples.  Everything but the medium is grey.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def features(width, height, tau, grid=3):
     chord = np.maximum(leave - enter, 0.0) * length[..., 0]
     opacity = 1 - np.exp(-tau * chord)
     face = (bounds[0].argmax(axis=-1)[..., None] == np.arange(3)) * 0.5 * opacity[..., None]
-    at = CAMERA - CAMERA[2] / np.minimum(direction[..., 2:], -1e-6) * direction
-    ground = reflectance(at[..., 0], at[..., 1]) * (1 - opacity)
+    on_ground = CAMERA - CAMERA[2] / np.minimum(direction[..., 2:], -1e-6) * direction
+    ground = reflectance(on_ground[..., 0], on_ground[..., 1]) * (1 - opacity)
     fine = np.concatenate([opacity[..., None], face, ground[..., None]], axis=-1)
     return fine.reshape(height, grid, width, grid, 5).mean(axis=(1, 3))

@@ -231,7 +231,7 @@ def hail(tmp_path_factory, root):
     phase = np.array([[0.5], [0.45]]) * narrow + np.array([[0.5], [0.55]]) * broad
     phase = normalised(theta, phase)[0]
     tree = with_member(root, "optics", None)
-    for name, data in {"theta": theta, "phase": phase, "cdf": cumulative(theta, phase), "phase_error": 0 * phase}.items():
+    for name, data in {"theta": theta, "phase": phase, "cdf": cumulative(theta, phase), "phase_bias": 0 * phase}.items():
         tree = with_member(tree, f"medium/{name}", Dataset(data, root[f"medium/{name}"].units, name))
     for name in {"s11", "s12", "s33", "s34"} & root["medium"].members.keys():
         tree = with_member(tree, f"medium/{name}", None)
@@ -249,10 +249,10 @@ def test_a_peak_that_no_grid_resolves_counts_as_unscattered(call, hail, tmp_path
     sigma_t, sigma_s = (tree[f"medium/{name}"].data for name in ("sigma_t", "sigma_s"))
     for i, (file, lost) in enumerate(zip(report["files"], report["lost"], strict=True)):
         assert os.path.getsize(file) < 2e6 and lost["resampling"]["misdirected"] <= 1e-3
-        assert lost["straight"] == pytest.approx((0.5, 0.45)[i], abs=0.005) and 1e-4 < lost["within"] < math.radians(1)
+        assert lost["peak"] == pytest.approx((0.5, 0.45)[i], abs=0.005) and 1e-4 < lost["within"] < math.radians(1)
         medium = ElementTree.parse(file).getroot().find("medium")
         scale, extinction = (float(medium.find(f"float[@name='{name}']").get("value")) for name in ("scale", "sigma_t"))
-        assert scale * extinction == pytest.approx(sigma_t[i] - lost["straight"] * sigma_s[i], rel=1e-12)
+        assert scale * extinction == pytest.approx(sigma_t[i] - lost["peak"] * sigma_s[i], rel=1e-12)
         values = np.array(medium.find("phase/string").get("value").split(","), float)
         side = np.radians([20, 60, 90, 150])
         table = np.interp(np.cos(side), np.linspace(-1, 1, len(values)), values)

@@ -256,7 +256,7 @@ def test_light_that_is_not_turned_is_not_exported(call, mix, tree, tmp_path):
     status, out, err = call("export", mix, "--to", "mitsuba", "-o", tmp_path, "--json")
     assert status == 0, err
     (lost,) = json.loads(out)["lost"]
-    assert lost["unchanged"] == pytest.approx(share.max()) and lost["resampling"]["misdirected"] < 1e-3
+    assert lost["unscattered"] == pytest.approx(share.max()) and lost["resampling"]["misdirected"] < 1e-3
     assert "unscattered (delta) transmission" in (tmp_path / "mix.xml").read_text()
     status, out, err = call("export", mix, "--to", "hg", "-o", tmp_path)
     assert status == 0 and "taken out of coefficients" in err, err

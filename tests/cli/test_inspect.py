@@ -118,14 +118,19 @@ def test_any_encoding(fog, encoding):
                           env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": encoding, "COLUMNS": "1"})
     text = done.stdout.decode(encoding)
     assert ("└─ " in text) == (encoding == "utf-8") and ("`- " in text) == (encoding != "utf-8")
-    assert not done.stderr
+    assert not complaints(done.stderr.decode())
+
+
+def complaints(stderr: str) -> list[str]:
+    """Its lines besides the one by which a command says on a busy machine that it is at work."""
+    return [line for line in stderr.splitlines() if not line.endswith(" s so far")]
 
 
 def test_a_reader_that_goes_away_is_no_error(fog):
     shell = f"{sys.executable} -m bakery query {fog} medium/phase | head -n 1; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, check=True,
                           env=os.environ | {"PYTHONPATH": str(ROOT)})
-    assert done.stdout.splitlines()[-1] == "0" and not done.stderr
+    assert done.stdout.splitlines()[-1] == "0" and not complaints(done.stderr)
 
 
 def test_a_narrow_terminal_gets_short_lines_and_every_word(fog):
@@ -135,8 +140,8 @@ def test_a_narrow_terminal_gets_short_lines_and_every_word(fog):
     def lines(columns: str) -> list[str]:
         ours, theirs = pty.openpty()
         around = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": columns, "PYTHONIOENCODING": "utf-8"}
-        with subprocess.Popen([sys.executable, "-m", "bakery", "inspect", str(fog), "medium/g"], stdout=theirs, stderr=theirs,
-                              env=around) as child:
+        with subprocess.Popen([sys.executable, "-m", "bakery", "inspect", str(fog), "medium/g"], stdout=theirs,
+                              stderr=subprocess.DEVNULL, env=around) as child:
             os.close(theirs)
             out = b""
             try:

@@ -72,7 +72,7 @@ def test_several_arguments_give_a_table(ask, root):
     lines = ask("medium/phase", "theta=[0, 90, 180] deg")
     table = np.array([[float(cell) for cell in line.split()] for line in lines[1:4]])
     assert np.array_equal(table[:, 1::2].T, evaluate(root["medium/theta"].data, root["medium/phase"].data, table[:, 0]))
-    assert np.allclose(table[:, 2::2], 1e-3 * table[:, 1::2], rtol=1e-12)  # phase_error
+    assert np.allclose(table[:, 2::2], 1e-3 * table[:, 1::2], rtol=1e-12)  # phase_bias
     assert len(ask("optics/droplets/radius")) == 1 + 60 + 1
 
 

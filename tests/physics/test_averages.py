@@ -89,7 +89,7 @@ def reference(s, m, at, level, wavelength=0.55):
 ])
 def test_claimed_errors_cover_the_true_ones(s, m, level):
     theta, a = bake(s, m, tolerance=2e-2)
-    f, error = a.elements[0, 0], a.phase_error[0]
+    f, error = a.elements[0, 0], a.phase_bias[0]
     assert a.error[0] <= 2e-2
     draw = np.random.default_rng(3)
     between = np.interp(draw.random(80) * (len(theta) - 1), np.arange(len(theta)), theta)
@@ -170,7 +170,7 @@ def test_values_do_not_depend_on_where_blocks_run(monkeypatch):
     assert max(counts) > 3
     for theta, a in results[1:]:
         assert theta.tobytes() == results[0][0].tobytes()
-        for name in ("radius", "weight", "scattering", "absorption", "elements", "phase_error", "error", "scale"):
+        for name in ("radius", "weight", "scattering", "absorption", "elements", "phase_bias", "error", "scale"):
             assert getattr(a, name).tobytes() == getattr(results[0][1], name).tobytes(), name
 
 
@@ -195,7 +195,7 @@ def test_a_mixture_is_the_weighted_sum_of_its_parts():
 ])
 def test_extremes_are_finite(s, m, tolerance):
     theta, a = bake(s, m, tolerance=tolerance)
-    for name in ("scattering", "absorption", "elements", "phase_error", "error", "scale"):
+    for name in ("scattering", "absorption", "elements", "phase_bias", "error", "scale"):
         assert np.isfinite(getattr(a, name)).all(), name
     assert (a.elements[:, 0] >= 0).all() and a.error[0] <= tolerance
     assert phase.integral(theta, a.elements[0, 0]) == pytest.approx(1, abs=1e-13)

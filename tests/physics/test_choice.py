@@ -42,7 +42,7 @@ def test_measured_error_covers_the_true_one(m, radius):
     assert np.array_equal(rays[1].scattering, series[1].scattering)
     # and at each angle the table of errors, nearly everywhere
     f, g = (phase.evaluate(at, found.elements[0, 0], series[0]) for at, found in (rays, series))
-    claimed = np.interp(series[0], rays[0], rays[1].phase_error[0])
+    claimed = np.interp(series[0], rays[0], rays[1].phase_bias[0])
     assert np.mean(np.abs(f - g) > 1.5 * claimed) < 0.03
 
 

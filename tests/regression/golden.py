@@ -16,7 +16,8 @@ from collections.abc import Mapping
 import numba
 import numpy as np
 
-from bakery.stages.conform import ERROR, stages_of
+from bakery.stages.conform import stages_of
+from bakery.stages.coordinates import ERROR
 from bakery.store.tree import Dataset, Group, is_text
 
 WHOLE = 8  # datasets up to this size are kept as they are

@@ -49,6 +49,17 @@ grains:
 packing: {fraction: 0.3, count: 30}
 effective_medium: {walks: 10000}
 """,
+    "drops": """\
+bakery: 1
+name: drops
+wavelengths: [0.61, 0.465]
+tolerance: 10%
+particles:
+  number_density: 1e9 /m^3
+  components:
+    - {name: water, material: water, size: {distribution: single, radius: 1 um}}
+discrete: {count: 1000, box: [1 cm, 1 cm, 1 cm], method: stored}
+""",
 }
 
 
@@ -218,7 +229,7 @@ def test_verify_names_it_to_the_user(call, sound, tmp_path):
     """Through the child process, and with more than one fault."""
     write(tmp_path / "x.h5", no_phase(two_ranks(sound["fog"])))
     found = verify(tmp_path / "x.h5")
-    assert [line.split(":")[0] for line in found] == ["medium/sigma_s", "medium/phase", "medium/phase_error"]
+    assert [line.split(":")[0] for line in found] == ["medium/sigma_s", "medium/phase", "medium/phase_bias"]
     with pytest.raises(AssetError, match=r"medium/sigma_s.* and 1 more; `bake verify`"):
         bakery.open(tmp_path / "x.h5")
 

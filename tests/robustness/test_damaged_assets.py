@@ -1,4 +1,4 @@
-"""Damage by accident and on purpose: found by `open` and by `verify`, never a wrong value."""
+"""Corrupted and forged assets: found by `open` and by `verify`, never a wrong value."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def flip(data: bytes, at: int, bit: int) -> bytes:
     return data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1:]
 
 
-def damages(data: bytes, rounds: int, seed: int):
-    """Seeded damage of each kind: (what, bytes)."""
+def corruptions(data: bytes, rounds: int, seed: int):
+    """Seeded corruptions of each kind: (what, bytes)."""
     draw = random.Random(seed)
     for _ in range(rounds):
         at = draw.randrange(len(data))
@@ -48,10 +48,10 @@ def damages(data: bytes, rounds: int, seed: int):
         yield "appended", data + draw.randbytes(draw.randrange(1, 100))
 
 
-def test_any_damage_is_found(tmp_path, sound):
-    """400 flipped bits and 320 other damages of the file as it is."""
+def test_any_corruption_is_found(tmp_path, sound):
+    """400 flipped bits and 320 other corruptions of the file as it is."""
     path = tmp_path / "fog.h5"
-    for what, data in damages(sound, 400, seed=1):
+    for what, data in corruptions(sound, 400, seed=1):
         assert data != sound or "zeros" in what
         path.write_bytes(data)
         if data == sound:
@@ -67,12 +67,12 @@ import json, sys
 from bakery.errors import AssetError
 from bakery.store.hashes import root_hash, seal
 from bakery.store.read import parse
-from tests.robustness.test_damaged_assets import damages
+from tests.robustness.test_damaged_assets import corruptions
 from tests.samples import resealed, sealed_bytes, small_asset
 sound = sealed_bytes(small_asset())
 right = seal(small_asset()).attributes["content_hash"]
 counts = {"refused": 0, "right": 0, "wrong": []}
-for what, data in damages(sound, int(sys.argv[1]), seed=2):
+for what, data in corruptions(sound, int(sys.argv[1]), seed=2):
     try:
         root = parse("fog.h5", resealed(data) if len(data) > 512 else data)
     except AssetError as error:
@@ -88,10 +88,10 @@ print(json.dumps(counts))
 
 
 @pytest.mark.parametrize("rounds", [200, pytest.param(2500, marks=pytest.mark.slow)])
-def test_damage_under_a_first_line_that_fits(rounds):
-    """The digest made new after the damage: hashes inside, HDF5's checksums and the walk are what is left.
+def test_corruption_under_a_digest_that_fits(rounds):
+    """The digest is computed again after the corruption: hashes inside, HDF5's checksums and the structure are what is left.
 
-    In a process of its own, which may die of the damage in the HDF5 library but then fails this test.
+    In a process of its own: should the HDF5 library crash it, this test fails.
     """
     done = subprocess.run([sys.executable, "-c", CHILD, str(rounds)], env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
                           capture_output=True, timeout=60 + rounds / 5)
@@ -219,7 +219,8 @@ def numbers(value, units="1", description="numbers") -> Dataset:
     (with_member(small_asset(), "medium/g_error", numbers([1.0])), "medium/g_error: not of the shape of medium/g"),
     (with_member(small_asset(), "medium/sigma_t_error", numbers([1.0, 1.0], "1")), "medium/sigma_t_error: its units are '1'"),
     (with_member(small_asset(), "medium/h_error", numbers([1.0])), "medium/h_error: standard errors of nothing"),
-    (with_member(small_asset(), "medium/g_error", numbers([1.0, -1.0])), "medium/g_error: a negative"),
+    (with_member(small_asset(), "medium/h_bias", numbers([1.0])), "medium/h_bias: biases of nothing"),
+    (with_member(small_asset(), "medium/g_error", numbers([1.0, -1.0])), "medium/g_error: negative standard errors"),
     (with_member(small_asset(), "medium/more", numbers([np.nan])), "medium/more: not finite"),
     (with_member(small_asset(), "more", numbers([1.0])), "more: does not belong"),
     (with_member(small_asset(), "wavelength", numbers([0.0], "um")), "wavelength: not positive"),

@@ -1,1 +1,1 @@
-"""A room that no house has: the whole of a small stage, as docs/architecture.md says that one is added."""
+"""A complete small stage, added as docs/architecture.md describes."""

@@ -1,4 +1,4 @@
-"""The toy renderer's loop: compiled, with look-ups through bakery's door for compiled renderers."""
+"""The toy renderer's loop: compiled, with look-ups through `bakery.kernels`."""
 
 from __future__ import annotations
 

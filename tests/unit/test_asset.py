@@ -6,12 +6,15 @@ import math
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.verify import verify
 from bakery.physics.medium.phase import areas, mean_cosine
+from bakery.stages.coordinates import standard_error, stated_error
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
@@ -39,12 +42,35 @@ def test_what_the_interface_promises(asset):
     drops = asset.optics["droplets"]
     assert np.array_equal(drops.radius, root["optics/droplets/radius"].data)
     assert np.array_equal(drops.error["scattering"], root["optics/droplets/scattering_error"].data)
+    assert np.array_equal(drops.bias["phase"], root["optics/droplets/phase_bias"].data) and "phase" not in drops.error
     assert drops.choices["method"][drops.method[0, 0]] == "mie"
     assert drops.units["extinction"] == "um^2" and drops.description["radius"] == "radii of the quadrature"
     assert asset.optics["droplets/radius"] is drops.radius
     assert asset.stages["medium"]["achieved_error"] == 0.004 and list(asset.stages) == ["optics", "medium", "foreign"]
     assert asset.provenance.attributes["command"] == "bake fog.yaml" and asset.provenance["optics"].notes == "none"
     assert asset.foreign.centers.shape == (2, 3) and asset.foreign.pair_correlation.r.shape == (4,)
+
+
+def test_standard_error_and_bias_together_are_the_stated_error():
+    root = small_asset()
+    sigma_t = root["medium/sigma_t"]
+    assert stated_error(root, "medium/sigma_t") is None
+    root = with_member(root, "medium/sigma_t_error", replace(sigma_t, data=0.03 * sigma_t.data))
+    assert stated_error(root, "medium/sigma_t") == pytest.approx(0.03 * sigma_t.data)
+    root = with_member(root, "medium/sigma_t_bias", replace(sigma_t, data=0.04 * sigma_t.data))
+    assert stated_error(root, "medium/sigma_t") == pytest.approx(0.05 * sigma_t.data)
+    assert np.array_equal(standard_error(root, "medium/sigma_t"), 0.03 * sigma_t.data)
+
+
+def test_assets_of_the_first_version_open(tmp_path):
+    """There the estimated errors of particles are called like standard errors."""
+    root = small_asset()
+    for path in ("medium/phase", "optics/droplets/phase", "optics/droplets/mean_absorption"):
+        root = with_member(with_member(root, f"{path}_error", root[f"{path}_bias"]), f"{path}_bias", None)
+    write(tmp_path / "old.h5", root)
+    medium = bakery.open(tmp_path / "old.h5").medium
+    assert not verify(tmp_path / "old.h5")
+    assert np.array_equal(medium.error["phase"], small_asset()["medium/phase_bias"].data)
 
 
 def test_one_number_passes_for_a_number(asset):

@@ -65,6 +65,12 @@ def test_standard_errors():
     assert "standard errors" in str(found[0])
 
 
+def test_a_bias_is_no_standard_error():
+    (found,) = compare(small_asset(), changed(PHASE, lambda data: data * 1.01))
+    assert "medium/phase_bias" in [path for path, _ in small_asset().walk()]
+    assert found.sigmas is None and "standard errors" not in str(found)
+
+
 def test_not_a_number_and_infinity():
     def tree(*data):
         return Group({"x": Dataset(np.array(data), "1", "numbers")})
@@ -101,7 +107,7 @@ def on_grid(root: Group, drop: slice, scale: float = 1.0) -> Group:
     theta = root["medium/theta"].data
     keep = np.ones(theta.size, bool)
     keep[drop] = False
-    for name in ("theta", "phase", "phase_error", "cdf"):
+    for name in ("theta", "phase", "phase_bias", "cdf"):
         member = root[f"medium/{name}"]
         factor = scale if name == "phase" else 1.0
         root = with_member(root, f"medium/{name}", replace(member, data=factor * member.data[..., keep]))
@@ -114,7 +120,7 @@ def straight() -> Group:
     theta, phase = root["medium/theta"].data, root["medium/phase"].data
     bent = np.where(theta > np.pi / 2, phase[:, -1:] * (1 - 0.5 * np.cos(theta)), phase)
     root = with_member(root, "medium/phase", replace(root["medium/phase"], data=bent))
-    root = with_member(root, "medium/phase_error", replace(root["medium/phase_error"], data=1e-3 * bent))
+    root = with_member(root, "medium/phase_bias", replace(root["medium/phase_bias"], data=1e-3 * bent))
     return with_member(root, "medium/cdf", replace(root["medium/cdf"], data=cumulative(theta, bent)))
 
 

@@ -1,4 +1,4 @@
-"""The door for compiled renderers: a kernel of somebody else's calls what is behind it, and finds what `bakery.open` gives."""
+"""`bakery.kernels`: a kernel compiled outside of bakery calls the look-ups and gets the values that `bakery.open` gives."""
 
 from __future__ import annotations
 

@@ -286,7 +286,7 @@ def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter"])
 def test_stages_name_modules_that_hold_kernels(name, monkeypatch):
 
-    monkeypatch.undo()  # of the house's own stages
+    monkeypatch.undo()  # of bakery's own stages
     all_stages.cache_clear()
     found = load(Path(__file__).parents[2] / "recipes" / f"{name}.yaml", {})
     for stage in all_stages():

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from bakery.errors import RecipeError, UsageError
-from renderers import grids, picture, scene
+from renderers import grids, scene
 from renderers.camera import Camera
+from renderers.fog import picture
 from tests.exr import library
 
 SCENE = """\

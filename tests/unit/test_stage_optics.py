@@ -189,7 +189,7 @@ def test_choices_of_rays_are_remembered_by_content(tmp_path, monkeypatch):
         assert measured.calls == kept and again == cost and cost.remarks
         STAGE.cost(large(radius=61.0))  # other spheres are another question
         assert measured.calls > kept
-    for path in ("theta", "drops/phase", "drops/phase_error", "drops/switch", "drops/ray_difference"):
+    for path in ("theta", "drops/phase", "drops/phase_bias", "drops/switch", "drops/ray_difference"):
         assert Group(result.members)[path].data.tobytes() == Group(alone.members)[path].data.tobytes(), path
 
 

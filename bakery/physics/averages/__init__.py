@@ -40,10 +40,10 @@ class Average:
     scattering, absorption : (L, R) um^2
     cosine : (L, R) 1, mean cosine of each sphere
     elements : (L, E, A) 1/sr; the phase function, and with polarisation S12, S33, S34 in the same unit (E = 1 or 4)
-    phase_error : (L, A) 1/sr, absolute, quadrature, interpolation and rays next to the angle, for all elements
+    phase_bias : (L, A) 1/sr, absolute, quadrature, interpolation and rays next to the angle, for all elements
     error : (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above), rays apart
     choices : (L,) of `choice.Choice`; from which size parameter on rays were taken, and their measured error
-    absorption_error : (L,) 1, relative change of the mean absorption alone
+    absorption_bias : (L,) 1, relative change of the mean absorption alone
     scale : (L,) 1, integral of the phase function before it was normalised, over the mean scattering cross section
     """
 
@@ -54,9 +54,9 @@ class Average:
     absorption: np.ndarray
     cosine: np.ndarray
     elements: np.ndarray
-    phase_error: np.ndarray
+    phase_bias: np.ndarray
     error: np.ndarray
-    absorption_error: np.ndarray
+    absorption_bias: np.ndarray
     scale: np.ndarray
     choices: tuple[Choice, ...] = ()
 
@@ -151,7 +151,7 @@ def averages(
         spectrum = finished[i * len(k) : (i + 1) * len(k)]
         out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
                            np.array([f[0] for f in spectrum]), np.array([f[1] for f in spectrum]),
-                           np.array([max(f[3], float(e)) for f, e in zip(spectrum, cross.all_error)]), cross.absorption_error,
+                           np.array([max(f[3], float(e)) for f, e in zip(spectrum, cross.all_error)]), cross.absorption_bias,
                            np.array([f[2] for f in spectrum]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
     return table.theta, out
 

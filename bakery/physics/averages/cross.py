@@ -34,7 +34,7 @@ class Cross:
     cosine: np.ndarray
     error: np.ndarray  # of extinction and scattering
     all_error: np.ndarray  # with absorption
-    absorption_error: np.ndarray  # of absorption alone
+    absorption_bias: np.ndarray  # of absorption alone
 
 
 def cross_block(m, x):

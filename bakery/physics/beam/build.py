@@ -41,8 +41,8 @@ def prepare(theta, phase) -> Medium:
         last = legendre.order_needed(p, cut)
         if last is not None:
             break
-    found = None if last is None else p[:max(last, 6) + 1]
-    return Medium(planar.table(theta, phase), single.line(theta, phase), found, float(tables.mean_cosine(theta, phase)))
+    moments = None if last is None else p[:max(last, 6) + 1]
+    return Medium(planar.table(theta, phase), single.line(theta, phase), moments, float(tables.mean_cosine(theta, phase)))
 
 
 def model_of(medium: Medium) -> str:

@@ -55,23 +55,23 @@ def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, stream) -> 
     medium = build.prepare(theta, phase)
     small = build.small_angle_table(medium, albedo, nodes[0][-1], nodes=nodes)
     model = build.model_of(medium)
-    made = dict.fromkeys(MEASURES, small)
+    tables = dict.fromkeys(MEASURES, small)
     if model == "transport":
-        made = build.transport_tables(medium, albedo, nodes[0][-1], nodes=nodes)
-    values = {name: table.value for name, table in made.items()} | {"small_angle": small.value}
+        tables = build.transport_tables(medium, albedo, nodes[0][-1], nodes=nodes)
+    values = {name: table.value for name, table in tables.items()} | {"small_angle": small.value}
     if albedo == 0:
         return Tabulated(values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0)
     planes, edges = counted_at(nodes[0][-1])
 
     def errors(names, count):
-        return build.errors({name: made[name] for name in names}, albedo, theta, phase, planes, edges, count, seed, stream)
+        return build.errors({name: tables[name] for name in names}, albedo, theta, phase, planes, edges, count, seed, stream)
 
     count = photons or first_photons(tolerance)
-    found = errors(["fluence"], count)
+    measured = errors(["fluence"], count)
     while not photons and count < MOST:
-        error, noise = found["fluence"]
+        error, noise = measured["fluence"]
         if error + noise <= tolerance or noise < _QUIET * error:
             break
         count = min(MORE * count, MOST)
-        found = errors(["fluence"], count)
-    return Tabulated(values, model, medium.planar.B, found | errors(["forward", "flux"], count), count)
+        measured = errors(["fluence"], count)
+    return Tabulated(values, model, medium.planar.B, measured | errors(["forward", "flux"], count), count)

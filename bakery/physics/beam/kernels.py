@@ -46,12 +46,12 @@ def gaussian_kernel(M0, mean_square, r):
 def single_and_gaussian(depth, sigma_s, sigma_a, B, r):
     """Single scattering as it is, all that is left of M0 and M2 as a Gaussian; homogeneous medium."""
     depth, S = np.asarray(depth, float), np.asarray(sigma_s * np.asarray(depth, float))
-    kept, single = np.exp(-sigma_a * depth), S * np.exp(-S)
+    transmitted, single = np.exp(-sigma_a * depth), S * np.exp(-S)
     weight = np.where(S < 1e-3, S * S / 2 * (1 - 2 * S / 3), -np.expm1(-S) - single)
     # 4 B S_2 less what single scattering has of it, 4/3 B z^2 S (1 - e^-S)
     square = 4 / 3 * B * depth**2 * S * -np.expm1(-S)
     q = np.divide(square, weight, out=np.ones_like(square), where=weight > 0)
-    return single_kernel(depth, sigma_s, (sigma_s + sigma_a) * depth, B, r) + kept * gaussian_kernel(weight, q, r)
+    return single_kernel(depth, sigma_s, (sigma_s + sigma_a) * depth, B, r) + transmitted * gaussian_kernel(weight, q, r)
 
 
 def path_integral(depth, sigma_s, sigma_a, B, M0, r):

@@ -99,7 +99,7 @@ def forward(albedo, theta, phase, line, planar, stretched, edges, density, r):
     rest = np.maximum(stretched(tau, length, r) - once, 0.0)
     alike = small_angle.layered(planar, albedo, np.array([0.0, length]), np.array([scale]), r, once=False)
     change = small_angle.layered(planar, albedo, edges, density, r, once=False) - alike
-    # the small-angle model sees too much light where angles are wide: its change shrinks with it, and with the flux
+    # the small-angle model gives too much light where angles are wide: its change shrinks with it, and with the flux
     share = np.minimum(np.divide(rest, rest[0], out=np.zeros_like(rest), where=rest[0] > 0),
                        np.divide(rest, alike, out=np.ones_like(rest), where=alike > rest))
     return single(albedo, theta, phase, edges, density, r) + np.maximum(rest + change * share, 0.0)

@@ -58,8 +58,8 @@ def moments(S_0, S_2, S_4, tau_a, B):
     -------
     M0, M2, M4 : 1, mfp^2, mfp^4; full relative precision down to optical depths of 1e-300
     """
-    kept = np.exp(-np.asarray(tau_a, float))
-    return -kept * np.expm1(-S_0), 4 * B * kept * S_2, 32 * np.square(B) * kept * (np.square(S_2) + S_4)
+    transmitted = np.exp(-np.asarray(tau_a, float))
+    return -transmitted * np.expm1(-S_0), 4 * B * transmitted * S_2, 32 * np.square(B) * transmitted * (np.square(S_2) + S_4)
 
 
 def mean_square(S_0, S_2, B):

@@ -85,15 +85,15 @@ class Kernels:
         if name == "erf":
             S = [lever[-1] for lever in moments.layered_levers(edges, self.albedo * density)]
             M0 = moments.moments(*S, (1 - self.albedo) * tau, self.B)[0]
-            found = kernels.erf_kernel(*kernels.erf_parameters(M0, moments.mean_square(S[0], S[1], self.B)), r)
+            kernel = kernels.erf_kernel(*kernels.erf_parameters(M0, moments.mean_square(S[0], S[1], self.B)), r)
         elif name == "single":
-            found = layers.single(self.albedo, self.theta, self.phase, edges, density, r)[0]
+            kernel = layers.single(self.albedo, self.theta, self.phase, edges, density, r)[0]
         elif name == "small_angle" or not self.transport:
-            found = small_angle.layered(self._planar, self.albedo, edges, density, r)
+            kernel = small_angle.layered(self._planar, self.albedo, edges, density, r)
         else:
-            found = layers.forward(self.albedo, self.theta, self.phase, self.line, self._planar, self._stretched, edges, density,
+            kernel = layers.forward(self.albedo, self.theta, self.phase, self.line, self._planar, self._stretched, edges, density,
                                    r)[("forward", "flux").index(name)]
-        return found.reshape(shape)
+        return kernel.reshape(shape)
 
     def rings(self, depth, edges, name):
         """Psi averaged over rings, (D, R) mfp^-2, at depths (D,) between edges (R + 1,) mfp; 1/r at the axis is integrated."""

@@ -158,14 +158,14 @@ def count_small_angle(scatterings, sample, left, density, depth, edges, photons,
 @njit(cache=True, nogil=True, error_model="numpy")
 def _flight(z, uz, optical, begins, density):
     """Path length of a photon from z through an optical thickness; infinite if it leaves the medium before."""
-    layer, way = np.searchsorted(begins, z, side="right") - 1, 0.0
+    layer, distance = np.searchsorted(begins, z, side="right") - 1, 0.0
     while 0 <= layer < len(density):
         bound = begins[layer + 1] if uz > 0 else begins[layer]
         left = (bound - z) / uz if uz != 0 else math.inf
         needed = optical / density[layer] if density[layer] > 0 else math.inf
         if needed < left or left == math.inf:
-            return way + needed
-        way, z, optical = way + left, bound, optical - left * density[layer]
+            return distance + needed
+        distance, z, optical = distance + left, bound, optical - left * density[layer]
         layer += 1 if uz > 0 else -1
     return math.inf
 
@@ -201,8 +201,8 @@ def _follow(stream, photons, albedo, table, layers, depth, thick, edges, first, 
                     passed = (thick[i] - above) / uz
                     if passed > _GONE:
                         continue
-                    way = (depth[i] - pz) / uz
-                    x, y = px + way * ux, py + way * uy
+                    distance = (depth[i] - pz) / uz
+                    x, y = px + distance * ux, py + distance * uy
                     r = math.sqrt(x * x + y * y)
                     if edges[0] <= r < outer:
                         ring = np.searchsorted(edges, r, side="right") - 1

@@ -84,8 +84,8 @@ def layered(planar: Planar, albedo, edges, density, r, once=True):
             E += s * (b * planar.mean(kappa * b) - (a * planar.mean(kappa * a) if a > 0 else 0.0))
             out += s * once * (planar.beyond(r / b) - (planar.beyond(r / a) if a > 0 else 0.0))
     out *= math.exp(-S) / r
-    kept = math.exp(-(1 - albedo) * float(np.sum(density * np.diff(edges))))
-    return kept * (out + _transformed(q, t, _rest(S, E / S), r / scale) / scale**2)
+    transmitted = math.exp(-(1 - albedo) * float(np.sum(density * np.diff(edges))))
+    return transmitted * (out + _transformed(q, t, _rest(S, E / S), r / scale) / scale**2)
 
 
 def _grid(width):

@@ -64,10 +64,10 @@ class Optics:
 def classes(population: Population, most: int = MOST, exactly: int | None = None) -> Classes:
     """The classes of a population, at most `most`; `exactly` so many, if the population has as many sizes."""
     edge = _edges(population, most, exactly)
-    found = [_cut(population, a, b, k == 0, k == len(edge) - 2) for k, (a, b) in enumerate(zip(edge[:-1], edge[1:]))]
-    kept = [k for k, (share, _) in enumerate(found) if share > _LEAST]
-    share = np.array([found[k][0] for k in kept])
-    sizes = tuple(found[k][1] for k in kept)
+    cuts = [_cut(population, a, b, k == 0, k == len(edge) - 2) for k, (a, b) in enumerate(zip(edge[:-1], edge[1:]))]
+    kept = [k for k, (share, _) in enumerate(cuts) if share > _LEAST]
+    share = np.array([cuts[k][0] for k in kept])
+    sizes = tuple(cuts[k][1] for k in kept)
     radius = np.array([math.sqrt(of.moment(2)) for of in sizes], np.float32).astype(float)
     # a class without particles goes to the one below it; the first one's lower edge stays
     edge = np.append(edge[kept], edge[-1])
@@ -125,13 +125,13 @@ def per_component(components: int) -> int:
     return max(1, MOST // components)
 
 
-def spheres(components: Sequence[Component], made: Sequence[Classes]) -> list[Component]:
+def spheres(components: Sequence[Component], by_component: Sequence[Classes]) -> list[Component]:
     """Every class as a component of its own, in order."""
-    return [Component(f"{of.name} {radius:.3g} um", of.m, sizes) for of, each in zip(components, made, strict=True)
+    return [Component(f"{of.name} {radius:.3g} um", of.m, sizes) for of, each in zip(components, by_component, strict=True)
             for radius, sizes in zip(each.radius, each.sizes)]
 
 
-def optics(components: Sequence[Component], made: Sequence[Classes], wavelength, host, tolerance: float,
+def optics(components: Sequence[Component], by_component: Sequence[Classes], wavelength, host, tolerance: float,
            map: Callable = lambda function, tasks: [function(*task) for task in tasks],
            report: Callable[[float, float | None], None] = lambda seconds, error: None, *, rays: Rays | None = None,
            remember: Callable | None = None) -> tuple[np.ndarray, list[Optics]]:
@@ -139,7 +139,7 @@ def optics(components: Sequence[Component], made: Sequence[Classes], wavelength,
 
     Parameters
     ----------
-    components, made : kinds of spheres, and the classes of each
+    components, by_component : kinds of spheres, and the classes of each
     wavelength, host : (L,) um in vacuum, (L,) real index
     tolerance : largest relative error of a class's mean cross sections and of the integral of its phase function
     map, report, rays, remember : as in `bakery.physics.averages.averages`
@@ -150,11 +150,11 @@ def optics(components: Sequence[Component], made: Sequence[Classes], wavelength,
     optics : one for each component
     """
     more = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
-    theta, found = averages(spheres(components, made), wavelength, host, tolerance, map=map, report=report, integrated=True,
-                            **more)
+    theta, averaged = averages(spheres(components, by_component), wavelength, host, tolerance, map=map, report=report,
+                               integrated=True, **more)
     out, start = [], 0
-    for each in made:
-        of = found[start:start + len(each.radius)]
+    for each in by_component:
+        of = averaged[start:start + len(each.radius)]
         start += len(of)
         extinction = [np.array(one.scattering + one.absorption) for one in of]
         mean = np.stack([np.sum(c * one.weight, axis=-1) for c, one in zip(extinction, of)], axis=1)
@@ -166,7 +166,8 @@ def optics(components: Sequence[Component], made: Sequence[Classes], wavelength,
     return theta, out
 
 
-def predicted(components, made, wavelength, host, tolerance, *, rays: Rays | None = None, remember: Callable | None = None):
+def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays | None = None,
+              remember: Callable | None = None):
     """What `optics` will take (`bakery.physics.averages.predicted.Prediction`)."""
     more = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
-    return expected(spheres(components, made), wavelength, host, tolerance, integrated=True, **more)[0]
+    return expected(spheres(components, by_component), wavelength, host, tolerance, integrated=True, **more)[0]

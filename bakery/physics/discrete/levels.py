@@ -143,13 +143,13 @@ def _pairs(classes):
 
 def _levels(largest, numbers, velocity):
     """(G + 1,) classes at which levels begin: alike in size and in velocity."""
-    begins, held = [0], 0.0
+    begins, count = [0], 0.0
     for k in range(1, len(largest)):
-        held += numbers[k - 1]
+        count += numbers[k - 1]
         moves = velocity is not None and not np.array_equal(velocity[k], velocity[begins[-1]])
-        if moves or (largest[begins[-1]] > _ALIKE**2 * largest[k] and held >= _FEW):
+        if moves or (largest[begins[-1]] > _ALIKE**2 * largest[k] and count >= _FEW):
             begins.append(k)
-            held = 0.0
+            count = 0.0
     return np.array([*begins, len(largest)] if len(largest) else [0], np.int64)
 
 

@@ -44,13 +44,13 @@ def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
     x, y, z : m, centre
     """
     best = end
-    found, square, x, y, z = NONE, 0.0, 0.0, 0.0, 0.0
+    hit, square, x, y, z = NONE, 0.0, 0.0, 0.0, 0.0
     nobody = np.empty(0, np.uint8)
     for level in range(len(discs.reach)):
         kind, t, d2, px, py, pz = _search(discs, level, ox, oy, oz, dx, dy, dz, begin, best, sx, sy, sz, nobody, True, room)
         if kind != NONE:
-            found, best, square, x, y, z = kind, t, d2, px, py, pz
-    return found, best, square, x, y, z
+            hit, best, square, x, y, z = kind, t, d2, px, py, pz
+    return hit, best, square, x, y, z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,13 +90,13 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
     if not nearest:
         for w in range(len(open)):
             left += open[w]
-    found, best, square, fx, fy, fz = NONE, end, 0.0, 0.0, 0.0, 0.0
+    hit, best, square, fx, fy, fz = NONE, end, 0.0, 0.0, 0.0, 0.0
     # the box with a margin in which discs reach out of it
     t0, t1 = _clip(ox, dx, lo[0] - reach, hi[0] + reach, begin, end)
     t0, t1 = _clip(oy, dy, lo[1] - reach, hi[1] + reach, t0, t1)
     t0, t1 = _clip(oz, dz, lo[2] - reach, hi[2] + reach, t0, t1)
     if not t0 < t1:
-        return (found if nearest else left), best, square, fx, fy, fz
+        return (hit if nearest else left), best, square, fx, fy, fz
     # axis a: the main one
     ax, ay, az = abs(dx), abs(dy), abs(dz)
     a, b, c = 0, 1, 2
@@ -118,11 +118,11 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
     va, vb, vc = 1.0 / ha, 1.0 / hb, 1.0 / hc
     over = 1.0 / da
     if da > 0:
-        layer, last, way = math.floor((qa + t0 * da - reach) * va), math.floor((qa + t1 * da + reach) * va), 1
+        layer, last, sign = math.floor((qa + t0 * da - reach) * va), math.floor((qa + t1 * da + reach) * va), 1
         layer, last = max(layer, a_low), min(last, a_high)
         layers = last - layer + 1
     else:
-        layer, last, way = math.floor((qa + t0 * da + reach) * va), math.floor((qa + t1 * da - reach) * va), -1
+        layer, last, sign = math.floor((qa + t0 * da + reach) * va), math.floor((qa + t1 * da - reach) * va), -1
         layer, last = min(layer, a_high), max(last, a_low)
         layers = layer - last + 1
     key, table, base = discs.key[level], discs.counts[level], discs.start[level]
@@ -131,7 +131,7 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
     place, offset, farthest = discs.place, discs.offset, reach * reach * (1 + 1e-12)
     partial = region.kind != 0
     for _ in range(layers):
-        if way > 0:
+        if sign > 0:
             enter, leave = (layer * ha - reach - qa) * over, ((layer + 1) * ha + reach - qa) * over
         else:
             enter, leave = ((layer + 1) * ha + reach - qa) * over, (layer * ha - reach - qa) * over
@@ -190,7 +190,7 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
                         if partial and not stored and share >= relative_density(region, px, py, pz, room):
                             continue
                     if nearest:
-                        found, best, square, fx, fy, fz = kind, t, d2, px, py, pz
+                        hit, best, square, fx, fy, fz = kind, t, d2, px, py, pz
                     else:
                         for w in range(len(open)):
                             if open[w] and d2 < discs.square[kind, w]:
@@ -198,8 +198,8 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
                                 left -= 1
                         if left == 0:
                             return left, best, square, fx, fy, fz
-        layer += way
-    return (found if nearest else left), best, square, fx, fy, fz
+        layer += sign
+    return (hit if nearest else left), best, square, fx, fy, fz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -122,8 +122,8 @@ def _inside(region, cells):
     at = [np.linspace(0, length, n * (_FINE - 1) + 1) for n, length in zip(cells, region.edge)]
     for i in range(cells[0]):
         x, y, z = np.meshgrid(at[0][(_FINE - 1) * i:(_FINE - 1) * (i + 1) + 1], at[1], at[2], indexing="ij")
-        held = region.at(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)).reshape(x.shape).all(axis=0)
-        rows = np.logical_and.reduceat(held, np.arange(cells[1]) * (_FINE - 1), axis=0)
+        inside = region.at(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)).reshape(x.shape).all(axis=0)
+        rows = np.logical_and.reduceat(inside, np.arange(cells[1]) * (_FINE - 1), axis=0)
         out[i] = np.logical_and.reduceat(rows, np.arange(cells[2]) * (_FINE - 1), axis=1)
     return out
 
@@ -142,6 +142,6 @@ def mean_cross_section(number, share, cross_section):
     """
     number, share = np.asarray(number, float), np.asarray(share, float)
     law = cross_section @ share
-    found = cross_section @ number / max(number.sum(), 1.0)
+    mean = cross_section @ number / max(number.sum(), 1.0)
     variance = np.maximum(cross_section**2 @ share - law**2, 0.0)
-    return found, np.sqrt(variance / max(number.sum(), 1.0)), law
+    return mean, np.sqrt(variance / max(number.sum(), 1.0)), law

@@ -116,13 +116,13 @@ def leap(typingctx, state, stride, at, leaps, nx, ny, nz):
         index = b.add(b.mul(b.add(b.mul(new[2], count[1]), new[1]), count[0]), new[0])
         index = b.select(moved, index, v.ints(INDEX))  # rays that are not there stay inside the table
         v.store(INDEX, index)
-        entry, found = b.add(index, v.ints(OCTANT)), ir.Constant(ir.VectorType(ir.IntType(8), RAYS), [0] * RAYS)
+        entry, reach = b.add(index, v.ints(OCTANT)), ir.Constant(ir.VectorType(ir.IntType(8), RAYS), [0] * RAYS)
         for k in range(RAYS):
             lane = ir.Constant(_32, k)
-            found = b.insert_element(found, b.load(b.gep(table, [b.zext(b.extract_element(entry, lane), _64)])), lane)
-        found = b.zext(found, v.int)
-        v.store(LEAP, b.and_(found, v.number(FULL - 1)))
-        after = b.select(b.icmp_signed("<", found, v.number(FULL)), v.number(MOVES), v.number(AT))
+            reach = b.insert_element(reach, b.load(b.gep(table, [b.zext(b.extract_element(entry, lane), _64)])), lane)
+        reach = b.zext(reach, v.int)
+        v.store(LEAP, b.and_(reach, v.number(FULL - 1)))
+        after = b.select(b.icmp_signed("<", reach, v.number(FULL)), v.number(MOVES), v.number(AT))
         v.store(STATE, b.select(moves, b.select(out, v.number(OUT), after), before))
         return context.get_dummy_value()
 

@@ -25,7 +25,7 @@ _SLOTS, _LEAPS = 128, 2  # rays under way at once; leaps between tests of cells
 _EDGE = np.float32(2e-3)  # cells; a hit nearer to the wall of its cell than this is not yet known to be the first
 # What is kept of a ray: axes in the order of the shear, start in that order and shear, for the exact test
 (_KX, _KY, _KZ, _PLACE, _SKIP, _WITHIN, _COUNT, _PATH, _STATE, _DRAWN, _FOUR), _WHOLE = range(11), 16
-(_X, _Y, _Z, _DX, _DY, _DZ, _PX, _PY, _PZ, _SX, _SY, _SZ, _BEST, _WAY, _FACTOR, _HALF), _REAL = range(16), 16
+(_X, _Y, _Z, _DX, _DY, _DZ, _PX, _PY, _PZ, _SX, _SY, _SZ, _BEST, _INNER, _FACTOR, _HALF), _REAL = range(16), 16
 
 
 class Coat(NamedTuple):
@@ -146,26 +146,26 @@ def followed(grid, coat, events_max, uniform, stream, paths):
     state = np.zeros((_rays.FIELDS, _SLOTS), np.float32)
     ints = state.view(np.int32)
     pool, carried = np.empty((_SLOTS, 4)), np.ones((_SLOTS, number))
-    gone, met, tests = np.empty(_SLOTS, np.int64), np.empty(_SLOTS, np.int64), np.empty(_SLOTS, np.int64)
+    finished, met, tests = np.empty(_SLOTS, np.int64), np.empty(_SLOTS, np.int64), np.empty(_SLOTS, np.int64)
     aimed, aims = np.empty(_SLOTS, np.int64), 0
-    found = np.empty(_SLOTS * longest, np.int64)
+    candidates = np.empty(_SLOTS * longest, np.int64)
     alive, begun = min(_SLOTS, total), 0
     ints[_rays.STATE] = _rays.IDLE
     whole[:, _PATH] = -1
     ended = alive
-    gone[:alive] = np.arange(alive)
+    finished[:alive] = np.arange(alive)
     while True:
         for k in range(ended):  # write down what ended, begin new paths in its place
-            i = gone[k]
+            i = finished[k]
             if i < 0:  # never: says that indices need no wrapping
                 break
             path = whole[i, _PATH]
             ox, oy, oz, dx, dy, dz = real[i, _X], real[i, _Y], real[i, _Z], real[i, _DX], real[i, _DY], real[i, _DZ]
             if path >= 0:
-                what, way = whole[i, _STATE], real[i, _WAY]
+                what, path_inside = whole[i, _STATE], real[i, _INNER]
                 if what == MISSED and whole[i, _COUNT]:
                     what = CONTRADICTED if whole[i, _WITHIN] else LEFT
-                status[path], events[path], inside[path] = what, whole[i, _COUNT], way
+                status[path], events[path], inside[path] = what, whole[i, _COUNT], path_inside
                 outgoing[path, 0], outgoing[path, 1], outgoing[path, 2] = dx, dy, dz
                 if what == MISSED:
                     for c in range(3):
@@ -180,7 +180,7 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                     elif what == MISSED:
                         weight[path, c] = 1.0
                     else:
-                        weight[path, c] = real[i, _FACTOR] * carried[i, c] * math.exp(-mu[c] * way)
+                        weight[path, c] = real[i, _FACTOR] * carried[i, c] * math.exp(-mu[c] * path_inside)
             if begun == total:
                 ints[_rays.STATE, i] = _rays.IDLE
                 continue
@@ -189,7 +189,7 @@ def followed(grid, coat, events_max, uniform, stream, paths):
             incoming[begun, 0], incoming[begun, 1], incoming[begun, 2] = dx, dy, dz
             real[i, _X], real[i, _Y], real[i, _Z] = x - _AHEAD * dx, y - _AHEAD * dy, z - _AHEAD * dz
             real[i, _DX], real[i, _DY], real[i, _DZ] = dx, dy, dz
-            real[i, _WAY], real[i, _FACTOR], real[i, _HALF] = 0.0, 1.0, half
+            real[i, _INNER], real[i, _FACTOR], real[i, _HALF] = 0.0, 1.0, half
             whole[i, _SKIP], whole[i, _WITHIN], whole[i, _COUNT], whole[i, _STATE] = -1, 0, 0, MISSED
             whole[i, _PATH], whole[i, _DRAWN], whole[i, _FOUR] = begun, 0, -1
             for c in range(number):
@@ -244,15 +244,15 @@ def followed(grid, coat, events_max, uniform, stream, paths):
             here = _rays.AT if entry >= _rays.FULL else _rays.MOVES
             ints[_rays.STATE, i] = _rays.OUT if begin >= end else here
         if begun == total and ended:  # no more to begin: the rays left close up
-            kept = 0
+            live = 0
             for i in range(alive):
                 if ints[_rays.STATE, i] != _rays.IDLE:
-                    if kept < i:
-                        real[kept], whole[kept], pool[kept], carried[kept] = real[i], whole[i], pool[i], carried[i]
-                        ints[:, kept] = ints[:, i]
+                    if live < i:
+                        real[live], whole[live], pool[live], carried[live] = real[i], whole[i], pool[i], carried[i]
+                        ints[:, live] = ints[:, i]
                         ints[_rays.STATE, i] = _rays.IDLE
-                    kept += 1
-            alive = kept
+                    live += 1
+            alive = live
         if alive == 0:
             break
         for _ in range(_LEAPS):
@@ -278,21 +278,21 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                     met[hits] = i
                     hits += 1
                 else:
-                    gone[ended] = i
+                    finished[ended] = i
                     ended += 1
         some = 0
         for k in range(number_tests):
             block, i = tests[k] >> 32, tests[k] & 0xFFFFFFFF
             while True:
                 bits = passed(state, _SLOTS, i, blocks, block)
-                found[some] = block << 32 | i << 8 | bits
+                candidates[some] = block << 32 | i << 8 | bits
                 some += bits != 0
                 fetch(corners, 9 * np.int64(names[block * _rays.BLOCK // 4 + _rays.NAMES // 4 + lowest(bits | 1)]), 2)
                 if names[block * _rays.BLOCK // 4 + _rays.MORE // 4] == 0:
                     break
                 block += 1
         for k in range(some):  # as `_lanes.triangles_hit`: watertight
-            block, i, bits = found[k] >> 32, found[k] >> 8 & 0xFFFFFF, found[k] & 0xFF
+            block, i, bits = candidates[k] >> 32, candidates[k] >> 8 & 0xFFFFFF, candidates[k] & 0xFF
             kx, ky, kz = whole[i, _KX], whole[i, _KY], whole[i, _KZ]
             px, py, pz, sx, sy, sz = real[i, _PX], real[i, _PY], real[i, _PZ], real[i, _SX], real[i, _SY], real[i, _SZ]
             while bits:
@@ -326,13 +326,13 @@ def followed(grid, coat, events_max, uniform, stream, paths):
             whole[i, _SKIP] = place
             if (z < 0.0) != (whole[i, _WITHIN] != 0) or z == 0.0:
                 whole[i, _COUNT] += 1
-                whole[i, _STATE], gone[ended] = CONTRADICTED, i
+                whole[i, _STATE], finished[ended] = CONTRADICTED, i
                 ended += 1
                 continue
             if z < 0.0:
-                real[i, _WAY] += t
+                real[i, _INNER] += t
             if whole[i, _COUNT] == events_max:
-                whole[i, _STATE], gone[ended] = CUT, i
+                whole[i, _STATE], finished[ended] = CUT, i
                 ended += 1
                 continue
             whole[i, _COUNT] += 1
@@ -373,10 +373,10 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                     most = max(most, carried[i, c])
                 strongest *= most
             if least > 0.0:
-                strongest *= math.exp(-least * real[i, _WAY])
+                strongest *= math.exp(-least * real[i, _INNER])
             if strongest < _FAINT:
                 if _number(key0, key1, path, replicate, count) * _FAINT >= strongest:
-                    whole[i, _STATE], gone[ended] = ABSORBED, i
+                    whole[i, _STATE], finished[ended] = ABSORBED, i
                     ended += 1
                     continue
                 count += 1

@@ -45,7 +45,7 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
         depth = math.sqrt(depth)
         ox, oy, oz = start[i, 0] + (half - depth) * dx, start[i, 1] + (half - depth) * dy, start[i, 2] + (half - depth) * dz
         z = max(depth / radius, _GRAZING)  # not from the place: keeps its digits at grazing
-        way, count, factor, state = 0.0, 0, 1.0, LEFT
+        path_inside, count, factor, state = 0.0, 0, 1.0, LEFT
         carried[:] = 1.0
         while True:
             over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
@@ -67,7 +67,7 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
             ox, oy, oz = radius * nx, radius * ny, radius * nz
             strongest = factor if kind == DIELECTRIC else factor * np.max(carried)
             if least > 0.0:
-                strongest *= math.exp(-least * way)
+                strongest *= math.exp(-least * path_inside)
             if strongest < _FAINT:
                 if _uniform(stream, pool) * _FAINT >= strongest:
                     state = ABSORBED
@@ -76,16 +76,16 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
             if z >= 0.0:  # out: a ball is not met twice
                 break
             chord = -2.0 * radius * z
-            way += chord
+            path_inside += chord
             ox, oy, oz = ox + chord * dx, oy + chord * dy, oz + chord * dz
             # the chord meets the far side as it left the near one: z stays, now of a wi inside
-        status[i], events[i], inside[i] = state, count, way
+        status[i], events[i], inside[i] = state, count, path_inside
         outgoing[i, 0], outgoing[i, 1], outgoing[i, 2] = dx, dy, dz
         along = ox * dx + oy * dy + oz * dz
         t = math.sqrt(along * along + beside) - along if along >= 0.0 else 0.0
         leave[i, 0], leave[i, 1], leave[i, 2] = ox + t * dx, oy + t * dy, oz + t * dz
         for c in range(weight.shape[1]):
-            weight[i, c] = 0.0 if state == ABSORBED else factor * carried[c] * math.exp(-mu[c] * way)
+            weight[i, c] = 0.0 if state == ABSORBED else factor * carried[c] * math.exp(-mu[c] * path_inside)
 
 
 @dataclass(frozen=True)

@@ -97,16 +97,16 @@ def _split(boxes, order, start, end, by_number, spare):
     origin = np.inf
     for i in range(start, end):
         origin = min(origin, boxes[order[i], best_axis] + boxes[order[i], 3 + best_axis])
-    middle, kept = start, 0
+    middle, above = start, 0
     for i in range(start, end):
         k = order[i]
         if int((boxes[k, best_axis] + boxes[k, 3 + best_axis] - origin) * scale[best_axis]) <= best_bin:
             order[middle] = k
             middle += 1
         else:
-            spare[kept] = k
-            kept += 1
-    order[middle:end] = spare[:kept]
+            spare[above] = k
+            above += 1
+    order[middle:end] = spare[:above]
     return middle
 
 
@@ -122,7 +122,7 @@ def _build(boxes, margin):
     leaves, used = np.empty((16, 2), np.int64), 0
     low, high = np.empty(3), np.empty(3)
     todo = [(0, 0, count, 0)]
-    made = 1
+    nodes = 1
     start, end, area = np.empty(BOXES, np.int64), np.empty(BOXES, np.int64), np.empty(BOXES)
     while len(todo):
         node, start[0], end[0], level = todo.pop()
@@ -140,9 +140,9 @@ def _build(boxes, margin):
             area[pick] = _bounds(boxes, order, start[pick], end[pick], low, high)
             area[parts] = _bounds(boxes, order, start[parts], end[parts], low, high)
             parts += 1
-        if made + parts > len(planes):
+        if nodes + parts > len(planes):
             more, fewer = np.empty((2 * len(planes), 6, BOXES), np.float32), np.zeros((2 * len(planes), BOXES), np.int32)
-            more[:made], fewer[:made] = planes[:made], children[:made]
+            more[:nodes], fewer[:nodes] = planes[:nodes], children[:nodes]
             planes, children = more, fewer
         if used + parts > len(leaves):
             longer = np.empty((2 * len(leaves), 2), np.int64)
@@ -158,10 +158,10 @@ def _build(boxes, margin):
                 children[node, i] = ~used
                 used += 1
             else:
-                children[node, i] = made
-                todo.append((made, start[i], end[i], level + 1))
-                made += 1
-    return planes[:made], children[:made], leaves[:used], order
+                children[node, i] = nodes
+                todo.append((nodes, start[i], end[i], level + 1))
+                nodes += 1
+    return planes[:nodes], children[:nodes], leaves[:used], order
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -169,11 +169,12 @@ def _scene(vertices, faces):
 def _bsdf(surface: Surface):
     """Mitsuba's BSDF of a surface, of reflectance 1: colours are weighed along the path."""
     mi, dr = _modules()
-    made = {DIELECTRIC: {"type": "dielectric", "int_ior": surface.index, "ext_ior": 1.0},
-            DIFFUSE: {"type": "diffuse", "reflectance": 1.0}, CONDUCTOR: {"type": "conductor", "material": "none"}}[surface.kind]
+    plugin = {DIELECTRIC: {"type": "dielectric", "int_ior": surface.index, "ext_ior": 1.0},
+              DIFFUSE: {"type": "diffuse", "reflectance": 1.0},
+              CONDUCTOR: {"type": "conductor", "material": "none"}}[surface.kind]
     if surface.roughness > 0:
-        made |= {"type": "rough" + made["type"], "distribution": "ggx", "sample_visible": True, "alpha": surface.roughness}
-    bsdf = mi.load_dict(made)
+        plugin |= {"type": "rough" + plugin["type"], "distribution": "ggx", "sample_visible": True, "alpha": surface.roughness}
+    bsdf = mi.load_dict(plugin)
     dr.make_opaque(bsdf)
     return bsdf
 
@@ -203,7 +204,7 @@ def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
         return (mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), dr.reinterpret_array(mi.UInt32, a.w),
                 dr.reinterpret_array(mi.UInt32, b.w))
 
-    def meeting(live, ended, at, path, replicate, o, d, within, way, count, factor, carried):
+    def meeting(live, ended, at, path, replicate, o, d, within, path_inside, count, factor, carried):
         # lanes whose path has ended take the next one
         at = dr.select(ended, dr.scatter_inc(counter, mi.UInt32(0), live & ended), at)
         live = live & (at < total)
@@ -212,18 +213,18 @@ def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
         o, d = dr.select(new, first[0], o), dr.select(new, first[1], d)
         path, replicate = dr.select(new, first[2], path), dr.select(new, first[3], replicate)
         within = within & ~new
-        way, count, factor = dr.select(new, 0.0, way), dr.select(new, 0, count), dr.select(new, 1.0, factor)
+        path_inside, count, factor = dr.select(new, 0.0, path_inside), dr.select(new, 0, count), dr.select(new, 1.0, factor)
         carried = [dr.select(new, 1.0, c) for c in carried]
         # the next meeting with the surface
-        found = scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=live)
-        hit = live & (found.t < dr.inf)
-        a, b, c = (dr.gather(mi.Vector4f, table, 4 * found.prim_index + k, hit) for k in range(3))
-        normal, (u, v) = mi.Normal3f(a.w, b.w, c.w), found.prim_uv
+        intersection = scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=live)
+        hit = live & (intersection.t < dr.inf)
+        a, b, c = (dr.gather(mi.Vector4f, table, 4 * intersection.prim_index + k, hit) for k in range(3))
+        normal, (u, v) = mi.Normal3f(a.w, b.w, c.w), intersection.prim_uv
         p = dr.fma(v, mi.Point3f(c.x, c.y, c.z), dr.fma(u, mi.Point3f(b.x, b.y, b.z), mi.Point3f(a.x, a.y, a.z)))
         z = -dr.dot(d, normal)
         wrong = (hit & (((z < 0) != within) | (z == 0))) | (live & ~hit & within)
         go = hit & ~wrong
-        way = dr.select(go & within, way + found.t, way)
+        path_inside = dr.select(go & within, path_inside + intersection.t, path_inside)
         cut = go & (count == count_max)
         go = go & ~cut
         count = dr.select(go, count + 1, count)
@@ -243,7 +244,7 @@ def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
             carried = [dr.select(go, carried[0] * brightest, carried[0])]
         # faint paths go on by chance
         strongest = factor * functools.reduce(dr.maximum, carried, mi.Float(0)) if carried else factor
-        strongest = strongest * dr.exp(-least * way)
+        strongest = strongest * dr.exp(-least * path_inside)
         faint = go & (strongest < _FAINT)
         dead = faint & (four * _FAINT >= strongest)
         factor = dr.select(faint & ~dead, factor * (_FAINT / strongest), factor)
@@ -256,12 +257,12 @@ def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
         ended = live & ~go
         state = dr.select(hit, dr.select(cut, CUT, ABSORBED), dr.select(count > 0, LEFT, MISSED))
         state = mi.UInt32(dr.select(wrong, CONTRADICTED, state))
-        dr.scatter(ends, mi.Vector4f(o.x, o.y, o.z, way), 2 * at, ended)
+        dr.scatter(ends, mi.Vector4f(o.x, o.y, o.z, path_inside), 2 * at, ended)
         dr.scatter(ends, mi.Vector4f(d.x, d.y, d.z, factor), 2 * at + 1, ended)
         dr.scatter(marks, count | (state << _COUNT), at, ended)
         for target, c in zip(weights, carried):
             dr.scatter(target, c, at, ended)
-        return live, ended, at, path, replicate, o, d, within, way, count, factor, carried
+        return live, ended, at, path, replicate, o, d, within, path_inside, count, factor, carried
 
     idle = dr.full(mi.Bool, True, _LANES)
     zero = mi.UInt32(0)
@@ -300,30 +301,30 @@ def _finish(ends, marks, carried, rho, mu, paths):
     rho : (C,) weight of a meeting;  carried : (n, C) or (n, 1) weights, or (n, 0)
     """
     status, start, leave, incoming, outgoing, inside, weight, events = paths
-    point, way, ahead = np.empty(3), np.empty(3), np.empty(3)
+    point, outgoing_direction, ahead = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(status)):
         state, count = marks[i] >> np.uint32(_COUNT), np.int64(marks[i] & np.uint32((1 << _COUNT) - 1))
         length, factor = np.float64(ends[i, 3]), np.float64(ends[i, 7])
         status[i], events[i], inside[i] = state, count, length
         square = along = outside = turned = 0.0
         for k in range(3):
-            point[k], way[k], ahead[k] = ends[i, k], ends[i, 4 + k], incoming[i, k]
-            square += way[k] * way[k]
+            point[k], outgoing_direction[k], ahead[k] = ends[i, k], ends[i, 4 + k], incoming[i, k]
+            square += outgoing_direction[k] * outgoing_direction[k]
         over = 1.0 / np.sqrt(square)
         for k in range(3):
-            way[k] *= over
-            turned += (way[k] - ahead[k]) ** 2
+            outgoing_direction[k] *= over
+            turned += (outgoing_direction[k] - ahead[k]) ** 2
         if turned < FORWARD * FORWARD:
-            way[:] = ahead
+            outgoing_direction[:] = ahead
         if state == MISSED:
             point[:] = start[i]
         for k in range(3):
-            along += point[k] * way[k]
+            along += point[k] * outgoing_direction[k]
             outside += point[k] * point[k]
         t = np.sqrt(along * along + max(1.0 - outside, 0.0)) - along
         for k in range(3):
-            outgoing[i, k] = way[k]
-            leave[i, k] = point[k] + t * way[k]
+            outgoing[i, k] = outgoing_direction[k]
+            leave[i, k] = point[k] + t * outgoing_direction[k]
         for c in range(len(mu)):
             if state in (ABSORBED, CONTRADICTED):
                 weight[i, c] = 0.0

@@ -135,10 +135,10 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
                  for replicate in range(REPLICATES) for start in range(first, first + count, _BLOCK)]
         few = max(1, getattr(tracer, "batch", 1) // parts[0][2])
         tasks = [(tracer, edges, (seed, stream), key, parts[i : i + few]) for i in range(0, len(parts), few)]
-        made = np.concatenate(map(blocks, tasks)).reshape(REPLICATES, -1, len(mu) + 1, _BINS + len(edges) - 1)
-        new = np.zeros_like(made[:, 0])
-        for part in range(made.shape[1]):  # in order: not a sum whose order NumPy chooses
-            new += made[:, part]
+        sums_by_task = np.concatenate(map(blocks, tasks)).reshape(REPLICATES, -1, len(mu) + 1, _BINS + len(edges) - 1)
+        new = np.zeros_like(sums_by_task[:, 0])
+        for part in range(sums_by_task.shape[1]):  # in order: not a sum whose order NumPy chooses
+            new += sums_by_task[:, part]
         sums = new if sums is None else sums + new
         first += count
         result = _result(sums, edges, tolerance, asked)
@@ -212,17 +212,17 @@ def _tally(paths, edges, out):
             for c in range(weight.shape[1]):
                 out[1 + c, _LOST] += weight[i, c]
             continue
-        along = across = square = cosine = turned = kept = 0.0
+        along = across = square = cosine = difference_squared = sum_squared = 0.0
         for k in range(3):
-            way, a, b = leave[i, k] - start[i, k], incoming[i, k], outgoing[i, k]
-            along += way * a
-            across += way * b
-            square += way * way
+            displacement, a, b = leave[i, k] - start[i, k], incoming[i, k], outgoing[i, k]
+            along += displacement * a
+            across += displacement * b
+            square += displacement * displacement
             cosine += a * b
-            turned += (b - a) ** 2
-            kept += (b + a) ** 2
-        forward = turned <= FORWARD * FORWARD
-        theta = 2.0 * math.atan2(math.sqrt(turned), math.sqrt(kept))
+            difference_squared += (b - a) ** 2
+            sum_squared += (b + a) ** 2
+        forward = difference_squared <= FORWARD * FORWARD
+        theta = 2.0 * math.atan2(math.sqrt(difference_squared), math.sqrt(sum_squared))
         low, high = 0, len(edges) - 1
         while high - low > 1:
             middle = (low + high) // 2

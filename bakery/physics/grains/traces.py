@@ -41,20 +41,20 @@ def traces(grain: Mapping, radii, wavelengths: int, apart: float) -> list[Trace]
     """What has to be traced for a grain whose bounding spheres have `radii` (S,) m; near indices (`apart`) count as one."""
     every, sizes = tuple(range(wavelengths)), len(radii)
     if grain["type"] == "dielectric":
-        made, real = [], grain["index"].real
+        dielectrics, real = [], grain["index"].real
         for eta, rows in _alike(real, 0.0 if is_ball(grain) else apart):
             mu, which = np.unique(np.append(0.0, np.outer(radii, grain["absorption"][list(rows)])), return_inverse=True)
-            made.append(Trace(surface.dielectric(eta, grain["roughness"]), mu, rows,
-                              which.ravel()[1:].reshape(sizes, len(rows)), int(which.ravel()[0])))
-        return made
+            dielectrics.append(Trace(surface.dielectric(eta, grain["roughness"]), mu, rows,
+                                      which.ravel()[1:].reshape(sizes, len(rows)), int(which.ravel()[0])))
+        return dielectrics
     if grain["type"] == "diffuse":
         values, which = np.unique(np.append(1.0, grain["reflectance"]), return_inverse=True)
-        made = surface.diffuse(values)
+        opaque = surface.diffuse(values)
     else:
         values, which = np.unique(np.append(complex(math.inf, 0), grain["index"]), return_inverse=True)
-        made = surface.conductor(values, grain["roughness"])
+        opaque = surface.conductor(values, grain["roughness"])
     channel = np.broadcast_to(which.ravel()[1:], (sizes, wavelengths))
-    return [Trace(made, np.zeros(len(values)), every, channel, int(which.ravel()[0]))]
+    return [Trace(opaque, np.zeros(len(values)), every, channel, int(which.ravel()[0]))]
 
 
 def is_ball(grain: Mapping) -> bool:
@@ -98,13 +98,13 @@ def tracer_of(grain, trace: Trace, depth: int, engine: str, tree=None):
     return Walker(tree, trace.surface, trace.mu, events_max=depth)
 
 
-def figures(wanted: Sequence[Trace], found: Sequence, name: str, white=False):
+def figures(traced: Sequence[Trace], statistics: Sequence, name: str, white=False):
     """A figure of every size and wavelength, from the traces that share them.
 
     Parameters
     ----------
-    wanted : the traces of a grain
-    found : what was measured of each, `scatterometer.Statistics` or `sphere.Ball`, whose figures have the same names
+    traced : the traces of a grain
+    statistics : what was measured of each, `scatterometer.Statistics` or `sphere.Ball`, whose figures have the same names
     white : of light that is not absorbed
 
     Returns
@@ -112,11 +112,11 @@ def figures(wanted: Sequence[Trace], found: Sequence, name: str, white=False):
     values, errors : (S, L, ...)
     """
     values, errors = [], []
-    for trace, stats in zip(wanted, found):
+    for trace, stats in zip(traced, statistics):
         value = getattr(stats, name)
         error = np.broadcast_to(stats.errors.get(name, 0.0), value.shape)
         pick = np.full_like(trace.channel, trace.white) if white else trace.channel
         values.append(value[pick])
         errors.append(error[pick])
-    order = np.argsort([row for trace in wanted for row in trace.rows])
+    order = np.argsort([row for trace in traced for row in trace.rows])
     return np.concatenate(values, axis=1)[:, order], np.concatenate(errors, axis=1)[:, order]

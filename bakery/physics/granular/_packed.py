@@ -289,12 +289,12 @@ def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, ke
                 if at > 0:
                     along = across = square = cosine = 0.0
                     for k in range(3):
-                        way = radius * (ray[k] - entry[k])
-                        along += way * d[k]
-                        across += way * ray[3 + k]
-                        square += way * way
+                        displacement = radius * (ray[k] - entry[k])
+                        along += displacement * d[k]
+                        across += displacement * ray[3 + k]
+                        square += displacement * displacement
                         cosine += d[k] * ray[3 + k]
-                        place[at, k] = place[at - 1, k] + start[k] + way
+                        place[at, k] = place[at - 1, k] + start[k] + displacement
                     row[HITS] += 1
                     row[FLIGHT] += free
                     row[FLIGHT2] += free * free
@@ -312,9 +312,9 @@ def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, ke
             else:
                 chord = 0.0
                 for k in range(3):
-                    way = radius * (ray[k] - entry[k])
-                    start[k] += way
-                    chord += way * d[k]
+                    displacement = radius * (ray[k] - entry[k])
+                    start[k] += displacement
+                    chord += displacement * d[k]
                 free += chord
             for k in range(4):
                 left[k] = met[k]

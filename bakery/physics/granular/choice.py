@@ -16,7 +16,8 @@ class Matched(NamedTuple):
 
     Attributes
     ----------
-    sigma_t, error : (L,) in the inverse unit of length, error with `farther`
+    sigma_t, error : (L,) in the inverse unit of length, and its standard error
+    bias : (L,) of sigma_t by `farther`, its size
     each : name in `kinds.CHOICES` -> sigma_t and its standard error, (L,); random_walk only where `walked`
     walked : whether the random walk gives a mean square displacement
     farther : relative, how much farther light spreads in the walk than sigma_t says; 0 where that is matched, or not known
@@ -25,18 +26,19 @@ class Matched(NamedTuple):
 
     sigma_t: np.ndarray
     error: np.ndarray
+    bias: np.ndarray
     each: dict[str, tuple[np.ndarray, np.ndarray]]
     walked: bool
     farther: float
     spread: float
 
 
-def matched(found: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
+def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
     """Chooses sigma_t: as wanted, or the random walk's, or that of Eq. 4 where the walk gives none.
 
     Parameters
     ----------
-    found, lossless : the medium, and the same if nothing were absorbed
+    coefficients, lossless : the medium, and the same if nothing were absorbed
     walks : `packed.walk`, lengths in units of
     radius : in the unit of the medium
     at : the channel of the walk's grains
@@ -46,12 +48,13 @@ def matched(found: Effective, lossless: Effective, walks: Walks, radius: float, 
     ------
     ValueError : the random walk is wanted and gives no mean square displacement
     """
-    each = {"mean_flight": (found.sigma_t, found.errors["sigma_t"]),
-            "second_moment": (found.sigma_t_second_moment, found.errors["sigma_t_second_moment"])}
+    each = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
+            "second_moment": (coefficients.sigma_t_second_moment, coefficients.errors["sigma_t_second_moment"])}
     if walks.reason and not math.isfinite(walks.achieved_error):
         if wanted == "random_walk":
             raise ValueError(f"random_walk: {walks.reason}")
-        return Matched(*each[wanted or "mean_flight"], each, False, 0.0, 0.0)
+        sigma_t, error = each[wanted or "mean_flight"]
+        return Matched(sigma_t, error, np.zeros_like(sigma_t), each, False, 0.0, 0.0)
     M, spread = walks.mean_square_displacement * radius**2, walks.achieved_error
     far = {"mean_flight": lossless.m_rte[at], "second_moment": lossless.m_tele[at]}
     ratio = math.sqrt(lossless.m_rte[at] / M)
@@ -60,4 +63,4 @@ def matched(found: Effective, lossless: Effective, walks: Walks, radius: float, 
     name = wanted or "random_walk"
     farther = math.sqrt(M / far[name]) - 1 if name in far else 0.0
     sigma_t, error = each[name]
-    return Matched(sigma_t, np.hypot(error, abs(farther) * sigma_t), each, True, farther, spread)
+    return Matched(sigma_t, error, abs(farther) * sigma_t, each, True, farther, spread)

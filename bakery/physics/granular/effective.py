@@ -44,10 +44,10 @@ class Means:
     errors: dict[str, float | np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, found) -> Means:
+    def of(cls, statistics) -> Means:
         """From `scatterometer.Statistics` or a `sphere.Ball`."""
-        return cls(**{name: getattr(found, name) for name in _NAMES},
-                   errors={name: found.errors[name] for name in _NAMES if name in found.errors})
+        return cls(**{name: getattr(statistics, name) for name in _NAMES},
+                   errors={name: statistics.errors[name] for name in _NAMES if name in statistics.errors})
 
     def figure(self, name):
         """Value and standard error; "missed_square" also where it is not given."""
@@ -302,13 +302,13 @@ def effective(means: Means, void_chord: float, second_moment: float | None = Non
     if second_moment is not None:
         inputs["second_moment"] = np.asarray(second_moment, float), np.asarray(second_moment_error, float)
     limits = {"hit_probability": (0, 1), "albedo": (0, 1), "g": (-1, 1), "second_moment": (0.5, math.inf)}
-    given = {name: value for name, (value, _) in inputs.items()}
-    values = _figures(void_chord, **given)
+    figures = {name: value for name, (value, _) in inputs.items()}
+    values = _figures(void_chord, **figures)
     errors = [0.0 * value for value in map(np.nan_to_num, values)]
     for name, (value, error) in inputs.items():
         if np.any(error > 0):
             least, most = limits.get(name, (-math.inf, math.inf))
-            low, high = (_figures(void_chord, **given | {name: np.clip(value + e, least, most)}) for e in (-error, error))
+            low, high = (_figures(void_chord, **figures | {name: np.clip(value + e, least, most)}) for e in (-error, error))
             moved = (np.maximum(_distance(a, at), _distance(b, at)) for at, a, b in zip(values, low, high))
             errors = [total + more for total, more in zip(errors, moved)]
     values, errors = ({name: float(x) if x.ndim == 0 else x for name, x in zip(_FIGURES, column)} for column in (values, errors))
@@ -325,11 +325,11 @@ def _figures(void_chord, hit_probability, lambda_delta, missed_square, albedo, l
     """The values of `_FIGURES`, in their order."""
     mean, square = flight(hit_probability, lambda_delta, missed_square, void_chord, second_moment)
     lambda_t = mean + albedo * lambda_s
-    straight = np.maximum(1 - albedo * g, 0.0)  # a measured g may be 1 and a rounding more
+    reduced = np.maximum(1 - albedo * g, 0.0)  # a measured g may be 1 and a rounding more
     if np.isinf(mean):
         nothing, for_ever = np.zeros_like(lambda_t), np.full_like(lambda_t, np.inf)
         return mean, square, lambda_t, nothing, nothing, for_ever, for_ever
-    way = np.maximum(step(mean, square, lambda_s, mean_square, g, albedo), 0.0)  # 0: light that only goes back and forth
+    squared_step = np.maximum(step(mean, square, lambda_s, mean_square, g, albedo), 0.0)  # 0: light that only goes back and forth
     with np.errstate(divide="ignore"):
-        return (mean, square, lambda_t, 1 / lambda_t, np.sqrt(2 / way), 2 * lambda_t**2 / straight,
-                np.where(straight > 0, way / np.where(straight > 0, straight, 1.0), np.inf))
+        return (mean, square, lambda_t, 1 / lambda_t, np.sqrt(2 / squared_step), 2 * lambda_t**2 / reduced,
+                np.where(reduced > 0, squared_step / np.where(reduced > 0, reduced, 1.0), np.inf))

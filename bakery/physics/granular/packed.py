@@ -144,8 +144,8 @@ def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=No
     >>> from bakery.physics.grains.surface import dielectric
     >>> from bakery.physics.packing import pack
     >>> tile = pack(0.3, np.ones(100), seed=1, schedule="draft")
-    >>> found = walk(tile.centers, tile.radii, tile.cell, [Grain(dielectric(1.5))], seed=1, tolerance=0.05)
-    >>> bool(found.mean_square_displacement_error < 0.1 * found.mean_square_displacement)  # the tolerance is that of the root
+    >>> walks = walk(tile.centers, tile.radii, tile.cell, [Grain(dielectric(1.5))], seed=1, tolerance=0.05)
+    >>> bool(walks.mean_square_displacement_error < 0.1 * walks.mean_square_displacement)  # the tolerance is that of the root
     True
     """
     scene = _checked(centers, radii, cell, grains, weights, seed, tolerance, depth)
@@ -159,23 +159,23 @@ def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=No
         block = max(1, _BLOCK // (length + warm))
         tasks = [(scene, replicate, start, min(block, done + count - start), length, warm)
                  for replicate in range(REPLICATES) for start in range(done, done + count, block)]
-        made = np.stack(map(run, tasks)).reshape(REPLICATES, -1, len(_windows(length)) + kernel.SUMS)
-        new = np.zeros_like(made[:, 0])
-        for part in range(made.shape[1]):  # in order: not a sum whose order NumPy chooses
-            new += made[:, part]
+        sums_by_task = np.stack(map(run, tasks)).reshape(REPLICATES, -1, len(_windows(length)) + kernel.SUMS)
+        new = np.zeros_like(sums_by_task[:, 0])
+        for part in range(sums_by_task.shape[1]):  # in order: not a sum whose order NumPy chooses
+            new += sums_by_task[:, part]
         sums, done = (new if sums is None else sums + new), done + count
-        found, short = _result(sums, length, scene, tolerance, endless)
+        walks, short = _result(sums, length, scene, tolerance, endless)
         if report is not None:
-            report(min(1.0, (tolerance / max(found.achieved_error, 1e-300)) ** 2), found.achieved_error)
+            report(min(1.0, (tolerance / max(walks.achieved_error, 1e-300)) ** 2), walks.achieved_error)
         room = most // REPLICATES - done * length  # hits of a replicate that may still be walked
-        if found.reached or endless or found.given_up == 1:
-            return found
+        if walks.reached or endless or walks.given_up == 1:
+            return walks
         if short and length < _LENGTH_MAX and room >= 2 * _LONGER * length:
             length, done, sums, count = _LONGER * length, 0, None, 2
             continue
-        if room < length or found.achieved_error == math.inf:
-            return found
-        missing = math.ceil(done * min(1.0, 1.1 * (found.achieved_error / tolerance) ** 2 - 1))
+        if room < length or walks.achieved_error == math.inf:
+            return walks
+        missing = math.ceil(done * min(1.0, 1.1 * (walks.achieved_error / tolerance) ** 2 - 1))
         count = max(1, min(missing, room // length))
 
 
@@ -263,12 +263,12 @@ def _result(sums, length, scene, tolerance, endless):
         reason = f"the error of sqrt(M) is {error:.2g} after {int(total[kernel.HITS])} hits"
     n, walks = max(total[kernel.HITS], 1.0), total[kernel.WALKS]
     plain = {name: value if np.ndim(value) else float(value) for name, value in values.items()}
-    found = Walks(**plain, windows=windows[:-1], window=int(windows[j]), void_chord_exact=scene.exact,
+    result = Walks(**plain, windows=windows[:-1], window=int(windows[j]), void_chord_exact=scene.exact,
                   hits=int(total[kernel.HITS]), walks=int(walks), length=length, events=float(total[kernel.EVENTS] / n),
                   lost=float(total[kernel.LOSSES] / n), contradicted=float(total[kernel.CONTRADICTIONS] / n),
                   cut=float(total[kernel.CUTS] / n), given_up=float(total[kernel.GIVEN_UP] / walks), achieved_error=float(error),
                   reached=not reason, reason=reason, errors=errors)
-    return found, short
+    return result, short
 
 
 def _endless(scene):

@@ -86,11 +86,11 @@ def solve(k, down, M, x):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def streaming(k, up, down, M, j, kept, x):
-    """Column j of (1 - kept + k B)^-1, rows M .. L, into x; kept : its element j."""
+def streaming(k, up, down, M, j, uncounted, x):
+    """Column j of (1 - uncounted + k B)^-1, rows M .. L, into x; uncounted : its element j."""
     L, N = x.shape[0] - 1, len(k)
     for i in range(N):
-        x[j, i] = 1 / (up[j, i] + down[j, i] - (1 - kept))
+        x[j, i] = 1 / (up[j, i] + down[j, i] - (1 - uncounted))
     for l in range(j - 1, M - 1, -1):
         a = math.sqrt(coupling(l + 1, M))
         for i in range(N):
@@ -127,13 +127,13 @@ def clebsch(l, j, lam, v):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def columns(j, k, c, kept, stream_up, stream_down, scatter_down, alone, closed, hankel, k0, r, out):
+def columns(j, k, c, uncounted, stream_up, stream_down, scatter_down, alone, closed, hankel, k0, r, out):
     """Elements (l <= j, j) of the sum over events, as functions of r; element (l, m) at l (l + 1)/2 + m of `out`.
 
     Parameters
     ----------
     k : (N,) wave numbers, logarithmic;  c : (L + 1,) albedo p_l
-    kept : (L + 1,) of each order, light that is turned and not counted
+    uncounted : (L + 1,) of each order, light that is turned and not counted
     stream_up, stream_down, scatter_down : (L + 1, L + 1, N), `pivots` of each M
     alone : flights taken one by one before the last;  closed : whether the last solve sums over all further events
     hankel : (2 L + 1, 2 N) transform of k f(k) for each lam, at sums of the indices of k and r
@@ -145,7 +145,7 @@ def columns(j, k, c, kept, stream_up, stream_down, scatter_down, alone, closed, 
     x = np.empty((L + 1, N))
     spectrum = np.empty((j + 1, j + 1, N))  # M, l
     for M in range(j + 1):
-        streaming(k, stream_up[M], stream_down[M], M, j, kept[j], x)
+        streaming(k, stream_up[M], stream_down[M], M, j, uncounted[j], x)
         for flight in range(alone + 1):
             for l in range(M, L + 1):
                 for i in range(N):

@@ -40,21 +40,21 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
     ready = lookup.ready(points)
     lobe = lobes(ready, length, rho, z, fit.polar, fit.azimuth).reshape(len(rho), -1)
     integral = (lobe * fit.solid_angle).sum(axis=1)
-    a, found = fit.represent(np.stack([lobe, lobe]), integral, np.ones(len(rho), bool), 0.2)
+    a, basis = fit.represent(np.stack([lobe, lobe]), integral, np.ones(len(rho), bool), 0.2)
     a = a[0]
     a[:, 0] = np.log(integral / frame.measure(SEGMENT, length, rho, z)[1])
-    made = fit.pack(SEGMENT, length, medium, a, found)
+    packed = fit.pack(SEGMENT, length, medium, a, basis)
     # its own error against the same integrals between the corners, and the noise of those
     rho_t, z_t = (x[::3] for x in places(SEGMENT, length, medium.extent, fit.random))
     exact, *apart = (lobes(one, length, rho_t, z_t, fit.test_polar, fit.test_azimuth) for one in (ready, *halves))
-    table = lookup.lobes(lookup.ready(made), rho_t, z_t, fit.test_polar, fit.test_azimuth)
+    table = lookup.lobes(lookup.ready(packed), rho_t, z_t, fit.test_polar, fit.test_azimuth)
     own, noise = fit.share((table - exact) ** 2, exact), fit.share((apart[0] - apart[1]) ** 2, exact) / 4
     worst = math.hypot(float(np.sqrt((own + noise).max())), inherited)
-    made = replace(made, error=math.hypot(upper(own), inherited), worst=worst,
+    packed = replace(packed, error=math.hypot(upper(own), inherited), worst=worst,
                    error_with_solver=math.hypot(upper(own + noise), inherited))
     errors = np.zeros(len(rho))
     _deviations(ready, length, np.ascontiguousarray(deviations), rho, z, errors)
-    return made, np.minimum(errors, 1.0)
+    return packed, np.minimum(errors, 1.0)
 
 
 def lobes(points, length, rho, z, polar, azimuth):

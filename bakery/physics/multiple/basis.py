@@ -34,30 +34,30 @@ def start(logs, weight, count):
     (K + 1, D): B_0, then B_k with mean 0 and mean square 1, orthogonal to each other under the mean weight
     """
     overall = weight.sum(axis=0) / weight.sum()
-    found = np.zeros((count + 1, logs.shape[1]))
+    basis = np.zeros((count + 1, logs.shape[1]))
     level = (logs * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
-    found[0] = (logs - level).mean(axis=0)
+    basis[0] = (logs - level).mean(axis=0)
     # under one weight for all lobes: what is found so far is orthogonal, and taken out exactly
-    rest = logs - found[0]
+    rest = logs - basis[0]
     rest -= (overall * rest).sum(axis=1, keepdims=True)
     for k in range(1, count + 1):
-        found[k] = rest[np.argmax((overall * rest**2).sum(axis=1))]
-        _orthogonal(found, overall, k)
-        rest -= (overall * rest * found[k]).sum(axis=1, keepdims=True) * found[k]
-    return found
+        basis[k] = rest[np.argmax((overall * rest**2).sum(axis=1))]
+        _orthogonal(basis, overall, k)
+        rest -= (overall * rest * basis[k]).sum(axis=1, keepdims=True) * basis[k]
+    return basis
 
 
-def improved(found, logs, weight, rounds=ROUNDS):
+def improved(basis, logs, weight, rounds=ROUNDS):
     """A basis (K + 1, D) as `start` returns it after rounds of alternating weighted least squares."""
     overall = weight.sum(axis=0) / weight.sum()
     across = np.ascontiguousarray(weight.T)
-    for _ in range(rounds if len(found) > 1 else 0):
-        a = coefficients(logs, weight, found)
+    for _ in range(rounds if len(basis) > 1 else 0):
+        a = coefficients(logs, weight, basis)
         b = solve(np.ascontiguousarray((logs - a[:, :1]).T), across, _with_one(np.ascontiguousarray(a.T)))
-        found = np.ascontiguousarray(b.T)
-        for k in range(1, len(found)):
-            _orthogonal(found, overall, k)
-    return found
+        basis = np.ascontiguousarray(b.T)
+        for k in range(1, len(basis)):
+            _orthogonal(basis, overall, k)
+    return basis
 
 
 def solve(values, weight, regressors):
@@ -83,20 +83,20 @@ def distance(logs, a, weight, basis):
     return np.sqrt((weight * (logs - combine(a, _with_one(basis))) ** 2).sum(axis=1))
 
 
-def _with_one(found):
-    regressors = found.copy()
+def _with_one(basis):
+    regressors = basis.copy()
     regressors[0] = 1.0
     return regressors
 
 
-def _orthogonal(found, overall, k):
+def _orthogonal(basis, overall, k):
     """Takes the mean and the functions before it out of function k, and scales it to mean square 1."""
     for _ in range(2):  # twice is enough
-        found[k] -= (overall * found[k]).sum()
+        basis[k] -= (overall * basis[k]).sum()
         for j in range(1, k):
-            found[k] -= (overall * found[k] * found[j]).sum() * found[j]
-    norm = np.sqrt((overall * found[k]**2).sum())
-    found[k] = found[k] / norm if norm > 1e-12 else 0.0
+            basis[k] -= (overall * basis[k] * basis[j]).sum() * basis[j]
+    norm = np.sqrt((overall * basis[k]**2).sum())
+    basis[k] = basis[k] / norm if norm > 1e-12 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -110,7 +110,7 @@ class _Build:
         c = coefficients(self.medium, self.kind, self.length, np.append(rho, tests[0]), np.append(z, tests[1]), self.threads)
         lobe, integral, near = self.normalised(first, c[:len(first)])
         self.choose(lobe[sample], near[sample])
-        values = np.full((*(self.size + 1), len(self.found)), np.nan)
+        values = np.full((*(self.size + 1), len(self.basis)), np.nan)
         exact, weight = self.represent(lobe, integral)
         values[tuple(coarse.T)] = exact[:len(coarse)]
         if self.finest > COARSE:
@@ -143,16 +143,16 @@ class _Build:
         logs, weight = np.log(lobe), bases.weights(lobe, self.solid_angle)
         first = bases.start(logs, weight, self.most)
         for count in [k for k in COUNTS if k <= self.most]:
-            self.found = quantised(bases.improved(first[:count + 1], logs, weight))
-            a = bases.coefficients(logs, weight, self.found)
-            error = near * bases.distance(logs - self.found[0], a, weight, self.found)
+            self.basis = quantised(bases.improved(first[:count + 1], logs, weight))
+            a = bases.coefficients(logs, weight, self.basis)
+            error = near * bases.distance(logs - self.basis[0], a, weight, self.basis)
             if np.sqrt((error**2).mean()) < self.tolerance / 2:
                 break
 
     def represent(self, lobe, integral):
         """a_0 .. a_K, with a_0 such that the integral over directions is exact, and weights of errors."""
         weight = bases.weights(lobe, self.solid_angle)
-        a = bases.coefficients(np.log(lobe), weight, self.found)
+        a = bases.coefficients(np.log(lobe), weight, self.basis)
         a[:, 0] = np.log(integral)
         return a, weight
 
@@ -186,7 +186,7 @@ class _Build:
             cells = np.array([self.bounds[leaf] for leaf in leaves]).reshape(-1, 4)
             middle = cells[:, ::2] + half
             guess = between(fill(values[::2 * half, ::2 * half]))[tuple(middle.T // half)]
-            error = near * bases.distance(np.zeros_like(weight), exact - guess, weight, self.found)
+            error = near * bases.distance(np.zeros_like(weight), exact - guess, weight, self.basis)
             split = error > self.tolerance
             if not split.any():
                 return
@@ -213,14 +213,14 @@ class _Build:
             corner >>= 1
         scale = np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / STEPS
         whole = np.rint(a[:, 1:] / scale.astype(np.float32)).astype(np.int16)
-        stored = np.exp(self.found[0] + bases.combine(whole * scale.astype(np.float32).astype(float), self.found[1:]))
+        stored = np.exp(self.basis[0] + bases.combine(whole * scale.astype(np.float32).astype(float), self.basis[1:]))
         offset = a[:, 0] - np.log((stored * self.solid_angle).sum(axis=1))
-        basis_scale = scales(self.found)
+        basis_scale = scales(self.basis)
         bounds = np.array(self.bounds) / np.repeat(self.size, 2)
         return Table(self.kind, self.length, self.extent, self.medium.k0, bounds.astype(np.float32),
                      np.array(self.child, np.int32), corner.astype(np.int16), offset.astype(np.float32), whole,
                      scale.astype(np.float32),
-                     np.rint(self.found / basis_scale[:, None].astype(float)).astype(np.int16).reshape(-1, *self.shape),
+                     np.rint(self.basis / basis_scale[:, None].astype(float)).astype(np.int16).reshape(-1, *self.shape),
                      basis_scale)
 
     def measured(self, table, rho, z, c):
@@ -263,9 +263,9 @@ def between_directions(order):
 
 def _errors(table, order, rho, z, c):
     polar, azimuth, weight = between_directions(order)
-    exact, found = point.lobes(c, order, polar, azimuth), lookup.lobes(lookup.ready(table), rho, z, polar, azimuth)
+    exact, tabulated = point.lobes(c, order, polar, azimuth), lookup.lobes(lookup.ready(table), rho, z, polar, azimuth)
     weight = weight[:, None]
-    return np.sqrt((weight * (found - exact) ** 2).sum(axis=(1, 2)) / (weight * exact**2).sum(axis=(1, 2)))
+    return np.sqrt((weight * (tabulated - exact) ** 2).sum(axis=(1, 2)) / (weight * exact**2).sum(axis=(1, 2)))
 
 
 def upper(square, least=0.0):

@@ -115,10 +115,10 @@ def solved(medium: Medium, orders: int | None) -> Solved:
     most = orders or (_WHOLE if needed is not None and needed <= _WHOLE else _CUT)
     if needed is None or needed > most:
         clip = peaks.clipped(theta, phase, most)
-        found = peaks.solve(albedo, clip, most)
-        return Solved(found, clip.peak, clip.phase, clip.angle, peaks.effect(clip, found, build.extent_needed(found.medium)))
-    found = solution.solve(without_peak(albedo, delta)[0], rest, most=most)
-    return Solved(found, delta, without_delta(theta, phase, delta), _angle(medium))
+        result = peaks.solve(albedo, clip, most)
+        return Solved(result, clip.peak, clip.phase, clip.angle, peaks.effect(clip, result, build.extent_needed(result.medium)))
+    result = solution.solve(without_peak(albedo, delta)[0], rest, most=most)
+    return Solved(result, delta, without_delta(theta, phase, delta), _angle(medium))
 
 
 def by_solver(medium: Medium, kind: int, asked: Asked) -> Tabulated:
@@ -128,11 +128,11 @@ def by_solver(medium: Medium, kind: int, asked: Asked) -> Tabulated:
     ------
     ValueError : the solver or the table refuses
     """
-    found = solved(medium, asked.orders)
-    own = found.solution.medium
+    result = solved(medium, asked.orders)
+    own = result.solution.medium
     extent = build.extent_needed(own) if asked.extent is None else asked.extent
-    table = build.table(found.solution, kind, extent=extent, length=asked.length, tolerance=asked.tolerance, seed=asked.seed)
-    return Tabulated(table, own.albedo, without_peak(medium.albedo, found.peak)[1], *found[1:], {})
+    table = build.table(result.solution, kind, extent=extent, length=asked.length, tolerance=asked.tolerance, seed=asked.seed)
+    return Tabulated(table, own.albedo, without_peak(medium.albedo, result.peak)[1], *result[1:], {})
 
 
 def by_photons(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:
@@ -141,11 +141,11 @@ def by_photons(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, 
     phase = without_delta(medium.theta, medium.phase, medium.delta)
     if medium.delta >= _ALL:
         albedo = 0.0
-    made = counted.build(albedo, medium.theta, phase, tuple(kinds), extent=asked.extent, length=asked.length,
+    counts = counted.build(albedo, medium.theta, phase, tuple(kinds), extent=asked.extent, length=asked.length,
                          tolerance=asked.tolerance, photons=asked.photons, seed=asked.seed)
-    both = {"photons": np.array([made.photons]), "resolution": np.array([made.resolution])}
+    both = {"photons": np.array([counts.photons]), "resolution": np.array([counts.resolution])}
     return {kind: Tabulated(table, albedo, extinction, medium.delta, phase, _angle(medium), 0.0,
-                            {"offset_error": made.offset_error[kind]} | both) for kind, table in made.tables.items()}
+                            {"offset_error": counts.offset_error[kind]} | both) for kind, table in counts.tables.items()}
 
 
 def error(tables: Iterable[Tabulated | None]) -> float:

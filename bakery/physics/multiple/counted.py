@@ -72,8 +72,8 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
     """
     medium = tally.medium(albedo, theta, phase, extent)
     if albedo == 0:
-        made = {kind: empty(kind, float(length) if kind == SEGMENT else 0.0, medium.extent, medium.k0) for kind in kinds}
-        return Counted(made, {kind: np.zeros(0) for kind in kinds}, 0.0, 0, 0)
+        tables = {kind: empty(kind, float(length) if kind == SEGMENT else 0.0, medium.extent, medium.k0) for kind in kinds}
+        return Counted(tables, {kind: np.zeros(0) for kind in kinds}, 0.0, 0, 0)
     sums = tally.follow(medium, min(_PILOT, photons or _PILOT), seed, 0)
     most = photons or MOST_FLIGHTS / sums.flights * sums.photons
     wanted = _FIRST / sums.flights * sums.photons
@@ -82,8 +82,8 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
         if more >= tally.BLOCKS:
             sums = sums + tally.follow(medium, more, seed, batch)
         fit = uniform.Fit(medium, tolerance, rng.generator(0, "multiple.fit"))
-        made = _points(medium, sums, fit)
-        biased, whole = made.table.error, made.table.error_with_solver
+        points = _points(medium, sums, fit)
+        biased, whole = points.table.error, points.table.error_with_solver
         if whole <= tolerance or sums.photons >= 0.99 * most:
             break
         # squares of noise fall as the number; what is left of a bias, and of its own scatter, does so at most
@@ -91,12 +91,12 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
         wanted = sums.photons * float(np.clip(1.2 * whole**2 / room, 1.5, 20.0))
         if batch == _ROUNDS - 1:
             wanted *= 1.5
-    found, errors = {POINT: made.table}, {POINT: made.offset_error}
+    tables, errors = {POINT: points.table}, {POINT: points.offset_error}
     if SEGMENT in kinds:
-        found[SEGMENT], errors[SEGMENT] = along.build(made.table, made.halves, fit, medium, float(length),
-                                                      max(made.table.error, made.ahead), made.deviations)
-    return Counted({kind: found[kind] for kind in kinds}, {kind: errors[kind] for kind in kinds}, medium.resolution, sums.photons,
-                   sums.flights)
+        tables[SEGMENT], errors[SEGMENT] = along.build(points.table, points.halves, fit, medium, float(length),
+                                                      max(points.table.error, points.ahead), points.deviations)
+    return Counted({kind: tables[kind] for kind in kinds}, {kind: errors[kind] for kind in kinds},
+                   medium.resolution, sums.photons, sums.flights)
 
 
 def agreement(photons: Table, offset_error, other: Table, nearest=_FROM):
@@ -116,9 +116,9 @@ def agreement(photons: Table, offset_error, other: Table, nearest=_FROM):
     rho, z = frame.position(photons.kind, photons.length, photons.extent, u[these], v[these])
     shape = photons.basis.shape[1:]
     polar, azimuth = frame.polar(np.linspace(0, 1, shape[0])), np.linspace(0, np.pi, shape[1])
-    found, reference = ((lookup.lobes(lookup.ready(one), rho, z, polar, azimuth) * frame.solid_angles(shape)).sum(axis=(1, 2))
+    tabulated, reference = ((lookup.lobes(lookup.ready(one), rho, z, polar, azimuth) * frame.solid_angles(shape)).sum(axis=(1, 2))
                         for one in (photons, other))
-    return (found / reference - 1) / offset_error[these]
+    return (tabulated / reference - 1) / offset_error[these]
 
 
 class _Points(NamedTuple):
@@ -141,15 +141,15 @@ def _points(medium, sums, fit) -> _Points:
     deviations = blocks / blocks.mean(axis=0).clip(0.1 * integral) - 1
     offset_error = np.minimum(blocks.std(axis=0, ddof=1) / math.sqrt(tally.BLOCKS) / integral, 1.0).ravel()
     integral, distance = integral.ravel(), np.repeat(r, len(Theta))
-    a, found = fit.represent(halves.reshape(2, len(distance), -1), integral, distance >= _NEAREST)
+    a, basis = fit.represent(halves.reshape(2, len(distance), -1), integral, distance >= _NEAREST)
     a[..., 0] += np.log(integral) - medium.k0 * distance
-    made = fit.pack(POINT, 0.0, medium, a[0], found)
-    variants = [uniform.changed(lookup.ready(made), made, more) for more in a[1:] - a[0]]
-    made, ahead = _measured(medium, sums, fit, made, variants)
-    return _Points(made, variants, ahead, offset_error, np.moveaxis(deviations, 0, -1))
+    packed = fit.pack(POINT, 0.0, medium, a[0], basis)
+    variants = [uniform.changed(lookup.ready(packed), packed, more) for more in a[1:] - a[0]]
+    packed, ahead = _measured(medium, sums, fit, packed, variants)
+    return _Points(packed, variants, ahead, offset_error, np.moveaxis(deviations, 0, -1))
 
 
-def _measured(medium, sums, fit, made, variants):
+def _measured(medium, sums, fit, packed, variants):
     """The table of points with its errors, and its error ahead."""
     boxes = np.arange(1, tally.BOXES, 2)
     boxes = boxes[tally.far(medium, boxes) >= min(_FROM, medium.extent / 5)]
@@ -160,21 +160,21 @@ def _measured(medium, sums, fit, made, variants):
     scale = (r * np.exp(medium.k0 * r))[:, None, None, None]
 
     def looked_up(ready):
-        found = lookup.lobes(ready, rho, z, fit.test_polar, fit.test_azimuth)
-        return found.reshape(len(r), len(Theta), *found.shape[1:]) * scale
+        lobes = lookup.lobes(ready, rho, z, fit.test_polar, fit.test_azimuth)
+        return lobes.reshape(len(r), len(Theta), *lobes.shape[1:]) * scale
 
     def counted(medium, sums):
         """The same as both halves of the photons have them."""
         first, last = (tally.means(medium, angles) for angles in (Theta, fit.test_polar))
         return [tally.lobes(medium, tally.at_boxes(half, boxes), first, last, fit.test_azimuth) for half in sums.halves]
 
-    table, halves = looked_up(lookup.ready(made)), [looked_up(variant) for variant in variants]
+    table, halves = looked_up(lookup.ready(packed)), [looked_up(variant) for variant in variants]
     fine, coarse = counted(medium, sums), counted(*tally.coarser(medium, sums))
     bias = (fit.share((halves[0] - fine[0]) * (halves[1] - fine[1]), table)
             + _SECOND**2 * fit.share((fine[0] - coarse[0]) * (fine[1] - coarse[1]), table))
     noise = fit.share((halves[0] - halves[1]) ** 2, table).mean(axis=1) / 4
     ahead, bias = upper(bias[:, 0]), bias.mean(axis=1)
-    return replace(made, error=upper(bias), error_with_solver=upper(bias + noise, noise),
+    return replace(packed, error=upper(bias), error_with_solver=upper(bias + noise, noise),
                    worst=float(np.sqrt(np.maximum(bias + noise, noise).max()))), ahead
 
 

@@ -86,7 +86,7 @@ def stencil(grid, x):
     return index, weight
 
 
-def propagator(albedo, p, *, first=3, last=None, kept=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
+def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
     Parameters
@@ -95,7 +95,7 @@ def propagator(albedo, p, *, first=3, last=None, kept=None, threads=1, step=STEP
     p : (L + 1,) Legendre moments; what they leave out is taken as 0 (see `legendre.order_needed`, `legendre.truncated`)
     first : 3 or more
     last : None for all further events in closed form, or the same as first for one event alone
-    kept : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1
+    uncounted : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1
     threads : of this process; the result does not depend on it
 
     Returns
@@ -122,10 +122,10 @@ def propagator(albedo, p, *, first=3, last=None, kept=None, threads=1, step=STEP
     count = (order + 1) * (order + 2) * (order + 3) // 6
     values = np.zeros((count, len(log_r)))
     c, r = albedo * p, np.exp(log_r)
-    kept = np.zeros_like(c) if kept is None else np.asarray(kept, float)
-    if c[0] + kept[0] > 1 - 4e-16:
-        c[0] = 1 - kept[0]  # to the last bit: nothing may be lost or gained
-    whole = kept.copy()
+    uncounted = np.zeros_like(c) if uncounted is None else np.asarray(uncounted, float)
+    if c[0] + uncounted[0] > 1 - 4e-16:
+        c[0] = 1 - uncounted[0]  # to the last bit: nothing may be lost or gained
+    whole = uncounted.copy()
     whole[:order + 1] += c
     k0 = decay(whole[0], whole / max(whole[0], 1e-300))
     if albedo == 0:
@@ -135,11 +135,11 @@ def propagator(albedo, p, *, first=3, last=None, kept=None, threads=1, step=STEP
     bounds = [_kernels.packed(j, 0, 0) for j in range(order + 2)]
 
     def prepare(M):
-        stream_up[M], stream_down[M] = (pivots[:order + 1] for pivots in _kernels.pivots(k, kept, M))
+        stream_up[M], stream_down[M] = (pivots[:order + 1] for pivots in _kernels.pivots(k, uncounted, M))
         scatter_down[M] = _kernels.pivots(k, whole, M)[1][:order + 1]
 
     def column(j):
-        _kernels.columns(j, k, c, kept, stream_up, stream_down, scatter_down, first - 3, last is None, hankel, k0, r,
+        _kernels.columns(j, k, c, uncounted, stream_up, stream_down, scatter_down, first - 3, last is None, hankel, k0, r,
                          values[bounds[j]:bounds[j + 1]])
 
     if threads == 1:

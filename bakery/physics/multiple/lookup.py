@@ -19,7 +19,7 @@ from bakery.physics.multiple.frame import CORE, SKEW
 from bakery.physics.multiple.table import RINGS, Table, margins
 
 UPSAMPLED = 3  # of the basis by splines; between these points linear
-_OVERLAP = 8  # points beyond an end that a spline sees
+_OVERLAP = 8  # points beyond an end that a spline goes through
 GAUSS = 5  # points of a piece of an integral
 _PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
 _TURN = 0.125  # share of an order of the directions that the pieces follow
@@ -185,8 +185,8 @@ def _beam(points, start, end, rho, z, x, y, along, a, b):
         for n in range(GAUSS):
             there = t + X[n] * step
             away = close * math.sinh(there)
-            found = value(points, rho, -away, x, y, along, a, b)
-            total += WEIGHT[n] * step * close * math.cosh(there) * math.exp(-(z + away)) * found
+            from_point = value(points, rho, -away, x, y, along, a, b)
+            total += WEIGHT[n] * step * close * math.cosh(there) * math.exp(-(z + away)) * from_point
         t = last if last - t <= step else t + step
     return total
 

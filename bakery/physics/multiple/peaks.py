@@ -98,18 +98,18 @@ def clipped(theta, phase, order, tolerance=TOLERANCE) -> Clipped:
     outer = [legendre.moments(theta[ends[-1]:], phase[ends[-1]:], top) if ends[-1] < len(theta) - 1 else np.zeros(top + 1)]
     for i, j in zip(ends[-2::-1], ends[:0:-1], strict=True):
         outer.insert(0, outer[0] + legendre.moments(theta[i:j + 1], phase[i:j + 1], top))
-    least, found = math.inf, []
+    least, cuts = math.inf, []
     for end, beyond in zip(ends, outer, strict=True):
         rest = np.append(_cap(theta[:end + 1], phase[:end + 1], beyond, order), phase[end + 1:])
         share = float(tables.integral(theta, rest))
         p = beyond + legendre.moments(theta[:end + 1], rest[:end + 1], top)
         left = np.abs(p[order + 1:]).max() / share if share > 0 else math.inf
-        found.append((left, end, share, rest, p))
+        cuts.append((left, end, share, rest, p))
         least = min(least, left)
         if left <= tolerance:
             break
     enough = tolerance if least <= tolerance else _NEARLY * least
-    left, end, share, rest, p = next(one for one in found if one[0] <= enough)
+    left, end, share, rest, p = next(one for one in cuts if one[0] <= enough)
     legendre.refuse_backward(p / p[0], order)
     peak = max(1 - share, 0.0)
     deflection = (whole - p) / (whole[0] - p[0]) if peak > _NONE else np.ones_like(p)
@@ -157,12 +157,12 @@ def deflected(albedo, clip: Clipped, order) -> fourier.Propagator:
         return fourier.propagator(0.0, clip.moments[:order + 1])
     own, rate = clip.albedo(albedo), albedo * clip.peak / clip.extinction(albedo)  # of deflections, a mean free path
     stretch = 1 + rate * (1 - clip.deflection[-1])
-    kept = rate * (clip.deflection - clip.deflection[-1]) / stretch  # to orders that are coupled to, but not scattered into
-    found = fourier.propagator(own / stretch, clip.moments[:order + 1], kept=kept, r_min=fourier.R_MIN * stretch,
+    uncounted = rate * (clip.deflection - clip.deflection[-1]) / stretch  # to orders that are coupled to, but not scattered into
+    stretched = fourier.propagator(own / stretch, clip.moments[:order + 1], uncounted=uncounted, r_min=fourier.R_MIN * stretch,
                                r_max=fourier.R_MAX * stretch)
     # T goes as stretch^3 for the volume, and once more for three events but two flights; r as 1/stretch
-    return fourier.Propagator(own, clip.moments[:order + 1], found.k0 * stretch, found.log_r - math.log(stretch),
-                              found.scaled * stretch**3)
+    return fourier.Propagator(own, clip.moments[:order + 1], stretched.k0 * stretch, stretched.log_r - math.log(stretch),
+                              stretched.scaled * stretch**3)
 
 
 def solve(albedo, clip: Clipped, order) -> solution.Solution:
@@ -201,11 +201,11 @@ def effect(clip: Clipped, solved: solution.Solution, reach) -> float:
     true = solved.coarse
     if clip.peak <= _NONE or true.albedo == 0:
         return 0.0
-    straight = fourier.propagator(true.albedo, true.p)
-    far = min(reach, *(_SOLVED * math.exp(one.log_r[-1]) for one in (straight, true)))
+    unscattered = fourier.propagator(true.albedo, true.p)
+    far = min(reach, *(_SOLVED * math.exp(one.log_r[-1]) for one in (unscattered, true)))
     r = np.geomspace(min(0.1, far / 2), far, _DISTANCES)[:, None]
     angles = (np.arange(_ANGLES) + 0.5) * math.pi / _ANGLES
     exact = point.coefficients(true, r, angles)
-    apart = point.coefficients(straight, r, angles) - exact
+    apart = point.coefficients(unscattered, r, angles) - exact
     twice = np.concatenate([np.where(np.arange(l + 1) == 0, 1.0, 2.0) for l in range(true.order + 1)])
     return float(np.sqrt(((twice * apart**2).sum(axis=-1) / (twice * exact**2).sum(axis=-1)).mean()))

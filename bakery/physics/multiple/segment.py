@@ -118,7 +118,7 @@ def integral(medium: Propagator, rho, z, length, fine=1.0):
 
 @cache
 def _gauss(count):
-    """Nodes and weights, kept: a table asks for the same few hundreds of times."""
+    """Nodes and weights, cached: a table needs the same few hundreds of times."""
     return np.polynomial.legendre.leggauss(count)
 
 

@@ -161,15 +161,15 @@ def margins(grid):
     return np.concatenate([tall[:, 1:2], tall, tall[:, -2:-1]], axis=1)
 
 
-def scales(found):
+def scales(basis):
     """Of the functions of a basis, so that int16 holds them."""
-    return np.maximum(np.abs(found).max(axis=1) / STEPS, 1e-30).astype(np.float32)
+    return np.maximum(np.abs(basis).max(axis=1) / STEPS, 1e-30).astype(np.float32)
 
 
-def quantised(found):
+def quantised(basis):
     """The functions of a basis as int16 holds them."""
-    scale = scales(found).astype(float)[:, None]
-    return np.rint(found / scale) * scale
+    scale = scales(basis).astype(float)[:, None]
+    return np.rint(basis / scale) * scale
 
 
 def empty(kind, length, extent, k0) -> Table:

@@ -20,9 +20,9 @@ def broken(corner, node_bounds) -> Iterable[str]:
     """Broken rules of corners (N, 2) and cells (M, 4), in words; no corner at all is the table of what scatters nothing."""
     if not len(corner):
         return
-    size = 1 << (found := depth(corner))
-    if not COARSE <= found <= DEEPEST:
-        yield f"corner goes to {corner[:, 0].max()}: cells of depth {found}, where {COARSE} to {DEEPEST} are read"
+    size = 1 << (levels := depth(corner))
+    if not COARSE <= levels <= DEEPEST:
+        yield f"corner goes to {corner[:, 0].max()}: cells of depth {levels}, where {COARSE} to {DEEPEST} are read"
         return
     coarse = (corner % (size >> COARSE) == 0).all(axis=1)
     if (corner < 0).any() or (corner > (size, ASPECT * size)).any() \

@@ -67,7 +67,7 @@ class Fit:
         Returns
         -------
         a : (3, N, K + 1) a_0 = 0, a_1 .. a_K of the mean; the same with what either half says instead, to first order
-        found : (K + 1, D) the basis, rounded as a file holds it
+        basis : (K + 1, D) the basis, rounded as a file holds it
         """
         mean = halves.mean(axis=0) / integral[:, None]
         lobe = np.clip(mean, self.least, self.greatest)
@@ -75,10 +75,10 @@ class Fit:
         logs, weight = np.log(lobe), bases.weights(lobe, self.solid_angle)
         # what each half says of the logarithm, to first order; where it is dark noise may exceed the lobe many times
         apart = np.clip((halves[0] - halves[1]) / (2 * integral[:, None] * lobe), -1.0, 1.0)
-        found = self.basis(logs, apart, weight, np.flatnonzero(usable), room)
-        a, more = _in_basis(logs, apart, weight, found)
+        basis = self.basis(logs, apart, weight, np.flatnonzero(usable), room)
+        a, more = _in_basis(logs, apart, weight, basis)
         a[:, 0] = 0.0
-        return np.stack([a, a + more, a - more]), found
+        return np.stack([a, a + more, a - more]), basis
 
     def basis(self, logs, apart, weight, usable, room):
         """Functions (K + 1, D): as few as miss `room` of the tolerance, or else those that miss least with their noise."""
@@ -90,30 +90,30 @@ class Fit:
         logs, apart, weight = logs[sample], apart[sample], weight[sample]
         best = np.inf, first[:1]
         for count in build.COUNTS:
-            found = quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
-            a, more = _in_basis(logs, apart, weight, found)
-            rest = logs - found[0] - bases.combine(a, _with_one(found))
-            left = apart - bases.combine(more, _with_one(found))
+            basis = quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
+            a, more = _in_basis(logs, apart, weight, basis)
+            rest = logs - basis[0] - bases.combine(a, _with_one(basis))
+            left = apart - bases.combine(more, _with_one(basis))
             # of the product of both halves' residuals the noise has mean 0
             missed = max(float(((rest + left) * (rest - left) * weight).sum(axis=1).mean()), 0.0)
             if missed < (self.tolerance * room) ** 2:
-                return found
-            noisy = float((bases.combine(more, _with_one(found)) ** 2 * weight).sum(axis=1).mean())
-            best = min(best, (missed + noisy, found), key=lambda one: one[0])
+                return basis
+            noisy = float((bases.combine(more, _with_one(basis)) ** 2 * weight).sum(axis=1).mean())
+            best = min(best, (missed + noisy, basis), key=lambda one: one[0])
         return best[1]
 
-    def pack(self, kind, length, medium, a, found) -> Table:
+    def pack(self, kind, length, medium, a, basis) -> Table:
         """A table of coefficients (N, K + 1), rounded as a file holds it; a_0: logarithm of the integral over directions."""
         corner = np.argwhere(np.ones((2**DEPTH + 1, ASPECT * 2**DEPTH + 1)))
         scale = (np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / STEPS).astype(np.float32)
         whole = np.rint(a[:, 1:] / scale).astype(np.int16)
-        basis_scale = scales(found)
-        basis = np.rint(found / basis_scale[:, None].astype(float)).astype(np.int16)
-        functions = basis * basis_scale[:, None].astype(float)
+        basis_scale = scales(basis)
+        rounded = np.rint(basis / basis_scale[:, None].astype(float)).astype(np.int16)
+        functions = rounded * basis_scale[:, None].astype(float)
         stored = np.exp(functions[0] + bases.combine(whole * scale.astype(float), functions[1:]))
         offset = a[:, 0] - np.log((stored * self.solid_angle).sum(axis=1))
         return Table(kind, length, medium.extent, medium.k0, *_tree(), corner.astype(np.int16), offset.astype(np.float32), whole,
-                     scale, basis.reshape(-1, *self.shape), basis_scale)
+                     scale, rounded.reshape(-1, *self.shape), basis_scale)
 
 
 def places(kind, length, extent):
@@ -122,9 +122,9 @@ def places(kind, length, extent):
     return frame.position(kind, length, extent, u.ravel(), v.ravel())
 
 
-def changed(ready: lookup.Ready, made: Table, change) -> lookup.Ready:
+def changed(ready: lookup.Ready, table: Table, change) -> lookup.Ready:
     """A table ready for look-ups with other coefficients: change (N, K + 1)."""
-    a = np.column_stack([made.offset, made.coefficient * made.coefficient_scale.astype(float)]) + change
+    a = np.column_stack([table.offset, table.coefficient * table.coefficient_scale.astype(float)]) + change
     grid = margins(a.reshape(2**DEPTH + 1, ASPECT * 2**DEPTH + 1, -1))
     return ready._replace(grid=np.ascontiguousarray(grid, np.float32))
 
@@ -145,11 +145,11 @@ def _tree():
     return np.array(bounds, np.float32), np.array(child, np.int32)
 
 
-def _in_basis(logs, apart, weight, found):
-    return bases.coefficients(logs, weight, found), bases.solve(apart, weight, _with_one(found))
+def _in_basis(logs, apart, weight, basis):
+    return bases.coefficients(logs, weight, basis), bases.solve(apart, weight, _with_one(basis))
 
 
-def _with_one(found):
-    regressors = found.copy()
+def _with_one(basis):
+    regressors = basis.copy()
     regressors[0] = 1.0
     return regressors

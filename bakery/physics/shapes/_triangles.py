@@ -120,7 +120,7 @@ def _cross(p, one, two):
 def self_crossings(vertices, faces, order, box, limit):
     """Pairs of triangles (K, 2) that cross or overlap, at most `limit`."""
     leaves = len(box) // 2
-    found = np.empty((limit, 2), np.int32)
+    pairs = np.empty((limit, 2), np.int32)
     number = 0
     stack = np.empty(_STACK, np.int64)
     low, high = np.empty(3), np.empty(3)
@@ -150,8 +150,8 @@ def self_crossings(vertices, faces, order, box, limit):
             for j in range(max((node - leaves) * LEAF, i + 1), min((node - leaves + 1) * LEAF, len(order))):
                 two = (faces[order[j], 0], faces[order[j], 1], faces[order[j], 2])
                 if _cross(vertices, one, two):
-                    found[number, 0], found[number, 1] = order[i], order[j]
+                    pairs[number, 0], pairs[number, 1] = order[i], order[j]
                     number += 1
                     if number == limit:
-                        return found
-    return found[:number]
+                        return pairs
+    return pairs[:number]

@@ -312,21 +312,21 @@ def _star(axes, normal, distance, sharpness, roughness, rng, frequency, triangle
 def _rods(rng, arrangement, count, smallest, length, overlap):
     """Starts (N, 3), axes (N, 3) and radii (N,) of rods with round ends."""
     start, axis, radius = [np.zeros(3)], [np.zeros(3)], [1.0]
-    ways = []
+    arms = []
     for k in range(1, count):
         radius.append(smallest + (1 - smallest) * rng.random())
         if arrangement == "star":
             # of a few directions the one farthest from those taken
             choice = directions(rng, 16)
-            lonely = choice[np.argmin(np.max([choice @ w for w in ways], axis=0))] if ways else choice[0]
-            ways.append(lonely)
-            radius[k] *= 0.75  # arms are thinner than the heart
+            lonely = choice[np.argmin(np.max([choice @ w for w in arms], axis=0))] if arms else choice[0]
+            arms.append(lonely)
+            radius[k] *= 0.75  # arms are thinner than the centre
             start.append(np.zeros(3))
             axis.append(lonely * radius[k] * length * (0.6 + 0.8 * rng.random()))
             continue
         host = int(rng.random() * k)
-        way, along = directions(rng, 2)
-        at = start[host] + rng.random() * axis[host] + way * (radius[host] + radius[k] - overlap * min(radius[host], radius[k]))
+        away, along = directions(rng, 2)
+        at = start[host] + rng.random() * axis[host] + away * (radius[host] + radius[k] - overlap * min(radius[host], radius[k]))
         axis.append(along * radius[k] * length)
         start.append(at - 0.5 * axis[k])
     return np.array(start), np.array(axis), np.array(radius)

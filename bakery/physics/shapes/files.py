@@ -143,9 +143,9 @@ def _stl(data):
             corner = np.frombuffer(data, record, count, 84)["corner"].astype(float)
             return corner.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
     if not data[:512].lstrip().startswith(b"solid") or b"\0" in data[:512]:
-        told = f"its header tells of {count:,} triangles, which take {84 + 50 * count:,} bytes" \
+        announced = f"its header tells of {count:,} triangles, which take {84 + 50 * count:,} bytes" \
             if len(data) >= 84 else "no header"
-        raise ValueError(f"neither text that begins with solid nor whole binary: {told}; the file has {len(data):,}")
+        raise ValueError(f"neither text that begins with solid nor whole binary: {announced}; the file has {len(data):,}")
     text, corner, open_facet, ended = _Text(data), array("d"), 0, False
     for line in text:
         words = line.split(None, 4)

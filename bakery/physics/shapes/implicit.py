@@ -127,11 +127,11 @@ def _tetrahedra(solid):
     for x, y, z in np.ndindex(2, 2, 2):
         count += solid[x:shape[0] - 1 + x, y:shape[1] - 1 + y, z:shape[2] - 1 + z]
     cell = np.stack(np.nonzero((count > 0) & (count < 8)), axis=1) @ stride
-    inside, made = solid.ravel(), []
-    for way in permutations(range(3)):  # from corner 000 to 111, one axis after the other
-        steps = np.concatenate([[0], np.cumsum(stride[list(way)])])
-        bits = np.concatenate([[0], np.cumsum([4 >> axis for axis in way])])
-        even = way in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+    inside, triangles = solid.ravel(), []
+    for order in permutations(range(3)):  # from corner 000 to 111, one axis after the other
+        steps = np.concatenate([[0], np.cumsum(stride[list(order)])])
+        bits = np.concatenate([[0], np.cumsum([4 >> axis for axis in order])])
+        even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
         state = inside[cell[:, None] + steps]
 
         def cut(rows, i, k, steps=steps, bits=bits):
@@ -154,8 +154,8 @@ def _tetrahedra(solid):
                 new = [tuple(cut(rows, lone, other) for other in others)]
                 turn = _parity((lone, *others)) ^ even ^ (len(ins) == 3)
             for triangle in new:
-                made.append(np.stack(triangle if turn else triangle[::-1], axis=1))
-    return np.concatenate(made)
+                triangles.append(np.stack(triangle if turn else triangle[::-1], axis=1))
+    return np.concatenate(triangles)
 
 
 def _parity(order):

@@ -68,14 +68,14 @@ def sampling(triangles, axes=(1.0, 1.0, 1.0), corners=()):
     apart = np.cos(min(3 * 2.7 / len(faces) ** 0.5, 1.0))
     taken = np.zeros((0, 3))
     for corner in corners:
-        way = unit(corner / np.asarray(axes, float))
-        if len(taken) and (taken * way).sum(axis=1).max() > apart:
+        direction = unit(corner / np.asarray(axes, float))
+        if len(taken) and (taken * direction).sum(axis=1).max() > apart:
             continue
         if not len(taken):
             vertices = vertices.copy()
         # within its own share of the sphere a point sees all its neighbours the right way round
-        vertices[np.argmax(sum(vertices[:, k] * way[k] for k in range(3)))] = way
-        taken = np.concatenate([taken, [way]])
+        vertices[np.argmax(sum(vertices[:, k] * direction[k] for k in range(3)))] = direction
+        taken = np.concatenate([taken, [direction]])
     return unit(vertices * np.asarray(axes, float)), faces
 
 
@@ -127,9 +127,9 @@ def cut_corners(normal, distance, rng, chips, depth):
     """Planes with `chips` more, each of which takes a random share of up to `depth` of the height off what stands out farthest
     in a random direction: mostly a corner."""
     for _ in range(chips):
-        way = directions(rng, 1)[0]
-        reach = (corners_of(normal, distance) * way).sum(axis=1).max()
-        normal = np.concatenate([normal, [way]])
+        direction = directions(rng, 1)[0]
+        reach = (corners_of(normal, distance) * direction).sum(axis=1).max()
+        normal = np.concatenate([normal, [direction]])
         distance = np.append(distance, reach * (1 - depth * (0.3 + 0.7 * rng.random())))
     return normal, distance
 

@@ -66,8 +66,8 @@ def faults(vertices, faces, closed=True) -> Iterator[str]:
         yield f"vertex {bad[0]} at {point(vertices[bad[0]])} lies outside of the bounding sphere{more(bad)}"
     if closed and not _closed(faces, len(vertices)):
         yield "not closed: an edge of a solid has two triangles, which run along it in opposite directions"
-    elif not (held := volume(vertices, faces)) > 0:
-        yield f"encloses a volume of {held:.3g}: faces run counterclockwise seen from outside"
+    elif not (enclosed := volume(vertices, faces)) > 0:
+        yield f"encloses a volume of {enclosed:.3g}: faces run counterclockwise seen from outside"
 
 
 def _closed(faces, count) -> bool:

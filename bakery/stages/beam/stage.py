@@ -55,24 +55,24 @@ def compute(inputs: dict, context) -> Result:
     nodes = table.grid(inputs["depth"], min(widths))
     tasks = [(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], nodes, inputs["photons"], context.tolerance,
               context.seed, k) for k in range(count)]
-    found = []
-    for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be told
-        found += context.map(choice.tabulated, tasks[start:start + _TOGETHER])
-        context.report(len(found) / count)
+    tabulated = []
+    for start in range(0, count, _TOGETHER):  # a few at a time, so that progress can be reported
+        tabulated += context.map(choice.tabulated, tasks[start:start + _TOGETHER])
+        context.report(len(tabulated) / count)
     z = nodes[0]
-    values = {"depth": z, "ratio": nodes[1], "photons": np.array([one.photons for one in found]),
-              "model": np.array([MODELS.index(one.model) for one in found], np.int8),
-              "gaussian_b": np.array([one.B for one in found])}
-    values |= {name: np.stack([one.values[name] for one in found]).astype(np.float32) for name in _SAID}
+    values = {"depth": z, "ratio": nodes[1], "photons": np.array([one.photons for one in tabulated]),
+              "model": np.array([MODELS.index(one.model) for one in tabulated], np.int8),
+              "gaussian_b": np.array([one.B for one in tabulated])}
+    values |= {name: np.stack([one.values[name] for one in tabulated]).astype(np.float32) for name in _SAID}
     albedo, B = inputs["albedo"][:, None], values["gaussian_b"][:, None]
     levers = moments.levers(z, albedo)
     for name, value in zip(("m0", "m2", "m4"), moments.moments(*levers, (1 - albedo) * z, B)):
         values[name] = value
     values["alpha"], values["beta"] = kernels.erf_parameters(values["m0"], moments.mean_square(levers[0], levers[1], B))
     for name in MEASURES:
-        values[name + "_rms"], values[name + "_noise"] = (np.array([one.errors[name][i] for one in found]) for i in (0, 1))
+        values[name + "_rms"], values[name + "_noise"] = (np.array([one.errors[name][i] for one in tabulated]) for i in (0, 1))
     notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
-             for k, one in enumerate(found) if one.model != "transport"]
+             for k, one in enumerate(tabulated) if one.model != "transport"]
     # the photons' noise could hide as much as it makes
     error, noise = values["fluence_rms"], values["fluence_noise"]
     reached, worst = float((error + noise).max()), int(np.argmax(error + noise))
@@ -121,14 +121,14 @@ def cost(recipe) -> Cost:
                 f"{number} wavelengths, {photons:.2g} photons each", 1.0, kernels=_KERNELS, most=min(number, _TOGETHER))
 
 
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
+def measures(group: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `beam` group against a converged one: relative root mean square over depths and rings, the largest of all."""
     from bakery.physics.beam import choice
 
     worst = {}
     for name in MEASURES:
-        pairs = zip(tables_of(found, name), tables_of(reference, name))
-        planes, edges = choice.counted_at(found["depth"].data[-1])
+        pairs = zip(tables_of(group, name), tables_of(reference, name))
+        planes, edges = choice.counted_at(group["depth"].data[-1])
         errors = []
         for own, true in pairs:
             a, b = own.rings(planes, edges), true.rings(planes, edges)

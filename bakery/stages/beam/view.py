@@ -79,8 +79,8 @@ def kernels_of(group: Group, medium: Group) -> list:
 
     from bakery.physics.beam.named import Kernels
 
-    held = cache(lambda name: tables_of(group, name))
+    tables = cache(lambda name: tables_of(group, name))
     theta, phase = (np.asarray(medium[name].data, float) for name in ("theta", "phase"))
     transport = group["model"].data == MODELS.index("transport")
     return [Kernels(float(albedo), theta, phase[k], float(group["gaussian_b"].data[k]), bool(transport[k]),
-                    lambda name, k=k: held(name)[k]) for k, albedo in enumerate(medium["albedo"].data)]
+                    lambda name, k=k: tables(name)[k]) for k, albedo in enumerate(medium["albedo"].data)]

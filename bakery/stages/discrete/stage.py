@@ -106,26 +106,26 @@ def _settings(recipe) -> dict:
     """What the work is, without what comes from other stages."""
     from bakery.physics.discrete import classes
 
-    given, discrete = optics.inputs(recipe, {}), recipe.discrete
+    arguments, discrete = optics.inputs(recipe, {}), recipe.discrete
     region = _region(discrete)
-    most = classes.per_component(len(given["components"]))
-    made = [classes.classes(c.sizes, most, discrete.classes) for c in given["components"]]
-    volumes = [c.sizes.mean_volume for c in given["components"]]
+    most = classes.per_component(len(arguments["components"]))
+    by_component = [classes.classes(c.sizes, most, discrete.classes) for c in arguments["components"]]
+    volumes = [c.sizes.mean_volume for c in arguments["components"]]
     density = _per_volume(recipe.particles, volumes) if discrete.count is None else discrete.count / region.volume
     fault = too_many(density * region.volume, discrete.method)
     if fault:
         raise StageError(f"discrete: {fault[0]}; {fault[1]}")
-    return {"components": given["components"], "classes": made, "wavelength": given["wavelength"], "host": given["host"],
-            "rays": given["rays"], "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
+    return {key: arguments[key] for key in ("components", "wavelength", "host", "rays")} | {
+            "classes": by_component, "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
             "number_density": density, "fraction": [float(c.fraction) for c in recipe.particles.components],
             "index": [(np.asarray(c.material.n, float), np.asarray(c.material.k, float)) for c in recipe.particles.components],
             "medium_density": _per_volume(recipe.particles, volumes)}
 
 
 def inputs(recipe, upstream) -> dict:
-    held, medium = upstream["optics"], upstream["medium"]
+    single, medium = upstream["optics"], upstream["medium"]
     names = [c.name for c in recipe.particles.components]
-    means = {kind: np.stack([np.asarray(held[f"{name}/mean_{kind}"].data, float) for name in names])
+    means = {kind: np.stack([np.asarray(single[f"{name}/mean_{kind}"].data, float) for name in names])
              for kind in ("extinction", "scattering")}
     return _settings(recipe) | {"means": means, "medium_theta": np.asarray(medium["theta"].data, float),
                                 "medium_phase": np.asarray(medium["phase"].data, float)}
@@ -134,19 +134,20 @@ def inputs(recipe, upstream) -> dict:
 def cost(recipe) -> Cost:
     from bakery.physics.discrete.classes import predicted
 
-    given = _settings(recipe)
-    made = predicted(given["components"], given["classes"], given["wavelength"], given["host"], recipe.discrete.tolerance,
-                     rays=given["rays"], remember=optics.remember)
-    number = given["number_density"] * given["region"].volume
-    stored = number if given["method"] == "stored" else 0.0
-    of_classes = sum(len(each.radius) for each in given["classes"])
-    tables = 4.0 * made.angles * of_classes * len(given["wavelength"])
+    settings = _settings(recipe)
+    expectation = predicted(settings["components"], settings["classes"], settings["wavelength"], settings["host"],
+                            recipe.discrete.tolerance, rays=settings["rays"], remember=optics.remember)
+    number = settings["number_density"] * settings["region"].volume
+    stored = number if settings["method"] == "stored" else 0.0
+    of_classes = sum(len(each.radius) for each in settings["classes"])
+    tables = 4.0 * expectation.angles * of_classes * len(settings["wavelength"])
     # a mesh asks for every candidate twice which side of its surface it lies on
-    placing = _PLACING * stored * (1.0 if given["region"].whole else 8.0)
-    return Cost(2 * made.seconds + placing, made.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
-                _FILE * stored + tables, f"{number:.3g} particles {given['method']}, {of_classes} classes of radii, about "
-                f"{made.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} while "
-                "they are written" * (stored > 0), 0.5, kernels=("discrete._places", "mie._kernels"), kind=recipe.discrete.method)
+    placing = _PLACING * stored * (1.0 if settings["region"].whole else 8.0)
+    return Cost(2 * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
+                _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
+                f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "
+                "while they are written" * (stored > 0), 0.5, kernels=("discrete._places", "mie._kernels"),
+                kind=recipe.discrete.method)
 
 
 # ---- work
@@ -161,8 +162,8 @@ def compute(inputs: dict, context) -> Result:
     def report(seconds, error):
         context.report(0.7 * min(seconds / max(expected, 1e-9), 1.0), error)
 
-    theta, found = classes.optics(*(inputs[name] for name in ("components", "classes", "wavelength", "host")), context.tolerance,
-                                  context.map, report, rays=inputs["rays"], remember=optics.remember)
+    theta, averaged = classes.optics(*(inputs[name] for name in ("components", "classes", "wavelength", "host")),
+                                     context.tolerance, context.map, report, rays=inputs["rays"], remember=optics.remember)
     region = inputs["region"]
     members: dict = dict(datasets(OUTPUTS, {
         "method": np.array([METHODS.index(inputs["method"])], np.uint8), "number_density": [inputs["number_density"]],
@@ -172,15 +173,15 @@ def compute(inputs: dict, context) -> Result:
         members |= datasets(OUTPUTS, {"density": region.density})
     if region.vertices is not None:
         members |= datasets(OUTPUTS, {"mesh_vertices": region.vertices, "mesh_faces": region.faces})
-    members |= _components(inputs, found)
+    members |= _components(inputs, averaged)
     share = np.concatenate([f * each.share for f, each in zip(inputs["fraction"], inputs["classes"])])
-    extinction = np.concatenate([of.extinction for of in found], axis=1)
+    extinction = np.concatenate([of.extinction for of in averaged], axis=1)
     notes = list(_notes(inputs))
     if inputs["method"] == "stored":
         members |= _stored(inputs, share, extinction, context)
     else:
         members |= datasets(OUTPUTS, {"number": [inputs["number_density"] * region.volume], "law_extinction": extinction @ share})
-    worst = max(max(float(of.error.max()) for of in found), _against_medium(inputs, theta, found))
+    worst = max(max(float(of.error.max()) for of in averaged), _against_medium(inputs, theta, averaged))
     context.report(1.0, worst)
     missed = [] if worst <= context.tolerance else [
         f"the averages of the classes are off by {worst:.2g}; a larger discrete.tolerance, or a smaller one of the recipe where "
@@ -188,9 +189,9 @@ def compute(inputs: dict, context) -> Result:
     return Result(members, worst, tuple(notes), tuple(missed))
 
 
-def _components(inputs, found) -> dict[str, Group]:
+def _components(inputs, averaged) -> dict[str, Group]:
     out = {}
-    for i, (component, each, of) in enumerate(zip(inputs["components"], inputs["classes"], found)):
+    for i, (component, each, of) in enumerate(zip(inputs["components"], inputs["classes"], averaged)):
         n, k = inputs["index"][i]
         out[component.name] = Group(datasets(OUTPUTS, {
             "index": np.array([i]), "fraction": [inputs["fraction"][i]], "radius": each.radius, "edge": each.edge,
@@ -230,10 +231,10 @@ def _stored(inputs, share, extinction, context) -> dict[str, Dataset]:
     return datasets(OUTPUTS, values)
 
 
-def _against_medium(inputs, theta, found) -> float:
+def _against_medium(inputs, theta, averaged) -> float:
     """Largest relative difference of the sum over classes from the continuous medium: cross sections, integral of the phase."""
     worst, table, weight = 0.0, 0.0, 0.0
-    for i, (each, of) in enumerate(zip(inputs["classes"], found)):
+    for i, (each, of) in enumerate(zip(inputs["classes"], averaged)):
         for name in ("extinction", "scattering"):
             mean = inputs["means"][name][i]
             worst = max(worst, float(np.max(np.abs(getattr(of, name) @ each.share / mean - 1))))
@@ -258,12 +259,12 @@ def _difference(theta, f, other_theta, other) -> float:
 def sound(group: Group) -> Iterable[str]:
     """Whether angles ascend, there are places or a key, and each particle has a component."""
     yield from rules.angles(group["theta"].data)
-    held = [name in group.members for name in ("position", "radius", "component")]
+    present = [name in group.members for name in ("position", "radius", "component")]
     count = len(_classes(group))
     if not count:
         yield "holds no component"
     if METHODS[int(group["method"].data[0])] == "stored":
-        if not all(held):
+        if not all(present):
             yield "stored, but position, radius or component is missing"
         elif group["component"].data.size and group["component"].data.max() >= count:
             yield f"component up to {group['component'].data.max()}, but there are {count}"
@@ -330,9 +331,9 @@ def _check_places(group: Group) -> Iterable[str]:
     of = np.array([], int) if not len(component) else np.flatnonzero(np.diff(component.astype(int), prepend=-1))
     if len(np.unique(component[of])) != len(of) or (np.diff(component.astype(int)) < 0).any():
         yield "component does not ascend"
-    held = classes_of(group)
+    classes = classes_of(group)
     for start, end in zip(of, [*of[1:], len(component)]):
-        known = held.radius[held.component == component[start]].astype(np.float32)
+        known = classes.radius[classes.component == component[start]].astype(np.float32)
         if not np.isin(np.unique(radius[start:end]), known).all():
             yield "a radius that is none of its component's classes"
 

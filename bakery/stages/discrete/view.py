@@ -40,13 +40,13 @@ def classes_of(group: Group) -> Classes:
     """The classes of a `discrete` group."""
     parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
     names = sorted(parts, key=lambda name: int(parts[name]["index"].data[0]))
-    held = [parts[name] for name in names]
+    ordered = [parts[name] for name in names]
 
     def joined(name, axis=0):
-        return np.concatenate([np.asarray(part[name].data) for part in held], axis=axis)
+        return np.concatenate([np.asarray(part[name].data) for part in ordered], axis=axis)
 
-    counts = [part["radius"].data.size for part in held]
-    fraction = np.repeat([float(part["fraction"].data[0]) for part in held], counts)
+    counts = [part["radius"].data.size for part in ordered]
+    fraction = np.repeat([float(part["fraction"].data[0]) for part in ordered], counts)
     share = fraction * joined("share")
     return Classes(tuple(names), np.repeat(np.arange(len(names)), counts), joined("radius"), share / share.sum(),
                    joined("extinction", 1), joined("scattering", 1), joined("spread", 1), joined("phase", 1), group["theta"].data)

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
+from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.effective.section import EFFECTIVE
 from bakery.stages.grains.outputs import BY_RADIUS, LOSSLESS
@@ -33,8 +34,10 @@ _WALK = (
     ("correlation", "1", "between the lengths of successive flights"),
 )
 OUTPUTS = (
-    *medium.OUTPUTS,
-    Output("sigma_t_error", "(L,)", "1/m", "error of sigma_t: standard error, and how far light spreads otherwise in the grains"),
+    *(output for output in medium.OUTPUTS if not output.path.endswith(BIAS)),
+    Output("phase_error", "(L, A)", "1/sr", "standard error of phase"),
+    Output("sigma_t_error", "(L,)", "1/m", "standard error of sigma_t"),
+    Output("sigma_t_bias", "(L,)", "1/m", "difference from the sigma_t that matches the random walk", optional=True),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
     Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
     Output("hit_probability", "(1,)", "1", "share of the spheres on light's path whose grain it hits", within=(0, 1)),
@@ -69,7 +72,7 @@ def inputs(recipe, upstream) -> dict:
     group, packing = upstream["grains"], upstream["packing"]
     fraction = float(recipe.packing.fraction[0])
     names = [grain.name for grain in recipe.grains.components]
-    given = inputs_of_grains(recipe, {})
+    arguments = inputs_of_grains(recipe, {})
     sizes = len(group["radius"].data)
 
     def rows(name, figure, lossless=False):
@@ -88,8 +91,8 @@ def inputs(recipe, upstream) -> dict:
         "parts": [{figure: rows(name, figure) for figure in figures} for name in names],
         "lossless": [{figure: rows(name, figure, True) for figure in figures} for name in names],
         "radius": np.asarray(group["radius"].data, float), "share": np.asarray(group["radius_share"].data, float),
-        "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": given["radius"],
-        "tile": _tile(packing, fraction), "components": given["components"], "depth": given["depth"],
+        "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": arguments["radius"],
+        "tile": _tile(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "wavelength": np.asarray(recipe.wavelength, float),
         "choice": None if recipe.effective_medium.sigma_t == "auto" else recipe.effective_medium.sigma_t,
@@ -127,23 +130,23 @@ def compute(inputs: dict, context) -> Result:
     R, tile = inputs["mean_radius"], inputs["tile"]
     chord = void_chord(inputs["fraction"], R * tile[1])
     means, white = _means(inputs["parts"], inputs), _means(inputs["lossless"], inputs, lossless=True)
-    found, lossless = effective(means, chord), effective(white, chord)
+    coefficients, lossless = effective(means, chord), effective(white, chord)
     notes, missed = [], []
     at = len(inputs["wavelength"]) // 2
     walks = _walked(inputs, at, context)
     try:
-        match = choice.matched(found, lossless, walks, R, at, inputs["choice"])
+        match = choice.matched(coefficients, lossless, walks, R, at, inputs["choice"])
     except ValueError as fault:
         raise StageError(f"effective_medium.sigma_t: {fault}; mean_flight would do") from None
     if not match.walked:
-        notes.append(f"the random walk gives no mean square way: {walks.reason}")
+        notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
     elif abs(match.farther) > max(3 * match.spread, context.tolerance):
         how = "farther" if match.farther > 0 else "less far"
         missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {how} than sigma_t says; "
                       "effective_medium.sigma_t: random_walk matches it")
     if match.walked and inputs["walks"] is None and not walks.reached:
-        missed.append(f"the random walk's mean square way is known to {2 * match.spread:.2g} only: {walks.reason}")
-    sigma_t, sigma_t_error = match.sigma_t, match.error
+        missed.append(f"the random walk's mean square displacement is known to {2 * match.spread:.2g} only: {walks.reason}")
+    sigma_t = match.sigma_t
     theta, f = inputs["theta"], means.phase
     f = phase.with_delta(theta, f, means.forward_delta)
     albedo = np.clip(means.albedo, 0.0, 1.0)
@@ -151,12 +154,14 @@ def compute(inputs: dict, context) -> Result:
     sigma_a = sigma_t - sigma_s
     # spread over the table in proportion to what is not in the peak
     error = means.errors["phase"] * (1 - means.forward_delta[:, None])
-    members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], error, sigma_t, albedo)
+    members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], sigma_t, albedo)
     single = {"fraction": inputs["fraction"], "hit_probability": means.hit_probability,
-              "hit_probability_error": means.errors["hit_probability"], "void_chord": chord, "lambda_beta": found.lambda_beta,
-              "lambda_beta_error": found.errors["lambda_beta"]}
+              "hit_probability_error": means.errors["hit_probability"], "void_chord": chord,
+              "lambda_beta": coefficients.lambda_beta, "lambda_beta_error": coefficients.errors["lambda_beta"]}
     values = {name: np.array([float(value)]) for name, value in single.items()}
-    values |= {"sigma_t_error": sigma_t_error, "albedo_error": means.errors["albedo"]}
+    values |= {"phase_error": error, "sigma_t_error": match.error, "albedo_error": means.errors["albedo"]}
+    if match.walked:
+        values["sigma_t_bias"] = match.bias
     for name in ("lambda_s", "mean_square", "forward_delta"):
         values[name], values[name + "_error"] = getattr(means, name), means.errors[name]
     for name, (value, error) in match.each.items():
@@ -166,8 +171,9 @@ def compute(inputs: dict, context) -> Result:
     members |= datasets(OUTPUTS, values)
     if match.walked:
         members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))
-    sampled = float(np.max(np.divide(sigma_t_error, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
-    reached = max(abs(match.farther), sampled, match.spread)
+    both = np.hypot(match.error, match.bias)
+    relative = float(np.max(np.divide(both, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
+    reached = max(abs(match.farther), relative, match.spread)
     context.report(1.0, reached)
     return Result(members, reached, tuple(notes), tuple(missed))
 
@@ -177,12 +183,12 @@ def _walked(inputs, at, context):
     from bakery.physics.grains import bvh, surface
     from bakery.physics.granular import packed
 
-    made = []
+    grains = []
     for component, (vertices, faces) in zip(inputs["components"], inputs["meshes"]):
         index = None if component["index"] is None else component["index"].real[at]
-        made.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
+        grains.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
                                  None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
-    return packed.walk(*inputs["tile"], made, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
+    return packed.walk(*inputs["tile"], grains, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
                        tolerance=max(0.5 * context.tolerance, 1e-4), map=context.map,
                        report=lambda share, error: context.report(share, error, "random walk through the grains"))
 
@@ -205,7 +211,7 @@ def check(group: Group) -> Iterable[str]:
     yield from faults
     v = {path: np.asarray(member.data, float) for path, member in group.walk() if isinstance(member, Dataset)}
     for path, value in v.items():
-        if path.endswith("_error") and (value < 0).any():
+        if path.endswith((ERROR, BIAS)) and (value < 0).any():
             yield f"{path} below 0"
         if path.rpartition("/")[2] in _SHARES and ((value < 0) | (value > 1 + 1e-9)).any():
             yield f"{path} outside 0 .. 1"
@@ -230,7 +236,7 @@ def cost(recipe) -> Cost:
                 kernels=("granular._packed", "packing._cells", "packing.instances"), kind="of grains")
 
 
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
+def measures(group: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `medium` group from grains against a converged one.
 
     Returns
@@ -243,16 +249,16 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
     phase : integral of |f - f_ref| over the sphere
     """
     true = reference["sigma_t_random_walk" if "sigma_t_random_walk" in reference.members else "sigma_t"].data
-    errors = {"spread": np.abs(found["sigma_t"].data / true - 1)}
-    errors |= {name: np.abs(found[name].data - reference[name].data) for name in ("albedo", "g")}
-    errors["phase"] = integrated_difference(reference["theta"].data, found["phase"].data, reference["phase"].data)
+    errors = {"spread": np.abs(group["sigma_t"].data / true - 1)}
+    errors |= {name: np.abs(group[name].data - reference[name].data) for name in ("albedo", "g")}
+    errors["phase"] = integrated_difference(reference["theta"].data, group["phase"].data, reference["phase"].data)
     largest = {name: float(np.max(value)) for name, value in errors.items()}
     return {"error": max(largest["spread"], 0.5 * largest["phase"])} | largest
 
 
 OF_GRAINS = Stage(
     name="medium",
-    version=3,
+    version=4,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),

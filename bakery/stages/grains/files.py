@@ -8,8 +8,8 @@ from bakery.store.tree import Dataset, Group
 
 
 def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
-    """File name -> text of the single figures of grains and of their medium, and of figures by size; the paths told by them."""
-    files, told = {}, set()
+    """File name -> text of the single figures of grains and their medium, and of figures by size; the paths written in them."""
+    files, written = {}, set()
     grains, medium = root["grains"], root.members.get("medium")
     groups = {f"grains/{name}": part for name, part in components_of(grains).items()}
     if isinstance(medium, Group):
@@ -24,12 +24,12 @@ def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
         if rows:
             head = ("figure", "value", "standard error", "unit", "what it is")
             files[f"{place.replace('/', '_')}_figures.csv"] = csv_text(list(zip(head, zip(*rows, strict=True), strict=True)))
-            told |= {f"{place}/{key}" for key in single}
+            written |= {f"{place}/{key}" for key in single}
         table, names = _by_radius(root, grains, group)
         if table:
             files[f"{place.replace('/', '_')}_by_radius.csv"] = csv_text(table)
-            told |= {f"{place}/by_radius/{name}" for name in names}
-    return files, told
+            written |= {f"{place}/by_radius/{name}" for name in names}
+    return files, written
 
 
 def _by_radius(root: Group, grains: Group, part: Group) -> tuple[list, list[str]]:

@@ -11,7 +11,7 @@ from bakery.stages.measures import integrated_difference
 from bakery.store.tree import Dataset, Group
 
 
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
+def measures(group: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `grains` group against a converged one: of each measure the largest over components, radii and wavelengths.
 
     Returns
@@ -29,7 +29,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
         if not isinstance(true, Group):
             continue
         for key in errors:
-            pairs = [(found[f"{name}/{path}"].data, member.data) for path, member in true.walk()
+            pairs = [(group[f"{name}/{path}"].data, member.data) for path, member in true.walk()
                      if isinstance(member, Dataset) and path.rpartition("/")[2] == key]
             for own, converged in pairs:
                 if key == "phase":

@@ -31,14 +31,14 @@ def sound(group: Group) -> Iterable[str]:
 def _texts(part: Group, wavelengths: int) -> Iterable[str]:
     for name in ("shape", "surface"):
         try:
-            found = json.loads(read_text(part[name]))
+            decoded = json.loads(read_text(part[name]))
         except (ValueError, RecursionError):
-            found = None
-        if not isinstance(found, dict):
+            decoded = None
+        if not isinstance(decoded, dict):
             yield f"{name} is no JSON object"
         elif name == "surface":
-            yield from _surface(found, wavelengths)
-        elif not isinstance(found.get("type"), str):
+            yield from _surface(decoded, wavelengths)
+        elif not isinstance(decoded.get("type"), str):
             yield "shape has no type"
 
 

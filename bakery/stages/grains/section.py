@@ -174,16 +174,16 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
         checker.one_each(surface, "reflectance")
     if kind not in ("dielectric", "conductor") or "material" not in surface:
         return
-    found = checker.index(surface, "material")
-    if kind == "conductor" or found is None or host is None:
+    index = checker.index(surface, "material")
+    if kind == "conductor" or index is None or host is None:
         return
-    relative = found.n / host.n
+    relative = index.n / host.n
     least, most = limits.INDEX
-    wrong = relative[(relative < least) | (relative > most)]
-    if wrong.size:
+    outside = relative[(relative < least) | (relative > most)]
+    if outside.size:
         checker.report_section(
             surface["material"],
-            f"found an index of {wrong[0]:.4g} relative to the host",
+            f"found an index of {outside[0]:.4g} relative to the host",
             f"expected {least:g} to {most:g}, as dielectrics have it",
         )
 
@@ -196,12 +196,12 @@ def _interior(checker: "Checker", interior: Mapping, surface: Node | None) -> No
             f"found an interior below a {kind} surface, which lets no light in",
             "expected none, or a dielectric surface",
         )
-    found = given(interior, "absorption", "material")
-    if len(found) != 1:
+    sources = given(interior, "absorption", "material")
+    if len(sources) != 1:
         checker.report_section(
             interior,
-            "found absorption beside material" if found else "found neither absorption nor material",
-            "expected only one of them" if found else "expected one of them",
+            "found absorption beside material" if sources else "found neither absorption nor material",
+            "expected only one of them" if sources else "expected one of them",
         )
     if "absorption" in interior:
         checker.one_each(interior, "absorption")

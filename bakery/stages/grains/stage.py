@@ -76,24 +76,24 @@ def compute(inputs: dict, context) -> Result:
         require()
     members: dict = dict(datasets(OUTPUTS, {"theta": table, "radius": classes[at], "radius_share": inputs["shares"]}))
     notes, missed, reached = [], [], 0.0
-    whole = [traces.traces(component, classes, inputs["wavelengths"], _APART * context.tolerance)
-             for component in inputs["components"]]
-    number, done = sum(map(len, whole)), 0
-    for k, (component, wanted) in enumerate(zip(inputs["components"], whole)):
+    all_traces = [traces.traces(component, classes, inputs["wavelengths"], _APART * context.tolerance)
+                  for component in inputs["components"]]
+    number, done = sum(map(len, all_traces)), 0
+    for k, (component, traced) in enumerate(zip(inputs["components"], all_traces)):
         name = component["name"]
         grain = _mesh_of(component, inputs["triangles"])
         notes += [f"{name}: {note}" for note in grain.notes]
         tree = _tree(grain, inputs["engine"])
-        found = []
-        for i, trace in enumerate(wanted):
+        measured = []
+        for i, trace in enumerate(traced):
             context.report(done / number, None, name)
-            found.append(_measured(grain, tree, trace, inputs, context, 1000 * k + i, done, number, name))
+            measured.append(_measured(grain, tree, trace, inputs, context, 1000 * k + i, done, number, name))
             done += 1
-        group, error, told = _group(component, grain, wanted, found, own, at if len(at) > 1 else None, table)
+        group, error, remarks = _group(component, grain, traced, measured, own, at if len(at) > 1 else None, table)
         members[name] = group
         reached = max(reached, error)
-        notes += told
-        if inputs["paths"] is None and not all(stats.reached for stats in _walks(found)):
+        notes += remarks
+        if inputs["paths"] is None and not all(stats.reached for stats in _walks(measured)):
             missed.append(f"{name}: errors of {error:.2g} are left after {int(group['paths'].data[0]):,} paths; a larger "
                           "scatterometer.tolerance would do")
     context.report(1.0, reached)
@@ -119,8 +119,8 @@ def _tree(grain, engine):
     return Mesh(grain.vertices, grain.faces)
 
 
-def _walks(found):
-    return [stats for stats in found if hasattr(stats, "paths")]
+def _walks(measured):
+    return [stats for stats in measured if hasattr(stats, "paths")]
 
 
 def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
@@ -142,7 +142,7 @@ def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
         paths_max=scatterometer.PATHS_MAX if paths is None else paths, map=context.map, report=report)
 
 
-def _group(component, grain, wanted, found, own, at, table):
+def _group(component, grain, traced, measured, own, at, table):
     """A component's group, its error in the stage's measure, remarks."""
     from bakery.physics.grains import traces
     from bakery.physics.medium import phase
@@ -152,19 +152,19 @@ def _group(component, grain, wanted, found, own, at, table):
     values = {"vertices": grain.vertices, "faces": grain.faces, "weight": np.array([component["weight"]]),
               "interior": component["absorption"]}
     for name in SCALARS:  # geometry alone: the same in every trace
-        each = [getattr(stats, name) for stats in found]
-        errors = [float(stats.errors.get(name, 0.0)) for stats in found]
-        values[name] = np.array([math.fsum(each) / len(each)])
-        values[name + "_error"] = np.array([math.hypot(*errors) / len(each)])
+        scalar = [getattr(stats, name) for stats in measured]
+        errors = [float(stats.errors.get(name, 0.0)) for stats in measured]
+        values[name] = np.array([math.fsum(scalar) / len(scalar)])
+        values[name + "_error"] = np.array([math.hypot(*errors) / len(scalar)])
     tables = {}
     for name in (*FIGURES, "phase"):
-        value, error = traces.figures(wanted, found, name)
+        value, error = traces.figures(traced, measured, name)
         if name == "phase":
             value, _ = phase.normalised(table, phase.evaluate(theta, value, table))
             error = phase.evaluate(theta, error, table)
         tables[name] = value, error
         values[name], values[name + "_error"] = value[own], error[own]
-    walks = _walks(found)
+    walks = _walks(measured)
     total = {name: sum(getattr(stats, name) for stats in walks) for name in ("paths", "hits")}
     hits = max(total["hits"], 1)
     values |= {"paths": np.array([total["paths"]]), "hits": np.array([total["hits"]]),
@@ -179,7 +179,7 @@ def _group(component, grain, wanted, found, own, at, table):
         members["by_radius"] = Group(datasets(OUTPUTS, {
             name + end: tables[name][i][at] for name in (*BY_RADIUS, "phase") for i, end in enumerate(("", "_error"))},
             "COMPONENT/by_radius/"))
-    lossless = {name: traces.figures(wanted, found, name, white=True) for name in LOSSLESS}
+    lossless = {name: traces.figures(traced, measured, name, white=True) for name in LOSSLESS}
     members["lossless"] = Group(datasets(OUTPUTS, {
         name + end: lossless[name][i][0] for name in LOSSLESS for i, end in enumerate(("", "_error"))}, "COMPONENT/lossless/"))
     error, notes = _reached(values, walks, component["name"])
@@ -216,13 +216,13 @@ def _reached(values, walks, name) -> tuple[float, list[str]]:
 def cost(recipe) -> Cost:
     from bakery.physics.grains import traces
 
-    given = inputs(recipe, {})
-    radii = np.unique(np.append(1.0, given["classes"])) * given["radius"]
-    triangles, paths = given["triangles"], given["paths"] or predicted_paths(recipe.scatterometer.tolerance)
+    arguments = inputs(recipe, {})
+    radii = np.unique(np.append(1.0, arguments["classes"])) * arguments["radius"]
+    triangles, paths = arguments["triangles"], arguments["paths"] or predicted_paths(recipe.scatterometer.tolerance)
     walks = balls = 0
     tables = file = 0.0
-    for component in given["components"]:
-        number = len(traces.traces(component, radii, given["wavelengths"], _APART * recipe.scatterometer.tolerance))
+    for component in arguments["components"]:
+        number = len(traces.traces(component, radii, arguments["wavelengths"], _APART * recipe.scatterometer.tolerance))
         round_ = component["shape"]["type"] == "sphere"
         file += triangles * (_ROUND if round_ else _TRIANGLE)
         if traces.is_ball(component):
@@ -231,13 +231,13 @@ def cost(recipe) -> Cost:
             walks += number
             lookups = _LOOKUPS_INSIDE if component["type"] == "dielectric" else _LOOKUPS
             tables += number * paths * (_PATH + (0.0 if round_ else lookups * math.sqrt(triangles / 200_000)))
-    made = _BUILD * triangles * len(given["components"])
-    figures = len(given["classes"]) * given["wavelengths"] * (traces.CELLS + 2) * 2
-    before = _LOADING + made + _BALL * balls  # on one core
+    building = _BUILD * triangles * len(arguments["components"])
+    figures = len(arguments["classes"]) * arguments["wavelengths"] * (traces.CELLS + 2) * 2
+    before = _LOADING + building + _BALL * balls  # on one core
     return Cost(tables, 4e7 + 260.0 * triangles + 300.0 * 2**18,
-                file + len(given["components"]) * (8 * figures + 6e3),
+                file + len(arguments["components"]) * (8 * figures + 6e3),
                 f"{walks} walks of about {paths:,} paths, {balls} balls in closed form, {triangles:,} triangles a grain; "
-                f"{before:.2g} s to load kernels and to make grains", before, kernels=_kernels(given["components"]),
+                f"{before:.2g} s to load kernels and to make grains", before, kernels=_kernels(arguments["components"]),
                 kind="walks" if walks else "balls")
 
 
@@ -250,12 +250,12 @@ def _kernels(components) -> tuple[str, ...]:
     """Modules whose kernels make and walk these grains."""
     from bakery.physics.grains import traces
 
-    found: list[str] = []
+    modules: list[str] = []
     for component in components:
         kind = component["shape"]["type"]
-        found += _OF_BALLS if traces.is_ball(component) else _OF_WALKS
-        found += ("grains.balls",) if kind == "sphere" else _OF_MESHES + (_OF_SHAPES if kind in ("aggregate", "mesh") else ())
-    return tuple(dict.fromkeys(found))
+        modules += _OF_BALLS if traces.is_ball(component) else _OF_WALKS
+        modules += ("grains.balls",) if kind == "sphere" else _OF_MESHES + (_OF_SHAPES if kind in ("aggregate", "mesh") else ())
+    return tuple(dict.fromkeys(modules))
 
 
 STAGE = Stage(

@@ -21,6 +21,7 @@ from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET, colours
 from bakery.draw.table import Table
 from bakery.physics.medium.phase import evaluate
+from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.optics import methods
 from bakery.store.tree import Dataset, Group
 
@@ -47,9 +48,8 @@ def tables(root: Group, axes: Callable[[str], tuple[str, ...]]) -> Iterator[Tabl
     medium, um = root["medium"], root["wavelength"].data
     columns = {name: member for name, member in medium.members.items()
                if isinstance(member, Dataset) and axes(f"medium/{name}") == ("L",)}
-    errors = {name: columns[f"{name}_error"].data for name in columns if f"{name}_error" in columns}
-    columns = {name: member for name, member in columns.items()
-               if not (name.endswith("_error") and name.removesuffix("_error") in errors)}
+    errors = {name: error for name in columns if (error := stated_error(medium, name)) is not None}
+    columns = {name: member for name, member in columns.items() if name not in {n + end for n in errors for end in (ERROR, BIAS)}}
     units = [f" ({member.units})" if member.units != "1" else "" for member in columns.values()]
     rows = [[name + unit, *(_with_error(x, errors[name][i] if name in errors else 0.0) for i, x in enumerate(member.data))]
             for (name, member), unit in zip(columns.items(), units, strict=True)]
@@ -117,8 +117,9 @@ def band_of(medium: Group) -> str:
 
 def _curves(medium: Group):
     """theta (A,) rad, phase functions and their errors, (L, A)."""
-    phase, stated = medium["phase"].data, medium.members.get("phase_error")
-    return medium["theta"].data, phase, stated.data if stated else phase * float(medium.attributes.get("achieved_error", 0.0))
+    phase, stated = medium["phase"].data, stated_error(medium, "phase")
+    error = phase * float(medium.attributes.get("achieved_error", 0.0)) if stated is None else stated
+    return medium["theta"].data, phase, error
 
 
 def _largest(phase, error) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages import rules
+from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
@@ -19,26 +20,26 @@ OUTPUTS = (
     Output("sigma_t", "(L,)", "1/m", "extinction coefficient"),
     Output("sigma_s", "(L,)", "1/m", "scattering coefficient"),
     Output("sigma_a", "(L,)", "1/m", "absorption coefficient"),
-    Output("sigma_a_error", "(L,)", "1/m", "change of sigma_a when the nodes over sizes are halved", optional=True),
+    Output("sigma_a_bias", "(L,)", "1/m", "change of sigma_a when the nodes over sizes are halved", optional=True),
     Output("albedo", "(L,)", "1", "single-scattering albedo, sigma_s / sigma_t", within=(0, 1)),
     Output("g", "(L,)", "1", "mean cosine of the tabulated phase function", within=SIGNED),
     Output("sigma_t_reduced", "(L,)", "1/m", "(1 - g) sigma_s + sigma_a"),
     Output("albedo_reduced", "(L,)", "1", "(1 - g) sigma_s / sigma_t_reduced", within=(0, 1)),
     Output("sigma_tr", "(L,)", "1/m", "effective transport coefficient, sqrt(3 sigma_a sigma_t_reduced)"),
-    Output("sigma_tr_error", "(L,)", "1/m", "the part of sigma_a_error in sigma_tr", optional=True),
+    Output("sigma_tr_bias", "(L,)", "1/m", "the part of sigma_a_bias in sigma_tr", optional=True),
     Output("theta", "(A,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
     Output("phase", "(L, A)", "1/sr", "phase function, linear in cos theta between the angles, integral 1"),
-    Output("phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    Output("phase_bias", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)", optional=True),
     Output("cdf", "(L, A)", "1", "probability of a scattering angle below theta", within=(0, 1)),
     Output("s11", "(L, A)", "1/sr", "Mueller element s11, equal to phase", optional=True),
     Output("s12", "(L, A)", "1/sr", "Mueller element s12", optional=True, within=ANY),
     Output("s33", "(L, A)", "1/sr", "Mueller element s33", optional=True, within=ANY),
     Output("s34", "(L, A)", "1/sr", "Mueller element s34, for the time factor exp(-i w t)", optional=True, within=ANY),
 )
-_REQUIRED = tuple(output.path for output in OUTPUTS if not output.optional and output.path != "phase_error")
+_REQUIRED = tuple(output.path for output in OUTPUTS if not output.optional)
 
 
-def members_of(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=None) -> dict:
+def members_of(sigma_s, sigma_a, theta, elements, sigma_t=None, albedo=None) -> dict:
     """The group's datasets; elements (L, E, A)."""
     from bakery.physics.medium import phase, similarity
 
@@ -49,29 +50,29 @@ def members_of(sigma_s, sigma_a, theta, elements, error, sigma_t=None, albedo=No
         albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
     reduced = dict(zip(("sigma_t_reduced", "albedo_reduced", "sigma_tr"), similarity.reduced(sigma_s, sigma_a, g)))
     values = {"sigma_t": sigma_t, "sigma_s": sigma_s, "sigma_a": sigma_a, "albedo": albedo, "g": g, **reduced,
-              "theta": theta, "phase": f, "phase_error": error, "cdf": phase.cumulative(theta, f)}
+              "theta": theta, "phase": f, "cdf": phase.cumulative(theta, f)}
     if elements.shape[1] > 1:
         values |= dict(zip(("s11", *optics.ELEMENTS), np.moveaxis(elements, 1, 0)))
     return datasets(OUTPUTS, values)
 
 
 def _inputs_of_particles(recipe, upstream) -> dict:
-    particles, held = recipe.particles, upstream["optics"]
+    particles, group = recipe.particles, upstream["optics"]
     names = [c.name for c in particles.components]
 
     def stacked(path):
-        return np.stack([np.asarray(held[f"{name}/{path}"].data, float) for name in names])
+        return np.stack([np.asarray(group[f"{name}/{path}"].data, float) for name in names])
 
-    fields = ["phase"] + [name for name in optics.ELEMENTS if name in held[names[0]].members]
+    fields = ["phase"] + [name for name in optics.ELEMENTS if name in group[names[0]].members]
     return {
         "names": names, "fraction": [float(c.fraction) for c in particles.components],
         "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
         "mean_volume": stacked("mean_volume")[:, 0],
         "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
-        "absorption_error": stacked("mean_absorption_error"),
+        "absorption_bias": stacked("mean_absorption_bias"),
         "elements": np.stack([stacked(name) for name in fields], axis=2),
-        "phase_error": stacked("phase_error"), "error": stacked("error"),
-        "theta": np.asarray(held["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
+        "phase_bias": stacked("phase_bias"), "error": stacked("error"),
+        "theta": np.asarray(group["theta"].data, float), "wavelength": np.asarray(recipe.wavelength, float),
         "host_k": np.asarray(particles.host.k, float),
     }
 
@@ -87,8 +88,8 @@ def _compute_of_particles(inputs: dict, context) -> Result:
     if filled > 1:
         raise StageError(f"{number:.3g} particles per m^3 would fill {filled:.3g} of the volume; "
                          "a smaller number_density would do")
-    sigma_s, sigma_a, elements, error = mixing.mixed(
-        fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"], inputs["phase_error"], inputs["theta"])
+    sigma_s, sigma_a, elements, bias = mixing.mixed(
+        fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"], inputs["phase_bias"], inputs["theta"])
     host = (1 - filled) * mixing.bulk_absorption(inputs["host_k"], inputs["wavelength"])
     notes = []
     if filled > 0.01:
@@ -102,11 +103,11 @@ def _compute_of_particles(inputs: dict, context) -> Result:
     worst = float(inputs["error"].max()) + (optics.WEIGHTS * optics.share(len(fraction)) * context.tolerance
                                             if len(fraction) > 1 else 0.0)
     context.report(1.0, worst)
-    members = members_of(sigma_s, sigma_a + host, inputs["theta"], elements, error)
-    absorbed = mixing.coefficient(fraction, number, inputs["absorption_error"])
+    members = members_of(sigma_s, sigma_a + host, inputs["theta"], elements)
+    absorbed = mixing.coefficient(fraction, number, inputs["absorption_bias"])
     # sigma_tr goes like the square root of sigma_a
     half = np.divide(0.5 * absorbed, sigma_a + host, out=np.zeros_like(absorbed), where=sigma_a + host > 0)
-    members |= datasets(OUTPUTS, {"sigma_a_error": absorbed, "sigma_tr_error": half * members["sigma_tr"].data})
+    members |= datasets(OUTPUTS, {"phase_bias": bias, "sigma_a_bias": absorbed, "sigma_tr_bias": half * members["sigma_tr"].data})
     return Result(members, worst, tuple(notes))
 
 
@@ -119,13 +120,14 @@ def _compute_of_coefficients(inputs: dict, context) -> Result:
     from bakery.physics.medium import analytic
 
     try:
-        theta, values, error, worst = analytic.tabulated(
+        theta, values, bias, worst = analytic.tabulated(
             inputs["type"], _ANALYTIC * context.tolerance, inputs["wavelengths"], inputs["g"], inputs["spread"], inputs["table"])
     except ValueError as fault:
         raise StageError(f"phase function {inputs['type']}: {fault}") from None
     sigma_t, albedo = (np.broadcast_to(inputs[name], (inputs["wavelengths"],)).astype(float) for name in ("sigma_t", "albedo"))
     context.report(1.0, worst)
-    return Result(members_of(albedo * sigma_t, (1 - albedo) * sigma_t, theta, values[:, None], error, sigma_t, albedo), worst)
+    members = members_of(albedo * sigma_t, (1 - albedo) * sigma_t, theta, values[:, None], sigma_t, albedo)
+    return Result(members | datasets(OUTPUTS, {"phase_bias": bias}), worst)
 
 
 def _cost_of_particles(recipe) -> Cost:
@@ -183,18 +185,18 @@ def check(group: Group) -> Iterable[str]:
         yield "cdf does not rise from 0 to 1"
     elif not np.allclose(cdf, phase.cumulative(v["theta"], v["phase"]), rtol=0, atol=1e-12):
         yield "cdf is not the integral of phase"
-    if any((value < 0).any() for name, value in v.items() if name.endswith("_error")):
+    if any((value < 0).any() for name, value in v.items() if name.endswith((ERROR, BIAS))):
         yield "an error estimate below 0"
     if "s11" in v and not near(v["s11"], v["phase"]):
         yield "s11 is not phase"
 
 
 _VIEW = later("bakery.stages.medium.view:view")
-_PICTURES = later("bakery.stages.effective.pictures:pictures")  # in an asset without their tile grains' medium is told by members
+_PICTURES = later("bakery.stages.effective.pictures:pictures")  # grains' medium is recognised by its members
 
 OF_PARTICLES = Stage(
     name="medium",
-    version=3,
+    version=4,
     title="coefficients and phase function of the suspended particles",
     reads=("wavelengths", "tolerance", "particles.host", "particles.number_density", "particles.volume_fraction",
            "particles.components[*].fraction", "particles.components[*].name"),
@@ -202,7 +204,7 @@ OF_PARTICLES = Stage(
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,
     error_measure="largest relative error of sigma_t, sigma_s, albedo, g and of the phase function at any angle, as estimated by "
-                  "optics; sigma_a has its own, sigma_a_error",
+                  "optics; sigma_a has its own, sigma_a_bias",
     cost=_cost_of_particles,
     inputs=_inputs_of_particles,
     compute=_compute_of_particles,
@@ -216,7 +218,7 @@ OF_PARTICLES = Stage(
 
 OF_COEFFICIENTS = Stage(
     name="medium",
-    version=1,
+    version=2,
     title="coefficients and phase function as given by the recipe",
     reads=("wavelengths", "tolerance", "medium"),
     needs=(),

@@ -43,10 +43,10 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     for name in ("rho", "length"):
         if np.any(np.asarray(arguments.get(name, 0.0), float) < 0):
             raise UsageError(f"{path}: {name} is below 0")
-    given = {"phi": 0.0} | {name: np.asarray(value, float) for name, value in arguments.items()}
-    values = getattr(asset.multiple, kind)(**given)
+    coordinates = {"phi": 0.0} | {name: np.asarray(value, float) for name, value in arguments.items()}
+    values = getattr(asset.multiple, kind)(**coordinates)
     axes = (("wavelength", "um", asset.wavelength),)
-    axes += tuple((name, UNITS[name], given[name]) for name in several)
+    axes += tuple((name, UNITS[name], coordinates[name]) for name in several)
     return Answer(path, "mfp^-3 sr^-1", values, axes, None, (_TOLD,))
 
 

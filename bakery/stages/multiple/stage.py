@@ -94,46 +94,46 @@ def counted(number, kinds, medium, asked):
     """Tables of one wavelength by photons, as `tabulated` returns them."""
     from bakery.physics.multiple import choice
 
-    made = choice.by_photons(medium, map(KINDS.index, kinds), asked)
-    return [(number, KINDS[kind], one) for kind, one in made.items()]
+    tabulated = choice.by_photons(medium, map(KINDS.index, kinds), asked)
+    return [(number, KINDS[kind], one) for kind, one in tabulated.items()]
 
 
-def with_photons(inputs, media, found, asked, context):
+def with_photons(inputs, media, results, asked, context):
     """Puts tables of photons in the place of those that the solver refused or did badly; of all, where no solver was asked.
 
     Parameters
     ----------
     media : `choice.Medium` of every wavelength
-    found : what `attempted` returned
+    results : what `attempted` returned
 
     Returns
     -------
-    found : one table a wavelength and source
+    results : one table a wavelength and source
     notes : what was done and why
     """
     from bakery.physics.multiple import choice
 
-    def error(ways):
-        return choice.error(None if isinstance(one, str) else one for *_, one in ways)
+    def error(done):
+        return choice.error(None if isinstance(one, str) else one for *_, one in done)
 
-    solvers = {k: [way for way in found if way[0] == k] for k in range(len(media))}
-    poor = [k for k, ways in solvers.items() if error(ways) > choice.POOR]
+    solvers = {k: [attempt for attempt in results if attempt[0] == k] for k in range(len(media))}
+    poor = [k for k, done in solvers.items() if error(done) > choice.POOR]
     tasks = [(k, tuple(inputs["sources"]), media[k], asked) for k in poor]
     notes = []
-    for k, ways in zip(poor, context.map(counted, tasks) if tasks else [], strict=True):
+    for k, done in zip(poor, context.map(counted, tasks) if tasks else [], strict=True):
         um, solver = f"{inputs['wavelength'][k]:g} um", solvers[k]
-        if error(solver) <= error(ways):
-            notes.append(f"{um}: the solver's tables have an error of {error(solver):.2g}, photons' would have {error(ways):.2g}")
+        if error(solver) <= error(done):
+            notes.append(f"{um}: the solver's tables have an error of {error(solver):.2g}, photons' would have {error(done):.2g}")
             continue
-        photons, resolution = (ways[0][2].counted[name][0] for name in ("photons", "resolution"))
+        photons, resolution = (done[0][2].counted[name][0] for name in ("photons", "resolution"))
         why = [one for *_, one in solver if isinstance(one, str)] or [
             f"the solver's tables would have an error of {error(solver):.2g}"]
         notes.append(f"{um}: tables are made of {photons} photons" + (f"; {why[0]}" if solver else ""))
         if resolution > 0:
             notes.append(f"{um}: the phase function has a peak too narrow for a table; for the first and last scattering it is "
                          f"spread over a cone of {np.degrees(resolution):.2g} degrees; errors are those of such lobes")
-        found = [way for way in found if way[0] != k] + ways
-    return found, notes
+        results = [attempt for attempt in results if attempt[0] != k] + done
+    return results, notes
 
 
 def compute(inputs: dict, context) -> Result:
@@ -145,39 +145,39 @@ def compute(inputs: dict, context) -> Result:
     asked = choice.Asked(inputs["extent"], inputs["length"], inputs["aim"], inputs["orders"], inputs["photons"], context.seed)
     tasks = [(k, kind, media[k], asked)
              for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
-    found: list = []
+    results: list = []
     for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress is reported
-        found += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
-        errors = [one.table.error_with_solver for *_, one in found if not isinstance(one, str)]
-        context.report(len(found) / len(tasks), max(errors, default=None))
-    found, notes = with_photons(inputs, media, found, asked, context)
+        results += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
+        errors = [one.table.error_with_solver for *_, one in results if not isinstance(one, str)]
+        context.report(len(results) / len(tasks), max(errors, default=None))
+    results, notes = with_photons(inputs, media, results, asked, context)
     values = {name: np.zeros(count) for name in (*_OF_MEDIUM, "k0", "extent")}
     values["phase"] = np.zeros_like(inputs["phase"])
     places: dict[str, dict] = {kind: {} for kind in inputs["sources"]}
     reached = 0.0
-    for number, kind, one in found:
-        made = one.table
+    for number, kind, one in results:
+        lobe_table = one.table
         for name in (*_OF_MEDIUM, "phase"):
             values[name][number] = getattr(one, name)
-        values["k0"][number], values["extent"][number] = made.k0, made.extent
-        figures = {"error": made.error, "error_with_solver": made.error_with_solver, "error_worst": made.worst}
+        values["k0"][number], values["extent"][number] = lobe_table.k0, lobe_table.extent
+        figures = {"error": lobe_table.error, "error_with_solver": lobe_table.error_with_solver, "error_worst": lobe_table.worst}
         places[kind][f"w{number}"] = Group(datasets(
-            OUTPUTS, made.arrays() | {name: np.array([value]) for name, value in figures.items()} | one.counted,
+            OUTPUTS, lobe_table.arrays() | {name: np.array([value]) for name, value in figures.items()} | one.counted,
             f"{kind}/WAVELENGTH/"))
-        reached = max(reached, made.error_with_solver)
-        if made.empty:
+        reached = max(reached, lobe_table.error_with_solver)
+        if lobe_table.empty:
             notes.append(f"{inputs['wavelength'][number]:g} um: nothing is scattered, so the {kind} table is empty")
     for k in np.flatnonzero((values["peak"] > inputs["delta"] + 1e-9) & (inputs["albedo"] > 0)):
         notes.append(f"{inputs['wavelength'][k]:g} um: {values['peak'][k]:.2g} of the scattered light, in a forward peak of "
                      f"{np.degrees(values['peak_angle'][k]):.2g} degrees, counts as not scattered (delta-M as a function of the "
                      "angle); the first two events take multiple/phase, albedo and extinction.  Between events the tables turn "
                      f"light as the peak does, which changes their lobes by {100 * values['peak_effect'][k]:.2g} %")
-    said = {"coordinates": table.COORDINATES, "frame": (table.FRAME,) * 2, "singular": table.SINGULAR,
+    descriptions = {"coordinates": table.COORDINATES, "frame": (table.FRAME,) * 2, "singular": table.SINGULAR,
             "interpolation": (table.INTERPOLATION,) * 2}
     values |= {"wavelength": inputs["wavelength"], "length": np.array([inputs["length"]])}
     members: dict = dict(datasets(OUTPUTS, values))
     for kind in inputs["sources"]:
-        words = {name: text(said[name][KINDS.index(kind)], described) for name, described in _TEXTS}
+        words = {name: text(descriptions[name][KINDS.index(kind)], described) for name, described in _TEXTS}
         members[kind] = Group(words | dict(sorted(places[kind].items(), key=lambda item: int(item[0][1:]))))
     missed = ("a larger multiple_scattering.tolerance or, where the error is the solver's, more multiple_scattering.orders, "
               "where it is that of photons, more multiple_scattering.photons would do",) if reached > context.tolerance else ()
@@ -197,12 +197,12 @@ def sound(group: Group) -> Iterable[str]:
     for kind in kinds:
         for k in range(len(group["wavelength"].data)):
             place = group[kind].members.get(f"w{k}")
-            held = place.members if isinstance(place, Group) else {}
-            missing = [output.path for output in _ARRAYS if output.path not in held and output.path not in _OF_PHOTONS]
+            members = place.members if isinstance(place, Group) else {}
+            missing = [output.path for output in _ARRAYS if output.path not in members and output.path not in _OF_PHOTONS]
             if missing:
                 yield f"{kind}/w{k}: {', '.join(missing)} missing"
             else:
-                yield from (f"{kind}/w{k}: {fault}" for fault in tree.broken(held["corner"].data, held["node_bounds"].data))
+                yield from (f"{kind}/w{k}: {fault}" for fault in tree.broken(members["corner"].data, members["node_bounds"].data))
 
 
 def check(group: Group) -> Iterable[str]:
@@ -223,11 +223,11 @@ def check(group: Group) -> Iterable[str]:
     yield from faults
     for kind in [kind for kind in KINDS if kind in group.members and not faults]:
         try:
-            made = tables_of(group, kind)
+            stored = tables_of(group, kind)
         except (KeyError, ValueError) as fault:
             yield f"{kind}: {fault}"
             continue
-        for k, one in enumerate(made):
+        for k, one in enumerate(stored):
             if one.empty and v["albedo"][k] > 0:
                 yield f"{kind}/w{k}: empty although something is scattered"
 
@@ -253,7 +253,7 @@ def _width(recipe) -> float:
     return 0.5 if recipe.grains is not None else 0.78  # without their peak, 40 orders hold what spheres scatter
 
 
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
+def measures(group: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `multiple` group against a converged one.
 
     Returns
@@ -267,13 +267,13 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
     random = rng.generator(0, "multiple.compare")
     errors = {"error": 0.0, "integral": 0.0}
-    reach = float(min(found["extent"].data.min(), reference["extent"].data.min()))
+    reach = float(min(group["extent"].data.min(), reference["extent"].data.min()))
     r, angle = np.exp(random.uniform(np.log(0.1), np.log(reach), 200)), np.pi * random.random(200)
     polar, azimuth = np.arccos(1 - (np.arange(24) + 0.5) / 12), np.pi * (np.arange(7) + 0.5) / 7  # equal solid angles
     for kind in KINDS:
-        if kind not in found.members or kind not in reference.members:
+        if kind not in group.members or kind not in reference.members:
             continue
-        for own, true in zip(tables_of(found, kind), tables_of(reference, kind)):
+        for own, true in zip(tables_of(group, kind), tables_of(reference, kind)):
             if true.empty:
                 continue
             of, exact = (lookup.lobes(lookup.ready(one), r * np.sin(angle), r * np.cos(angle), polar, azimuth)

@@ -51,7 +51,7 @@ class Multiple(Members):
     def point_to_segment(self, vertex, incoming, eye, view, distance) -> np.ndarray:
         """Radiance that reaches `eye` against `view`, mfp^-2 sr^-1.
 
-        The line of sight's integral of point_to_point within `distance` (mean free paths), weakened on its way.
+        The line of sight's integral of point_to_point within `distance` (mean free paths), attenuated up to the viewer.
         """
         return self._asked("point_to_segment", (vertex, eye), (incoming, view), distance)
 
@@ -107,11 +107,11 @@ class Source:
         for point, segment, stretch in self.tables():
             at = np.multiply(rho, stretch), np.multiply(z, stretch), theta, phi
             if self.kind == "point":
-                found = lookup.point(point, *at)
+                value = lookup.point(point, *at)
             else:
                 own = None if length is None else length * stretch
-                found = lookup.segment(point, segment, *at, own)
-            values.append(found * stretch**3)
+                value = lookup.segment(point, segment, *at, own)
+            values.append(value * stretch**3)
         return np.stack(values)
 
     def tables(self) -> list:
@@ -119,14 +119,14 @@ class Source:
         if self._tables is None:
             from bakery.physics.multiple import lookup
 
-            made = {}
+            by_kind = {}
             for kind in ("point", self.kind):
                 if kind not in self._group.members:
                     raise MissingStage(f"the tables of a {self.kind} source need those of a {kind} source too; bake them with "
                                        "multiple_scattering: {sources: [point, segment]}")
-                made[kind] = [lookup.ready(table) for table in tables_of(self._group, kind)]
+                by_kind[kind] = [lookup.ready(table) for table in tables_of(self._group, kind)]
             stretch = self._group["extinction"].data
-            self._tables = list(zip(made["point"], made[self.kind], stretch, strict=True))
+            self._tables = list(zip(by_kind["point"], by_kind[self.kind], stretch, strict=True))
         return self._tables
 
     def __repr__(self) -> str:
@@ -137,12 +137,12 @@ def tables_of(group: Group, kind: str) -> list:
     """The tables of a `multiple` group, one a wavelength, as `bakery.physics.multiple.table.Table`."""
     from bakery.physics.multiple import table
 
-    made = []
+    tables = []
     for k in range(len(group["wavelength"].data)):
         place = group[f"{kind}/w{k}"]
-        made.append(table.from_arrays(
+        tables.append(table.from_arrays(
             {name: place[name].data for name in table.ARRAYS}, kind=KINDS.index(kind),
             length=float(group["length"].data[0]) if kind == "segment" else 0.0, extent=float(group["extent"].data[k]),
             k0=float(group["k0"].data[k]), error=float(place["error"].data[0]),
             error_with_solver=float(place["error_with_solver"].data[0]), worst=float(place["error_worst"].data[0])))
-    return made
+    return tables

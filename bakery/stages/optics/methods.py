@@ -56,15 +56,15 @@ def boundaries(name: str, component: Group, wavelength) -> list[Boundary]:
     method, radius = component["method"], component["radius"].data
     if RAYS not in method.choices or method.data.shape != (len(wavelength), len(radius)):
         return []
-    found = []
+    limits = []
     for i, um in enumerate(wavelength):
         rays = method.data[i] == method.choices.index(RAYS)
         if not rays.any():
             continue
         others = [choice for j, choice in enumerate(method.choices) if choice != RAYS and (method.data[i] == j).any()]
-        found.append(Boundary(name, float(um), float(radius[rays].min()), " and ".join(_NAMES.get(one, one) for one in others),
+        limits.append(Boundary(name, float(um), float(radius[rays].min()), " and ".join(_NAMES.get(one, one) for one in others),
                               _at(component, "switch", i), _at(component, "ray_difference", i)))
-    return found
+    return limits
 
 
 def _at(component: Group, name: str, i: int) -> float | None:
@@ -75,16 +75,16 @@ def _at(component: Group, name: str, i: int) -> float | None:
     return value if np.isfinite(value) and (value > 0 or name != "switch") else None
 
 
-def sentence(found: Sequence[Boundary], some: bool) -> str:
+def sentence(limits: Sequence[Boundary], some: bool) -> str:
     """The boundaries of one component in a line; `some` where other wavelengths have none."""
-    where = f" at {_list(b.wavelength for b in found)} um" if some else ""
-    radii = _list(b.radius for b in found)
-    known = [b.size_parameter for b in found if b.size_parameter is not None]
+    where = f" at {_list(b.wavelength for b in limits)} um" if some else ""
+    radii = _list(b.radius for b in limits)
+    known = [b.size_parameter for b in limits if b.size_parameter is not None]
     x = f" (x = {_list(known)})" if known else ""
-    head = f"{found[0].below} below {radii} um{x}, rays above" if found[0].below else f"rays throughout, from {radii} um{x}"
-    errors = [b.error for b in found if b.error is not None]
+    head = f"{limits[0].below} below {radii} um{x}, rays above" if limits[0].below else f"rays throughout, from {radii} um{x}"
+    errors = [b.error for b in limits if b.error is not None]
     differ = f"; rays differ by {'up to ' if len(errors) > 1 else ''}{100 * max(errors):.2g} %" if errors else ""
-    return f"{found[0].component}{where}: {head}{differ}"
+    return f"{limits[0].component}{where}: {head}{differ}"
 
 
 def remarks(root: Group, path: str, letters: Sequence[str], arguments: Mapping) -> list[Remark]:
@@ -130,9 +130,9 @@ def concerned(root: Group, path: str, letters: Sequence[str], wanted=None) -> li
         return []
     um = wavelength.data
     near = set(um[rows(um, wanted)].tolist())
-    found = [boundaries(name, component, um) for name, component in components(root)
-             if group == "medium" or rest.startswith(f"{name}/")]
-    chosen = [[b for b in each if b.wavelength in near] for each in found]
+    by_component = [boundaries(name, component, um) for name, component in components(root)
+                    if group == "medium" or rest.startswith(f"{name}/")]
+    chosen = [[b for b in each if b.wavelength in near] for each in by_component]
     return [each for each in chosen if each]
 
 

@@ -36,13 +36,14 @@ OUTPUTS = (
     Output("COMPONENT/mean_extinction", "(L,)", "um^2", "extinction averaged over the distribution"),
     Output("COMPONENT/mean_scattering", "(L,)", "um^2", "scattering averaged over the distribution"),
     Output("COMPONENT/mean_absorption", "(L,)", "um^2", "absorption averaged over the distribution"),
-    Output("COMPONENT/mean_absorption_error", "(L,)", "um^2", "change of mean_absorption when nodes are halved"),
+    Output("COMPONENT/mean_absorption_bias", "(L,)", "um^2", "change of mean_absorption when nodes are halved", optional=True),
     Output("COMPONENT/error", "(L,)", "1", "largest relative error of phase function and mean cross sections, rays apart"),
     Output("COMPONENT/switch", "(L,)", "1", "size parameter from which amplitudes are by rays; 0: nowhere", optional=True),
     Output("COMPONENT/ray_difference", "(L,)", "1", "integral of |f - f by series| where rays take part, from sample spheres",
            optional=True),
     Output("COMPONENT/phase", "(L, A)", "1/sr", "phase function averaged by scattering, linear in cos theta"),
-    Output("COMPONENT/phase_error", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34)"),
+    Output("COMPONENT/phase_bias", "(L, A)", "1/sr", "estimated error of phase (and of s12, s33, s34): sizes, angles, rays",
+           optional=True),
     *(Output(f"COMPONENT/{name}", "(L, A)", "1/sr", f"Mueller element {name}, in the scale of phase (= s11)", optional=True,
              within=ANY)
       for name in ELEMENTS),
@@ -94,8 +95,8 @@ def predicted(recipe):
 def _expected(recipe):
     from bakery.physics.averages import expected
 
-    given = inputs(recipe, {})
-    return expected(**given, tolerance=share(len(given["components"])) * recipe.tolerance, remember=remember)
+    arguments = inputs(recipe, {})
+    return expected(**arguments, tolerance=share(len(arguments["components"])) * recipe.tolerance, remember=remember)
 
 
 def remember(measure, *asked):
@@ -108,8 +109,8 @@ def remember(measure, *asked):
         return measure(*asked)
     # repr writes the shortest digits that give the same float back
     key = hashlib.sha256(repr((STAGE.version, asked)).encode()).hexdigest()
-    held = memory.get("rays", key)
-    choice = _choice_of(held[0]) if held else None
+    entry = memory.get("rays", key)
+    choice = _choice_of(entry[0]) if entry else None
     if choice is None:
         choice = measure(*asked)
         memory.put("rays", key, _kept(choice, key), Group())
@@ -140,11 +141,11 @@ def _choice_of(group: Group):
 def cost(recipe) -> Cost:
     from bakery.physics.averages.predicted import LOADING
 
-    made, channels, choices = _expected(recipe)
+    expectation, channels, choices = _expected(recipe)
     rays = any(choice.taken for choice in choices)
-    seconds = _SLOWER * made.seconds
-    return Cost(seconds, made.memory + rays * _RAYS_LOADED, made.file,
-                f"about {made.angles} angles, {made.spheres} spheres, {seconds:.2g} s of one core by the rates of "
+    seconds = _SLOWER * expectation.seconds
+    return Cost(seconds, expectation.memory + rays * _RAYS_LOADED, expectation.file,
+                f"about {expectation.angles} angles, {expectation.spheres} spheres, {seconds:.2g} s of one core by the rates of "
                 f"benchmarks/averages.py; {LOADING:g} s to load kernels", LOADING, _remarks(channels, choices),
                 kernels=_KERNELS + rays * _OF_RAYS, kind=f"{'rays' if rays else 'series'} {recipe.measure}")
 
@@ -172,10 +173,10 @@ def compute(inputs: dict, context) -> Result:
     def report(seconds, error):
         context.report(_share(seconds / max(whole, 1e-9)), error)
 
-    theta, found = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=remember)
+    theta, by_component = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=remember)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, missed, reached = [], [], 0.0
-    for component, average in zip(inputs["components"], found):
+    for component, average in zip(inputs["components"], by_component):
         members[component.name] = _group(component, average, inputs["wavelength"], inputs["host"])
         notes += _notes(component, average, inputs["wavelength"], context.tolerance)
         missed += _missed(component, average, inputs, context.tolerance)
@@ -185,11 +186,11 @@ def compute(inputs: dict, context) -> Result:
 
 
 def _notes(component, average, wavelength, tolerance) -> Iterable[str]:
-    worst = int(np.argmax(average.absorption_error))
-    if average.absorption_error[worst] > tolerance:
+    worst = int(np.argmax(average.absorption_bias))
+    if average.absorption_bias[worst] > tolerance:
         absorption, extinction = (mean[worst] for mean in _means(average))
         yield (f"{component.name} at {wavelength[worst]:g} um: the mean absorption, {absorption / extinction:.1g} of "
-               f"the extinction, changed by {100 * average.absorption_error[worst]:.2g} % in the last halving: spheres that "
+               f"the extinction, changed by {100 * average.absorption_bias[worst]:.2g} % in the last halving: spheres that "
                "hardly absorb do so in resonances narrower than any grid")
 
 
@@ -228,8 +229,8 @@ def _group(component, average, wavelength, host) -> Group:
         "switch": np.where(np.isfinite(switch), switch, 0.0),
         "ray_difference": np.array([choice.error for choice in average.choices]),
         "mean_extinction": mean_extinction, "mean_scattering": mean_scattering,
-        "mean_absorption": mean_absorption, "mean_absorption_error": average.absorption_error * mean_absorption,
-        "error": average.error, "phase": average.elements[:, 0], "phase_error": average.phase_error,
+        "mean_absorption": mean_absorption, "mean_absorption_bias": average.absorption_bias * mean_absorption,
+        "error": average.error, "phase": average.elements[:, 0], "phase_bias": average.phase_bias,
     }
     values |= dict(zip(ELEMENTS, np.moveaxis(average.elements[:, 1:], 1, 0), strict=False))
     return Group(datasets(OUTPUTS, values, "COMPONENT/"))
@@ -285,7 +286,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
         yield "switch to rays below size parameter 30"
     if "mean_volume" in values and not (values["mean_volume"] > 0).all():
         yield "mean_volume not above 0"
-    if any((values[name] < 0).any() for name in ("error", "mean_absorption_error", "phase_error", "ray_difference")
+    if any((values[name] < 0).any() for name in ("error", "mean_absorption_bias", "phase_bias", "ray_difference")
            if name in values):
         yield "an error estimate below 0"
     if theta is not None:
@@ -296,7 +297,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=8,
+    version=9,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "phase"),

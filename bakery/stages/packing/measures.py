@@ -10,7 +10,7 @@ from bakery.stages.packing.view import tiles
 from bakery.store.tree import Group
 
 
-def measures(found: Group, reference: Group) -> Mapping[str, float]:
+def measures(group: Group, reference: Group) -> Mapping[str, float]:
     """Errors of a `packing` group against a converged one: of each measure the largest over the tiles.
 
     Returns
@@ -27,7 +27,7 @@ def measures(found: Group, reference: Group) -> Mapping[str, float]:
 
     errors = {"fraction": 0.0, "mean_chord": 0.0, "second_moment": 0.0, "g2": 0.0}
     for name, true in tiles(reference).items():
-        own = tiles(found)[name]
+        own = tiles(group)[name]
         wished = float(true["fraction_wished"].data[0])
         exact = float(theory.mean_chord(wished, own["radii"].data))
         chords, converged = own["chord_length"], true["chord_length"]

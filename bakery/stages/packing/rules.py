@@ -16,10 +16,10 @@ LEAST_GAP = -1e-9  # of the mean diameter: less is rounding, more an overlap
 
 def sound(group: Group) -> Iterable[str]:
     """Whether each tile is complete, its spheres have room in it, and its bins ascend."""
-    found = tiles(group)
-    if not found:
+    by_name = tiles(group)
+    if not by_name:
         yield "holds no tile"
-    for name, tile in found.items():
+    for name, tile in by_name.items():
         v = {path: member.data for path, member in tile.walk() if isinstance(member, Dataset)}
         missing = [path for path in REQUIRED if path not in v]
         faults = [f"{', '.join(missing)} missing"] if missing else [*_room(v["centers"], v["radii"], v["cell"]), *_bins(v)]
@@ -63,10 +63,10 @@ def _bins(v: Mapping[str, np.ndarray]) -> Iterable[str]:
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `packing` group, in words."""
-    found = tiles(group)
-    if not found:
+    by_name = tiles(group)
+    if not by_name:
         yield "holds no tile"
-    for name, tile in found.items():
+    for name, tile in by_name.items():
         yield from (f"{name}: {fault}" if name else fault for fault in _check_tile(tile))
 
 

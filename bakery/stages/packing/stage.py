@@ -58,13 +58,13 @@ def _schedule(tolerance: float, growth: float | None, equilibration: int | None)
     return chosen if equilibration is None else replace(chosen, equilibrate=equilibration)
 
 
-def _seconds(given: dict, tolerance: float) -> list[float]:
+def _seconds(arguments: dict, tolerance: float) -> list[float]:
     """Expected seconds of one core for the dynamics of each tile."""
     from bakery.physics.packing import predicted
 
-    spread = float(np.std(given["radii"]) / np.mean(given["radii"]))
-    schedule = _schedule(tolerance, given["growth"], given["equilibration"])
-    return [predicted(f, given["radii"].size, spread, schedule) for f in given["fractions"]]
+    spread = float(np.std(arguments["radii"]) / np.mean(arguments["radii"]))
+    schedule = _schedule(tolerance, arguments["growth"], arguments["equilibration"])
+    return [predicted(f, arguments["radii"].size, spread, schedule) for f in arguments["fractions"]]
 
 
 def _measuring(count: int, tolerance: float) -> float:
@@ -73,15 +73,15 @@ def _measuring(count: int, tolerance: float) -> float:
 
 
 def cost(recipe) -> Cost:
-    given = inputs(recipe, {})
-    count, number = given["radii"].size, len(given["fractions"])
-    each = _seconds(given, recipe.tolerance)
-    packing = sum(each)
+    arguments = inputs(recipe, {})
+    count, number = arguments["radii"].size, len(arguments["fractions"])
+    by_tile = _seconds(arguments, recipe.tolerance)
+    packing = sum(by_tile)
     seconds = packing + number * _measuring(count, recipe.tolerance)
     return Cost(seconds, (3000.0 + 200.0 * number) * count + 8e7, number * (34.0 * count + 9e3),
                 f"{number} tile{'s' * (number > 1)} of {count:,} spheres: {packing:.2g} s of one core for the dynamics, "
                 f"{seconds - packing:.2g} s for chords and neighbours; {_LOADING:g} s to load kernels", _LOADING,
-                kernels=_KERNELS, most=seconds / max(each))  # a tile is packed on one core
+                kernels=_KERNELS, most=seconds / max(by_tile))  # a tile is packed on one core
 
 
 # ---- work
@@ -140,8 +140,8 @@ def _stream(seed: int, block: int):
 def compute(inputs: dict, context) -> Result:
     schedule = _schedule(context.tolerance, inputs["growth"], inputs["equilibration"])
     fractions = inputs["fractions"]
-    each = np.array(_seconds(inputs, context.tolerance))
-    weight = each / (each.sum() + len(each) * _measuring(inputs["radii"].size, context.tolerance))
+    seconds = np.array(_seconds(inputs, context.tolerance))
+    weight = seconds / (seconds.sum() + len(seconds) * _measuring(inputs["radii"].size, context.tolerance))
     with _watched(context, np.array(fractions), weight) as number:
         packed = context.map(_packed, [(number, k, f, inputs["radii"], inputs["cell"], inputs["seed"], schedule)
                                        for k, f in enumerate(fractions)])

@@ -36,10 +36,10 @@ def nearest_denser(group: Group, fraction: float) -> tuple[np.ndarray, np.ndarra
     ------
     ValueError : no tile is as dense
     """
-    held = {name: float(tile["fraction"].data[0]) for name, tile in tiles(group).items()}
-    dense = {name: f for name, f in held.items() if f >= fraction * (1 - 1e-9)}
+    fractions = {name: float(tile["fraction"].data[0]) for name, tile in tiles(group).items()}
+    dense = {name: f for name, f in fractions.items() if f >= fraction * (1 - 1e-9)}
     if not dense:
-        raise ValueError(f"found no tile as dense as {fraction:g}; the densest fills {max(held.values(), default=0):.4g}")
+        raise ValueError(f"found no tile as dense as {fraction:g}; the densest fills {max(fractions.values(), default=0):.4g}")
     name = min(dense, key=dense.get)
     tile = tiles(group)[name]
     wider = (dense[name] / fraction) ** (1 / 3) if dense[name] > fraction else 1.0

@@ -1,4 +1,4 @@
-"""Processes that start with this folder on their path have the toy stage in the house."""
+"""Processes that start with this folder on their path have the toy stage registered."""
 
 import bakery.stages
 

@@ -1,4 +1,4 @@
-"""Draws docs/pictures/house.png: the layers that tests/unit/test_imports.py keeps.  Run: python docs/pictures/house.py"""
+"""Draws docs/pictures/layers.png: the layers that tests/unit/test_imports.py keeps.  Run: python docs/pictures/layers.py"""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ ROWS = (
 WIDTH, HEIGHT, GAP = 10.0, 0.78, 0.34
 
 
-def box(axes, x, y, width, name, said, face=FAINT):
+def box(axes, x, y, width, name, content, face=FAINT):
     axes.add_patch(FancyBboxPatch(
         (x, y), width, HEIGHT, boxstyle="round,pad=0.02,rounding_size=0.08", facecolor=face, edgecolor=QUIET, linewidth=0.8))
-    axes.text(x + width / 2, y + HEIGHT * (0.64 if said else 0.5), name, ha="center", va="center", color=INK, fontsize=11,
+    axes.text(x + width / 2, y + HEIGHT * (0.64 if content else 0.5), name, ha="center", va="center", color=INK, fontsize=11,
               fontweight="bold", family="monospace")
-    axes.text(x + width / 2, y + HEIGHT * 0.28, said, ha="center", va="center", color=QUIET, fontsize=8.5)
+    axes.text(x + width / 2, y + HEIGHT * 0.28, content, ha="center", va="center", color=QUIET, fontsize=8.5)
 
 
 figure = Figure(figsize=(11, 6.6))
@@ -36,13 +36,13 @@ axes.set(xlim=(-0.3, WIDTH + 3.4), ylim=(-0.4, len(ROWS) * (HEIGHT + GAP)))
 axes.axis("off")
 for row, boxes in enumerate(reversed(ROWS)):
     y, width = row * (HEIGHT + GAP), WIDTH / len(boxes)
-    for k, (name, said) in enumerate(boxes):
-        box(axes, k * width + 0.06, y, width - 0.12, name, said)
+    for k, (name, content) in enumerate(boxes):
+        box(axes, k * width + 0.06, y, width - 0.12, name, content)
     if row:
         axes.annotate("", (WIDTH / 2, y - GAP + 0.03), (WIDTH / 2, y - 0.03),
                       arrowprops={"arrowstyle": "-|>", "color": QUIET, "linewidth": 1.2})
 axes.text(WIDTH / 2 + 0.2, HEIGHT + GAP / 2 - 0.02, "imports point down", color=QUIET, fontsize=8.5, va="center")
-# renderers beside the house: three doors
+# renderers beside the layers: the three modules that they import
 box(axes, WIDTH + 0.9, 2 * (HEIGHT + GAP), 2.2, "renderers", "assets in, pictures out", "#fdf0e6")
 for row in (4, 1):
     low = row * (HEIGHT + GAP) + HEIGHT / 2
