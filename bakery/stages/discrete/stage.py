@@ -18,7 +18,7 @@ from bakery.store.tree import Dataset, Group
 
 _METRES, _CUBIC = 1e-6, 1e-18  # m a um, m^3 a um^3
 _FILE = 12.1  # bytes a particle
-_STORING, _WRITING = 17.0, 45.0  # bytes a particle: while it is drawn; on top, while the file is written and read back
+_STORING, _WRITING = 23.0, 50.0  # bytes a particle: while it is drawn; on top, while the file is written and read back
 _PLACING = 1.5e-7  # seconds a particle
 _EDGES = 1e-9, 1e7  # m, of a mesh, as those of a box
 _OFF = 8.0  # standard errors that a statistic may be off: by chance once in 1e15
@@ -66,29 +66,31 @@ _REQUIRED = ("index", "fraction", "radius", "edge", "share", "extinction", "scat
 # ---- recipe
 
 
-def _region(discrete):
+def _region(recipe):
     """Where the particles are; StageError says what is wrong with a mesh."""
     from bakery.physics.discrete.realise import Region
 
+    discrete, key = recipe.discrete, "discrete.mesh.file"
     if discrete.mesh is not None:
-        return _mesh(*discrete.mesh.file, discrete.mesh.unit * _METRES)
+        try:
+            return _mesh(*discrete.mesh.file, discrete.mesh.unit * _METRES)
+        except ValueError as fault:
+            raise StageError(f"{recipe.where(key)}: {key}: {recipe.leaves[key]}: {fault}") from None
     edge = tuple(_METRES * length for length in discrete.box)
     return Region(edge, None if discrete.grid is None else discrete.grid.file)
 
 
 def _mesh(data: bytes, kind: str, unit: float):
+    """The inside of a mesh file, moved to the origin; ValueError where it has none."""
     from bakery.physics.discrete.realise import Region
     from bakery.physics.shapes.files import triangles
     from bakery.physics.shapes.mending import mended
 
-    try:
-        vertices, faces, _ = mended(*triangles(data, kind))
-    except ValueError as fault:
-        raise StageError(f"discrete.mesh: {fault}") from None
+    vertices, faces, _ = mended(*triangles(data, kind))
     vertices = unit * (vertices - vertices.min(axis=0))
     edge = tuple(vertices.max(axis=0).tolist())
     if not all(_EDGES[0] <= length <= _EDGES[1] for length in edge):
-        raise StageError(f"discrete.mesh: {' x '.join(f'{length:.3g}' for length in edge)} m; edges of {_EDGES[0]:g} to "
+        raise ValueError(f"its box is {' x '.join(f'{length:.3g}' for length in edge)} m; edges of {_EDGES[0]:g} to "
                          f"{_EDGES[1]:g} m would do: another discrete.mesh.unit")
     return Region(edge, None, vertices, faces)
 
@@ -107,7 +109,7 @@ def _settings(recipe) -> dict:
     from bakery.physics.discrete import classes
 
     given, discrete = optics.inputs(recipe, {}), recipe.discrete
-    region = _region(discrete)
+    region = _region(recipe)
     most = classes.per_component(len(given["components"]))
     made = [classes.classes(c.sizes, most, discrete.classes) for c in given["components"]]
     volumes = [c.sizes.mean_volume for c in given["components"]]
