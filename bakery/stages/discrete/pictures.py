@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bakery.draw.axes import plain_decades
+from bakery.draw.axes import plain_decades, positive_axis
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.stages.discrete.view import classes_of, region_of
+from bakery.stages.discrete.view import classes_of
 from bakery.store.tree import Group
 
 _SHOWN = 2500  # particles of a slab, about
@@ -36,7 +36,7 @@ def slab(group: Group) -> Picture:
     """The particles of a layer across the shortest edge, with their sizes."""
     position, radius, component = (group[name].data for name in ("position", "radius", "component"))
     box, names = group["box"].data, classes_of(group).names
-    depth = int(np.argmin(box))
+    depth = 2 - int(np.argmin(box[::-1]))
     across, up = (axis for axis in range(3) if axis != depth)
     half = min(0.5, 0.5 * _SHOWN / len(position)) * box[depth]
     middle = float(np.median(position[:, depth][:10**6])) if "density" in group.members else 0.5 * box[depth]
@@ -95,9 +95,13 @@ def sizes(group: Group) -> Picture:
             axes.plot(classes.radius[own], law[own], "-", color=_colour(c), linewidth=1.2, zorder=2)
             axes.plot(classes.radius[own], np.where(number[own] > 0, number[own], np.nan), _MARKS[c % len(_MARKS)],
                       color=_colour(c), markersize=4.5, label=name, zorder=3)
-        axes.set(xscale="log", yscale="log", xlabel="radius of the class (µm)", ylabel="particles",
-                 ylim=(max(0.5, 0.5 * law.min()), 3 * max(law.max(), 1)))
-        plain_decades(axes.xaxis)
+        axes.set(xlabel="radius of the class (µm)", ylabel="particles")
+        positive_axis(axes, law)
+        if axes.get_yscale() == "log":
+            axes.set_ylim(max(0.5, 0.5 * law.min()), 3 * law.max())
+        if classes.radius.max() > 1.5 * classes.radius.min():
+            axes.set_xscale("log")
+            plain_decades(axes.xaxis)
         axes.set_title("Particles of each class")
         if len(classes.names) > 1:
             axes.legend()
@@ -110,21 +114,9 @@ def sizes(group: Group) -> Picture:
 
 def counts(group: Group) -> Picture:
     """Counts of particles in cells beside the Poisson law."""
-    from scipy.stats import poisson
-
-    from bakery.physics.discrete import statistics
-
-    region = region_of(group)
-    observed, share = statistics.in_cells(region, group["position"].data)
-    if region.vertices is not None:
-        observed, share = observed[:-1], share[:-1]  # the cells that the surface cuts are not alike
-    expected = len(group["position"].data) * share
-    at = np.arange(0, int(max(observed.max(initial=1), expected.max(initial=1.0) + 4 * math.sqrt(expected.max(initial=1.0)))) + 2)
-    width = max(1, len(at) // 60)
-    edges = np.arange(0, at[-1] + width + 1, width)
-    cumulated = np.stack([poisson.cdf(edge - 1, expected).sum() for edge in edges])
-    law, seen = np.diff(cumulated), np.histogram(observed, edges)[0]
-    found = [float(group[f"cell_dispersion{end}"].data[0]) for end in ("", "_error")]
+    edges, seen, law = (group[name].data for name in ("cell_edge", "cell_count", "cell_count_law"))
+    value, error = (float(group[name].data[0]) for name in ("cell_dispersion", "cell_dispersion_error"))
+    width = edges[1] - edges[0]
 
     def draw(figure):
         from matplotlib.ticker import MaxNLocator
@@ -141,8 +133,8 @@ def counts(group: Group) -> Picture:
         axes.set_title("Counts in cells")
         axes.legend()
 
-    said = (f"Particles in {len(observed):,} cells, and the Poisson law of their expectations with the deviation that chance "
-            f"brings.  Variance over its expectation {found[0]:.4g}, by chance 1 ± {found[1]:.2g}.")
+    said = (f"Particles in {seen.sum():,.0f} cells, and the Poisson law of their expectations with the deviation that chance "
+            f"brings.  Variance over its expectation {value:.4g}, by chance 1 ± {error:.2g}.")
     return Picture("discrete_counts", "Counts of particles", said, (6.0, 3.8), draw,
                    (("from", edges[:-1]), ("cells", seen), ("expected", law)))
 
@@ -150,11 +142,11 @@ def counts(group: Group) -> Picture:
 def grains(group: Group, um) -> Picture:
     """Relative deviation of a pixel against the distance of the medium."""
     from bakery.physics.discrete import graininess
-    from bakery.physics.medium import phase
+    from bakery.physics.medium.phase import evaluate
 
     classes, density, box = classes_of(group), float(group["number_density"].data[0]), group["box"].data
     k = int(np.argsort(um, kind="stable")[len(um) // 2])
-    table = phase.evaluate(classes.theta, classes.phase[k].astype(float), np.radians(_ANGLES))
+    table = evaluate(classes.theta, classes.phase[k].astype(float), np.radians(_ANGLES))
     mean, square = graininess.mixture_moments(classes.share, classes.scattering[k:k + 1], classes.spread[k:k + 1], table[None])
     deep = float(box.max())
     sigma_t = density * float(group["law_extinction"].data[k]) * 1e-12
@@ -170,7 +162,7 @@ def grains(group: Group, um) -> Picture:
         for angle, row, ink in zip(_ANGLES, deviation, NEUTRAL, strict=True):
             axes.plot(near, row, color=ink, label=f"{angle}°")
         axes.axhline(0.01, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))
-        axes.annotate("1 %", (near[-1], 0.01), xytext=(-2, 3), textcoords="offset points", ha="right", color=QUIET, fontsize=8.5)
+        axes.annotate("1 %", (near[0], 0.01), xytext=(3, 3), textcoords="offset points", color=QUIET, fontsize=8.5)
         if near[0] < fills < near[-1]:
             axes.axvspan(near[0], fills, color=FAINT, alpha=0.6, linewidth=0)
         axes.set(xscale="log", yscale="log", xlabel="distance to the medium (m)", ylabel="deviation of a pixel over its mean",

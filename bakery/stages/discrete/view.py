@@ -64,14 +64,6 @@ def kinds_of(group: Group) -> np.ndarray:
     return out
 
 
-def region_of(group: Group):
-    """Where the particles are, as `bakery.physics.discrete.realise.Region`."""
-    from bakery.physics.discrete.realise import Region
-
-    held = {name: group[name].data for name in ("density", "mesh_vertices", "mesh_faces") if name in group.members}
-    return Region(tuple(group["box"].data.tolist()), held.get("density"), held.get("mesh_vertices"), held.get("mesh_faces"))
-
-
 def view(root: Group) -> Discrete:
     """The group as `bakery.open` gives it."""
     return Discrete(root["discrete"])
