@@ -13,12 +13,12 @@ from tests.conftest import ROOT
 from tests.samples import small_asset
 from tests.unit.test_imports import imports, modules
 
-# what a picture may take of physics: look-ups in the tables of an asset
-LOOKUPS = {"beam.kinds.MEASURES", "medium.phase.evaluate", "medium.phase.integral", "multiple.frame", "multiple.kinds.KINDS",
-           "multiple.lookup"}
+# what a picture may take of physics: look-ups in the tables of an asset, and what closed formulas say of a few of its figures
+LOOKUPS = {"beam.kinds.MEASURES", "discrete.graininess", "medium.phase.evaluate", "medium.phase.integral", "multiple.frame",
+           "multiple.kinds.KINDS", "multiple.lookup"}
 # files of physics whose functions may run while pictures are made
 FILES = {"medium/phase.py", "multiple/frame.py", "multiple/lookup.py", "multiple/table.py", "multiple/tree.py",
-         "beam/table.py"}
+         "beam/table.py", "discrete/graininess.py"}
 HAZE = """\
 bakery: 1
 name: haze

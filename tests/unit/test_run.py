@@ -283,7 +283,7 @@ def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
     assert compiling.expected(("mie._kernels", "packing._chords")) == seconds
 
 
-@pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter"])
+@pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter", "motes"])
 def test_stages_name_modules_that_hold_kernels(name, monkeypatch):
 
     monkeypatch.undo()  # of bakery's own stages

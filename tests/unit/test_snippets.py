@@ -17,7 +17,7 @@ import bakery
 from bakery.grammar import tables
 from bakery.physics.medium import analytic
 from bakery.recipe import load
-from tests.conftest import MILK, ROOT
+from tests.conftest import DROPS, MILK, ROOT
 
 PAGES = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
          for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]}
@@ -98,7 +98,9 @@ def test_recipes(page, folder):
             continue  # shown for its errors, which tests/unit/test_recipe.py compares
         if "bakery: 1" not in text:
             alone = re.search("^(packing|grains):", text, re.MULTILINE)
-            text = ("bakery: 1\nname: fog\n" if alone else MILK.format(name="fog", g=0.5)) + text
+            drops, milk = DROPS.format(name="fog", tolerance="5%", radius="1 um"), MILK.format(name="fog", g=0.5)
+            other = drops if "discrete:" in text else milk
+            text = ("bakery: 1\nname: fog\n" if alone else other) + text
         (folder / "fog.yaml").write_text(text)
         assert load("fog.yaml").leaves["bakery"] == 1
 

@@ -6,11 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 LEAST = 5.0  # expected particles of a bin; smaller bins are put together
 _CELLS = 4096  # at most
 _PER_CELL = 10.0  # particles that a cell aims at
 _FINE = 8  # points along an edge of a cell that tell whether it lies inside of a mesh
+_STEPS = 60  # of a histogram
 _CHUNK = 1 << 20
 
 
@@ -56,6 +58,26 @@ def dispersion(observed, probability) -> Figure | None:
     square = float(np.sum((observed - expected) ** 2 / expected))
     variance = 2 * (bins - 1) + (float(np.sum(1 / probability)) - bins**2 - 2 * bins + 2) / total
     return Figure(square / (bins - 1), math.sqrt(variance) / (bins - 1))
+
+
+def histogram(observed, probability):
+    """How many bins hold how many particles, beside the Poisson law of their expectations.
+
+    Parameters
+    ----------
+    observed, probability : (B,) as `dispersion` takes them
+
+    Returns
+    -------
+    edge : (H + 1,) whole numbers of particles: from each to before the next, at most some 60 steps
+    bins, law : (H,) bins that hold so many, and how many are expected to
+    """
+    expected = np.sum(observed) * probability
+    low = max(0, math.floor(min(observed.min(), expected.min() - 4 * math.sqrt(expected.min()))))
+    high = math.ceil(max(observed.max(), expected.max() + 4 * math.sqrt(expected.max()))) + 1
+    edge = np.arange(low, high + (step := math.ceil((high - low) / _STEPS)), step)
+    below = np.array([special.pdtr(k - 1, expected).sum() if k else 0.0 for k in edge.tolist()])
+    return edge, np.histogram(observed, edge - 0.5)[0], np.diff(below)
 
 
 def in_cells(region, position):

@@ -23,7 +23,8 @@ UNASKED, MOST = 10**8, 10**9  # particles that are stored without being asked fo
 # datasets of the group, beside which its components stand
 TAKEN = ("method", "number", "number_density", "box", "volume", "key", "position", "radius", "component", "density",
          "mesh_vertices", "mesh_faces", "theta", "host", "mean_extinction", "mean_extinction_error", "law_extinction",
-         "cell_dispersion", "cell_dispersion_error", "class_dispersion", "class_dispersion_error")
+         "cell_dispersion", "cell_dispersion_error", "cell_edge", "cell_count", "cell_count_law", "class_dispersion",
+         "class_dispersion_error")
 REACHED = 0.03  # what a class's averages take no trouble to meet better: their errors hardly add up
 _CUBIC = 1e-18  # m^3 a um^3
 

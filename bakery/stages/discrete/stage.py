@@ -18,8 +18,8 @@ from bakery.store.tree import Dataset, Group
 
 _METRES, _CUBIC = 1e-6, 1e-18  # m a um, m^3 a um^3
 _FILE = 12.1  # bytes a particle
-_STORING, _WRITING = 17.0, 45.0  # bytes a particle: while it is drawn; on top, while the file is written and read back
-_PLACING = 1.5e-7  # seconds a particle
+_STORING, _WRITING = 23.0, 50.0  # bytes a particle: while it is drawn; on top, while the file is written and read back
+_PLACING, _REJECTING = 1.5e-7, 1.5e-6  # seconds a particle, without and with a grid or a mesh: benchmarks/discrete_stage.py
 _EDGES = 1e-9, 1e7  # m, of a mesh, as those of a box
 _OFF = 8.0  # standard errors that a statistic may be off: by chance once in 1e15
 _FLOAT32 = 1e-6  # integral of a phase function whose values are float32
@@ -45,6 +45,9 @@ OUTPUTS = (
     Output("law_extinction", "(L,)", "um^2", "mean extinction cross section by the law: shares of classes times their means"),
     Output("cell_dispersion", "(1,)", "1", "variance of counts in cells over its expectation: 1 for independent places", True),
     Output("cell_dispersion_error", "(1,)", "1", "standard deviation of cell_dispersion over realisations", True),
+    Output("cell_edge", "(H + 1,)", "1", "numbers of particles in a cell: from each to before the next", True),
+    Output("cell_count", "(H,)", "1", "cells that hold so many", True),
+    Output("cell_count_law", "(H,)", "1", "cells that hold so many by the Poisson law of their expectations", True),
     Output("class_dispersion", "(1,)", "1", "variance of counts in classes over its expectation: 1 by the law", True),
     Output("class_dispersion_error", "(1,)", "1", "standard deviation of class_dispersion over realisations", True),
     Output("COMPONENT/index", "(1,)", "1", "number of the component in the recipe's order, from 0", whole=True),
@@ -66,29 +69,31 @@ _REQUIRED = ("index", "fraction", "radius", "edge", "share", "extinction", "scat
 # ---- recipe
 
 
-def _region(discrete):
+def _region(recipe):
     """Where the particles are; StageError says what is wrong with a mesh."""
     from bakery.physics.discrete.realise import Region
 
+    discrete, key = recipe.discrete, "discrete.mesh.file"
     if discrete.mesh is not None:
-        return _mesh(*discrete.mesh.file, discrete.mesh.unit * _METRES)
+        try:
+            return _mesh(*discrete.mesh.file, discrete.mesh.unit * _METRES)
+        except ValueError as fault:
+            raise StageError(f"{recipe.where(key)}: {key}: {recipe.leaves[key]}: {fault}") from None
     edge = tuple(_METRES * length for length in discrete.box)
     return Region(edge, None if discrete.grid is None else discrete.grid.file)
 
 
 def _mesh(data: bytes, kind: str, unit: float):
+    """The inside of a mesh file, moved to the origin; ValueError where it has none."""
     from bakery.physics.discrete.realise import Region
     from bakery.physics.shapes.files import triangles
     from bakery.physics.shapes.mending import mended
 
-    try:
-        vertices, faces, _ = mended(*triangles(data, kind))
-    except ValueError as fault:
-        raise StageError(f"discrete.mesh: {fault}") from None
+    vertices, faces, _ = mended(*triangles(data, kind))
     vertices = unit * (vertices - vertices.min(axis=0))
     edge = tuple(vertices.max(axis=0).tolist())
     if not all(_EDGES[0] <= length <= _EDGES[1] for length in edge):
-        raise StageError(f"discrete.mesh: {' x '.join(f'{length:.3g}' for length in edge)} m; edges of {_EDGES[0]:g} to "
+        raise ValueError(f"its box is {' x '.join(f'{length:.3g}' for length in edge)} m; edges of {_EDGES[0]:g} to "
                          f"{_EDGES[1]:g} m would do: another discrete.mesh.unit")
     return Region(edge, None, vertices, faces)
 
@@ -107,7 +112,7 @@ def _settings(recipe) -> dict:
     from bakery.physics.discrete import classes
 
     arguments, discrete = optics.inputs(recipe, {}), recipe.discrete
-    region = _region(discrete)
+    region = _region(recipe)
     most = classes.per_component(len(arguments["components"]))
     by_component = [classes.classes(c.sizes, most, discrete.classes) for c in arguments["components"]]
     volumes = [c.sizes.mean_volume for c in arguments["components"]]
@@ -141,8 +146,7 @@ def cost(recipe) -> Cost:
     stored = number if settings["method"] == "stored" else 0.0
     of_classes = sum(len(each.radius) for each in settings["classes"])
     tables = 4.0 * expectation.angles * of_classes * len(settings["wavelength"])
-    # a mesh asks for every candidate twice which side of its surface it lies on
-    placing = _PLACING * stored * (1.0 if settings["region"].whole else 8.0)
+    placing = (_PLACING if settings["region"].whole else _REJECTING) * stored
     return Cost(2 * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
                 _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
                 f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "
@@ -224,10 +228,14 @@ def _stored(inputs, share, extinction, context) -> dict[str, Dataset]:
               "component": np.repeat(of, number), "law_extinction": law}
     if len(position):
         values |= {"mean_extinction": mean, "mean_extinction_error": error}
-    for name, figure in (("cell", statistics.dispersion(*statistics.in_cells(region, position))),
-                         ("class", statistics.dispersion(number, share))):
+    counted, shares = statistics.in_cells(region, position)
+    for name, figure in (("cell", statistics.dispersion(counted, shares)), ("class", statistics.dispersion(number, share))):
         if figure is not None:
             values |= {f"{name}_dispersion": [figure.value], f"{name}_dispersion_error": [figure.error]}
+    if "cell_dispersion" in values:
+        alike = slice(None) if region.vertices is None else slice(-1)  # the last holds all that a surface cuts
+        held = statistics.histogram(counted[alike], shares[alike])
+        values |= {name: np.asarray(value, float) for name, value in zip(("cell_edge", "cell_count", "cell_count_law"), held)}
     return datasets(OUTPUTS, values)
 
 
