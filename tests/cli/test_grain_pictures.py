@@ -189,7 +189,7 @@ def test_the_page_holds_pictures_and_figures(call, undrawn, mix, tree, tmp_path)
     status, _, err = call("report", mix, "-o", tmp_path / "x.html", "--no-render")
     assert status == 0, err
     page = (tmp_path / "x.html").read_text()
-    assert page.count('<figure class="drawing">') == 11 and "<h2>Grains</h2>" in page
+    assert page.count('<figure class="drawing">') == 8 and "<h2>Grains</h2>" in page
     g, error = (tree[f"grains/salt/{name}"].data[2] for name in ("g", "g_error"))
     assert f"<td class=\"n\">{concise(g, error)}</td>" in page
     sigma, error = (tree[f"medium/sigma_t_mean_flight{end}"].data[0] for end in ("", "_error"))
