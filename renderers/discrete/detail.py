@@ -35,6 +35,8 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     emission and one sample of the lights make them.  Light that is scattered more than once is not counted: it makes pixels
     smoother than predicted.
     """
+    if not world.light_names:
+        return np.zeros((height, width))
     stride = max(1, math.ceil(math.sqrt(height * width / _PROBES)))
     rows, columns = (np.minimum(np.arange(0, side + stride, stride), side - 1) for side in (height, width))
     pixel = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
