@@ -37,7 +37,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Notes
     -----
     EXR layers: order0 (not scattered by particles), order1, order2, orders (three times and more), light.NAME (from each light),
-    noise (standard error), detail (m, depth up to which particles are particles).
+    noise (standard error), detail (m, depth up to which particles are particles), method (0: continuous, 1: particles, 2: both).
     """
     import numpy as np
 
@@ -65,7 +65,10 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    layers = {} if method.depth is None else {"detail": np.minimum(method.depth, 1e30)}
+    layers = {}
+    if method.depth is not None:
+        layers = {"detail": np.minimum(method.depth, 1e30),
+                  "method": np.where(method.depth == 0, 0.0, np.where(np.isinf(method.depth), 1.0, 2.0))}
     return estimate.finish(job, layers=layers, method=values.discrete.method, reasons=method.reasons, **method.figures)
 
 

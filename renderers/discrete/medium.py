@@ -70,6 +70,17 @@ def classes_of(group) -> Classes:
                    baked.radius * _METRES, baked.component, np.zeros(len(baked.extinction)))
 
 
+def in_bands(classes, bands) -> Classes:
+    """The classes in C bands instead of L wavelengths: cross sections are means, phase functions means by scattering.
+
+    bands : (C, L), rows add up to 1
+    """
+    scattering = bands @ classes.scattering
+    phase = np.einsum("cl,lk,lka->cka", bands, classes.scattering, classes.phase) / np.maximum(scattering, 1e-300)[..., None]
+    phase[scattering <= 0] = 1 / (4 * math.pi)
+    return classes._replace(extinction=bands @ classes.extinction, scattering=scattering, phase=phase, peak=np.zeros(len(bands)))
+
+
 def without_peak(classes, angle) -> Classes:
     """The classes without what their phase functions have above their value at `angle` (rad), within it.
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from renderers import colour
 from renderers.discrete import detail, explicit, place, query, splat, walk
-from renderers.discrete.medium import classes_of, medium, without_peak
+from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
 from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _HALF = 0.5
+_INSIDE = 0.01  # of the box's diagonal: how far from the camera a medium begins that it stands in
 
 
 class Method(NamedTuple):
@@ -31,6 +32,22 @@ class Method(NamedTuple):
     figures: dict
 
 
+class Setup(NamedTuple):
+    """What the methods work with: the asset's classes, as baked and with the forward peak taken out, and where they are."""
+
+    settings: object
+    group: object
+    world: object
+    region: object
+    waves: np.ndarray
+    bands: np.ndarray
+    baked: Classes
+    classes: Classes
+    discs: object
+    medium: Medium
+    order: np.ndarray
+
+
 def prepare(job, world, tolerance, seed) -> Method:
     """The method that a scene asks for.
 
@@ -41,45 +58,95 @@ def prepare(job, world, tolerance, seed) -> Method:
     tolerance : relative deviation of a pixel that taking the continuous medium for particles may make
     seed : of the passes
     """
-    values, asset, group = job.scene.values, job.asset, job.asset.discrete
-    settings, name = values.discrete, values.discrete.method
-    height, width = world.size
-    region = place.region_of(job.scene, group)
-    waves = np.asarray(asset.wavelength, float)
-    to_rgb, to_waves = colour.srgb_matrix(waves), colour.spread_matrix(waves)
-    pixel = float(np.median(world.camera.angle(height, width)))
-    baked = classes_of(group)
-    angle = 0.0 if name == "explicit" or settings.peak == "keep" else _HALF * pixel if settings.peak == "auto" else settings.peak
-    classes = without_peak(baked, angle)
-    discs = place.discs_of(group, region, settings.velocity, settings.time)
-    reasons = [_peak(classes, angle)]
-    tabulated, order = medium(classes, discs, to_rgb, to_waves)
-    depth, passes = None, [("walk", walk.one_pass, walk.Discs(tabulated))]
-    if name == "continuous":
-        passes = [("walk", walk.one_pass, walk.Discs(tabulated, later=0.0))]
-        depth = np.zeros((height, width))
-    elif name in ("particles", "auto"):
-        depth = np.full((height, width), np.inf)
-        if name == "auto":
-            depth = detail.depths(world, tabulated, world.camera, height, width, tolerance, seed)
-            reasons.append(_detail(depth, tolerance))
-        later = np.inf if name == "particles" else 0.0
-        passes = [("walk", walk.one_pass, walk.Discs(tabulated, later=later, splatted=True))]
-        if depth.max() > 0 and world.light_names:
-            how = splat.plan(tabulated, world.camera, height, width, depth, drawn=name == "auto")
-            passes.append(("splat", splat.one_pass, (tabulated, how)))
-    elif name == "query":
-        passes = [("walk", walk.one_pass, _query(classes, discs, order, tabulated, settings.footprint, world, region))]
-        reasons.append(f"queries of the paper, cylinders of {settings.footprint:g} pixels: their mean is not the continuous "
-                       "medium's")
-    elif name == "explicit":
-        passes = [("walk", walk.one_pass, _spheres(group, baked, discs, tabulated, order, waves))]
-        reasons.append("spheres of geometrical optics: without diffraction, and with the index of the middle wavelength")
+    name, (height, width) = job.scene.values.discrete.method, world.size
+    angle = _peak_angle(job.scene.values.discrete, world)
+    setup = _setup(job, world, angle)
+    passes, depth, reasons = _METHODS[name](setup, tolerance, seed)
     lights = world.light_names
     everywhere = np.full((height, width), np.inf) if depth is None else depth
     parts = tuple(Part(part, _pass(function, world, what, height, width, seed, everywhere, lights))
                   for part, function, what in passes)
-    return Method(parts, depth, reasons, _figures(group, classes, region, depth))
+    return Method(parts, depth, [_peak(setup.classes, angle), *reasons], _figures(setup, depth))
+
+
+def _peak_angle(settings, world):
+    """Within which the forward peak counts as unscattered, rad; 0: nothing does."""
+    if settings.method == "explicit" or settings.peak == "keep":
+        return 0.0
+    return _HALF * float(np.median(world.camera.angle(*world.size))) if settings.peak == "auto" else settings.peak
+
+
+def _setup(job, world, angle) -> Setup:
+    values, group = job.scene.values, job.asset.discrete
+    settings, waves = values.discrete, np.asarray(job.asset.wavelength, float)
+    baked, bands = classes_of(group), np.eye(len(waves))
+    to_rgb, to_waves = colour.srgb_matrix(waves), colour.spread_matrix(waves)
+    if values.film.wavelengths == "rgb":
+        bands, to_rgb, to_waves = colour.band_matrix(waves), np.eye(3), np.eye(3)
+        baked = in_bands(baked, bands)
+    region, classes = place.region_of(job.scene, group), without_peak(baked, angle)
+    discs = place.discs_of(group, region, settings.velocity, settings.time)
+    tabulated, order = medium(classes, discs, to_rgb, to_waves)
+    return Setup(settings, group, world, region, waves, bands, baked, classes, discs, tabulated, order)
+
+
+# ---- each method: its passes (name, function, what it takes), depths of particles, reasons
+
+
+def _continuous(setup, tolerance, seed):
+    return [("walk", walk.one_pass, walk.Discs(setup.medium, later=0.0))], np.zeros(setup.world.size), []
+
+
+def _particles(setup, tolerance, seed):
+    depth = np.full(setup.world.size, np.inf)
+    return _walk_and_splat(setup, depth, later=np.inf, drawn=False), depth, []
+
+
+def _auto(setup, tolerance, seed):
+    depth = detail.depths(setup.world, setup.medium, setup.world.camera, *setup.world.size, tolerance, seed)
+    return _walk_and_splat(setup, depth, later=0.0, drawn=True), depth, [_detail(depth, tolerance)]
+
+
+def _walk_and_splat(setup, depth, later, drawn):
+    passes = [("walk", walk.one_pass, walk.Discs(setup.medium, later=later, splatted=True))]
+    if depth.max() > 0 and setup.world.light_names:
+        how = splat.plan(setup.medium, setup.world.camera, *setup.world.size, depth, drawn)
+        passes.append(("splat", splat.one_pass, (setup.medium, how)))
+    return passes
+
+
+def _query(setup, tolerance, seed):
+    """Cylinders whose cross section is a share of a pixel where the medium begins (Eq. 23)."""
+    origin, region, order, footprint = setup.world.camera.origin, setup.region, setup.order, setup.settings.footprint
+    nearest = float(np.linalg.norm(np.maximum(np.maximum(region.lo - origin, origin - region.hi), 0.0)))
+    nearest = max(nearest, _INSIDE * float(np.linalg.norm(region.hi - region.lo)))
+    pixel = math.sqrt(np.linalg.norm(np.cross(setup.world.camera.right, setup.world.camera.down)))
+    radius = math.sqrt(footprint * pixel**2 / math.pi) * nearest
+    classes = setup.classes
+    reach = np.broadcast_to(math.pi * (classes.radius[order] + radius) ** 2, classes.extinction.shape)
+    method = query.Query(setup.medium._replace(discs=setup.discs(reach, classes.density[order], order)),
+                         np.ascontiguousarray(classes.extinction[:, order].T),
+                         np.ascontiguousarray(classes.scattering[:, order].T), radius)
+    return [("walk", walk.one_pass, method)], None, [
+        f"queries of the paper, cylinders of {footprint:g} pixels: their mean is not the continuous medium's"]
+
+
+def _explicit(setup, tolerance, seed):
+    """Spheres of the classes' radii and their components' indices."""
+    parts = [setup.group[name] for name in setup.group.classes().names]
+    host, middle = np.asarray(setup.group.host, float), int(np.argsort(setup.waves)[len(setup.waves) // 2])
+    index = np.array([part.n[middle] / host[middle] for part in parts], float)
+    absorption = np.array([4 * math.pi * np.asarray(part.k, float) / (setup.waves * 1e-6) for part in parts]) @ setup.bands.T
+    order = setup.order
+    reach = np.broadcast_to(math.pi * setup.baked.radius[order] ** 2, setup.baked.extinction.shape)
+    spheres = setup.medium._replace(discs=setup.discs(reach, setup.baked.density[order], order))
+    of = setup.baked.component[order]
+    method = explicit.Spheres(spheres, index[of], np.ascontiguousarray(absorption[of]))
+    return [("walk", walk.one_pass, method)], None, [
+        "spheres of geometrical optics: without diffraction, and with the index of the middle wavelength"]
+
+
+_METHODS = {"auto": _auto, "particles": _particles, "continuous": _continuous, "query": _query, "explicit": _explicit}
 
 
 def _pass(function, world, what, height, width, seed, depth, lights):
@@ -91,31 +158,6 @@ def _pass(function, world, what, height, width, seed, depth, lights):
             | {f"light.{name}": image for name, image in zip(lights, by_light)}
 
     return one
-
-
-def _query(classes, discs, order, tabulated, footprint, world, region):
-    """Cylinders as wide as a share of a pixel where the medium begins (Eq. 23)."""
-    origin = world.camera.origin
-    nearest = float(np.linalg.norm(np.maximum(np.maximum(region.lo - origin, origin - region.hi), 0.0)))
-    nearest = max(nearest, 0.01 * float(np.linalg.norm(region.hi - region.lo)))
-    pixel = math.sqrt(np.linalg.norm(np.cross(world.camera.right, world.camera.down)))
-    radius = math.sqrt(footprint * pixel**2 / math.pi) * nearest
-    reach = np.broadcast_to(math.pi * (classes.radius[order] + radius) ** 2, classes.extinction.shape)
-    cylinders = discs(reach, classes.density[order], order)
-    return query.Query(tabulated._replace(discs=cylinders), np.ascontiguousarray(classes.extinction[:, order].T),
-                       np.ascontiguousarray(classes.scattering[:, order].T), radius)
-
-
-def _spheres(group, classes, discs, tabulated, order, waves):
-    """Spheres of the classes' radii and their components' indices."""
-    parts = [group[name] for name in group.classes().names]
-    host, middle = np.asarray(group.host, float), int(np.argsort(waves)[len(waves) // 2])
-    index = np.array([part.n[middle] / host[middle] for part in parts], float)
-    absorption = np.array([4 * math.pi * np.asarray(part.k, float) / (waves * 1e-6) for part in parts])
-    reach = np.broadcast_to(math.pi * classes.radius[order] ** 2, classes.extinction.shape)
-    of = classes.component[order]
-    return explicit.Spheres(tabulated._replace(discs=discs(reach, classes.density[order], order)), index[of],
-                            np.ascontiguousarray(absorption[of]))
 
 
 def _peak(classes, angle):
@@ -133,8 +175,9 @@ def _detail(depth, tolerance):
             "continuous medium's")
 
 
-def _figures(group, classes, region, depth):
-    tau = classes.sigma_t * float((region.hi - region.lo).max())
+def _figures(setup, depth):
+    region, group = setup.region, setup.group
+    tau = setup.classes.sigma_t * float((region.hi - region.lo).max())
     own = float(np.prod(region.hi - region.lo)) / float(np.prod(np.asarray(group.box, float)))
     return {"particles": float(group.number[0]) * (1.0 if "position" in group else own),
             "optical_depth": [float(tau.min()), float(tau.max())],

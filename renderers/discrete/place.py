@@ -89,7 +89,8 @@ def discs_of(group, region, velocity, time):
             return kernels.procedural_discs(region, extinction, density, group.key, moves, time)
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
-        place = np.asarray(group.position) + region.lo
+        place = np.asarray(group.position)
+        place = place + region.lo if region.lo.any() else place  # float32 as stored: 1e8 particles are a gigabyte
         return kernels.stored_discs(region, extinction, place, rank[group.kinds()], moves, time)
 
     return discs

@@ -20,7 +20,7 @@ from renderers.discrete.threads import run
 
 CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
-_AREA = 4.0  # pixels of a disc for each pencil
+_DENSE = 8.0  # pencils to a pixel of a disc
 _TRACED, _DRAWN = 1 << 20, 1 << 23  # particles in a pass: some seconds
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
 # steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
@@ -238,7 +238,7 @@ def _pencils(medium, origin, area, axis, place, kind, pencils, begin, end):
         distance, v = _cone(medium, kind[i], x, y, z)
         along = max(x * axis[0] + y * axis[1] + z * axis[2], 0.1 * distance)
         covered = 2 * math.pi * v / (area * (along / distance) ** 3) if along > 0 else 1e9
-        pencils[i] = min(max(math.ceil(covered / _AREA), 1), _MOST)
+        pencils[i] = min(max(math.ceil(covered * _DENSE), 1), _MOST)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
