@@ -97,7 +97,7 @@ def cost(parts, which):
     return sum(np.sqrt(part[which].var(axis=0, ddof=1).mean() * part[2]) for part in parts) ** 2 / mean**2, mean
 
 
-def compare(folder, count, width=160, height=120):
+def compare(folder, count, width=320, height=240):
     path = asset(folder, count)
     found = passes({(method, part.name): part for method in METHODS
                     for part in prepared(folder, path.name, method, width, height).parts})

@@ -187,7 +187,7 @@ def transmit(medium, ox, oy, oz, dx, dy, dz, far, discrete, sx, sy, sz, states, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mixture(medium, kind, weight, i, v, values):
-    """Density (1/sr) with which `scatter` takes an angle of 1 - cos = v; values (L,) become the phase functions there."""
+    """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
     total, mean = 0.0, 0.0
     for w in range(len(values)):
         values[w] = phase_value(medium.v, medium.steps, medium.phase[kind, w], v)
@@ -198,10 +198,13 @@ def mixture(medium, kind, weight, i, v, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scatter(medium, kind, direction, weight, states, density, begin, end):
+def scatter(medium, kind, direction, weight, states, guide, guided, density, begin, end):
     """New directions of paths that particles of classes kind (n,) scatter; density (n,) 1/sr becomes that of each direction.
 
-    The angle is drawn from the phase functions of all wavelengths, mixed by what they would scatter.
+    guide : (n, 3) direction of a light;  guided : (n,) whether half of the new directions are drawn about it
+
+    Angles are drawn from the phase functions of all wavelengths, mixed by what they would scatter: about the path's direction, or
+    about that of a light, for the next particle scatters most light that comes from nearly behind it.
     """
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
@@ -220,16 +223,38 @@ def scatter(medium, kind, direction, weight, states, density, begin, end):
                 one = w
                 break
         v = phase_sample(medium.v, medium.steps, medium.phase[kind[i], one], medium.cdf[kind[i], one], uniform(states, i))
-        density[i] = mixture(medium, kind[i], weight, i, v, values)
+        turn = 2 * math.pi * uniform(states, i)
+        ox, oy, oz = direction[i, 0], direction[i, 1], direction[i, 2]
+        if guided[i] and uniform(states, i) < 0.5:
+            x, y, z = turned_direction(guide[i, 0], guide[i, 1], guide[i, 2], v, turn)
+            v = _turn(x, y, z, ox, oy, oz)
+        else:
+            x, y, z = turned_direction(ox, oy, oz, v, turn)
+        density[i] = drawn(medium, kind[i], weight, i, guide, guided, x, y, z, v, values)
         for w in range(weight.shape[1]):
             weight[i, w] *= medium.albedo[kind[i], w] * values[w] / density[i] if density[i] > 0 else 0.0
-        direction[i, 0], direction[i, 1], direction[i, 2] = turned_direction(
-            direction[i, 0], direction[i, 1], direction[i, 2], v, 2 * math.pi * uniform(states, i))
+        direction[i, 0], direction[i, 1], direction[i, 2] = x, y, z
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _turn(x, y, z, ux, uy, uz):
+    """1 - cos between two unit directions, with the digits of small angles."""
+    return min(0.5 * ((x - ux) ** 2 + (y - uy) ** 2 + (z - uz) ** 2), 2.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, kind, origin, direction, weight, states, discrete, order, lit, distance, radiance, density, single, index,
-          pixel, by_order, by_light, begin, end):
+def drawn(medium, kind, weight, i, guide, guided, x, y, z, v, values):
+    """Density (1/sr) with which `scatter` takes direction (x, y, z), 1 - cos = v off the path's; see `mixture`."""
+    about = 0.0
+    if guided[i]:
+        about = mixture(medium, kind, weight, i, _turn(x, y, z, guide[i, 0], guide[i, 1], guide[i, 2]), values)
+    ahead = mixture(medium, kind, weight, i, v, values)
+    return 0.5 * (ahead + about) if guided[i] else ahead
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light(medium, kind, origin, direction, weight, states, discrete, order, guide, guided, lit, distance, radiance, density,
+          single, index, pixel, by_order, by_light, begin, end):
     """Adds what sampled lights send by way of a scattering to the pixels.
 
     Parameters
@@ -238,6 +263,7 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, lit,
     origin : (n, 3) m, where the paths scatter;  direction : (n, 3), in which they arrived from the camera
     discrete : (n,) m, see `collide`
     order : (n,) scatterings so far, this one included; below 0: nothing is added
+    guide, guided : as `scatter` takes them
     lit, distance, radiance, density, single, index : of the lights' samples: (n, 3) direction, (n,) m, (n, 3) sRGB over the
         sampling density, (n,) 1/sr, (n,) whether no direction drawn by a phase function could meet it, (n,) number of the light
     pixel : (n,) into by_order (ORDERS, pixels, 3) and by_light (lights, pixels, 3), linear sRGB
@@ -246,8 +272,8 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, lit,
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
     added = np.empty(3)
     for i in range(begin, end):
-        if order[i] >= 0 and _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density,
-                                      single[i], i, values, passed, open, room):
+        if order[i] >= 0 and _arrives(medium, kind, origin, direction, weight, states, discrete, guide, guided, lit, distance,
+                                      radiance, density, single[i], i, values, passed, open, room):
             to_rgb(medium, values, radiance[i], added)
             add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
 
@@ -264,7 +290,8 @@ def light_alone(medium, kind, origin, direction, weight, states, chance, lit, di
     for i in range(begin, end):
         if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
             continue
-        _scattered(medium, kind, direction, weight, lit, density, True, i, values)
+        v = _turn(lit[i, 0], lit[i, 1], lit[i, 2], direction[i, 0], direction[i, 1], direction[i, 2])
+        mixture(medium, kind[i], weight, i, v, values)
         if chance[i] >= 0:
             column = in_box(medium.discs.region, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]),
                             np.float64(lit[i, 1]), np.float64(lit[i, 2]), distance[i])
@@ -275,7 +302,7 @@ def light_alone(medium, kind, origin, direction, weight, states, chance, lit, di
                      np.float64(lit[i, 2]), distance[i], np.inf, origin[i, 0], origin[i, 1], origin[i, 2], states, i, passed,
                      open, room)
         for w in range(waves):
-            values[w] *= weight[i, w] * passed[w]
+            values[w] *= medium.albedo[kind[i], w] * weight[i, w] * passed[w]
         to_rgb(medium, values, radiance[i], added[i])
 
 
@@ -287,26 +314,20 @@ def in_box(region, ox, oy, oz, dx, dy, dz, far):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _scattered(medium, kind, direction, weight, lit, density, single, i, values):
-    """values (L,) become albedo times phase function towards a light, times the balance heuristic; 1 at surfaces."""
-    for w in range(len(values)):
-        values[w] = 1.0
-    if kind[i] == NO_DISC:
-        return
-    ex, ey, ez = lit[i, 0] - direction[i, 0], lit[i, 1] - direction[i, 1], lit[i, 2] - direction[i, 2]
-    chance = mixture(medium, kind[i], weight, i, min(0.5 * (ex * ex + ey * ey + ez * ez), 2.0), values)
-    balance = 1.0 if single else density[i] / (density[i] + chance)
-    for w in range(len(values)):
-        values[w] *= medium.albedo[kind[i], w] * balance
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _arrives(medium, kind, origin, direction, weight, states, discrete, lit, distance, radiance, density, single, i, values,
-             passed, open, room):
+def _arrives(medium, kind, origin, direction, weight, states, discrete, guide, guided, lit, distance, radiance, density,
+             single, i, values, passed, open, room):
     """Whether light of sample i arrives; values (L,) become what the path makes of radiance 1."""
     if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
         return False
-    _scattered(medium, kind, direction, weight, lit, density, single, i, values)
+    for w in range(len(values)):
+        values[w] = 1.0
+    if kind[i] != NO_DISC:
+        lx, ly, lz = np.float64(lit[i, 0]), np.float64(lit[i, 1]), np.float64(lit[i, 2])
+        v = _turn(lx, ly, lz, direction[i, 0], direction[i, 1], direction[i, 2])
+        chance = drawn(medium, kind[i], weight, i, guide, guided, lx, ly, lz, v, values)
+        balance = 1.0 if single else density[i] / (density[i] + chance)
+        for w in range(len(values)):
+            values[w] *= medium.albedo[kind[i], w] * balance
     sx, sy, sz = np.nan, np.nan, np.nan
     if 0 <= kind[i] < len(medium.albedo) - 1:
         sx, sy, sz = origin[i, 0], origin[i, 1], origin[i, 2]

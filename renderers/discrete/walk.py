@@ -14,6 +14,7 @@ from renderers.discrete import _transport
 from renderers.discrete.threads import run
 from renderers.mitsuba.world import LightSample
 
+_SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 
 
@@ -74,11 +75,15 @@ class Discs:
         n, medium = len(paths), self.medium
         particle = kind < len(medium.albedo) - 1
         first = (paths.bounces == 0) & particle & self.splatted
-        numbers = np.empty((n, 3))
+        numbers = np.empty((n, 6))
         _transport.draw(paths.states, numbers)
+        # two places on lights, in one call: one to connect to, and one whose direction guides the path
+        both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:]]))
+        sample, other = (LightSample(*(values[part] for values in both)) for part in (slice(n), slice(n, None)))
+        guide, guided = other.direction.astype(float), (other.radiance > 0).any(axis=1) & (other.delta | (other.density > _SMALL))
         run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
-            np.where(first, -1, paths.order), *world.lights(place, numbers), paths.pixel, by_order, by_light)
-        run(_transport.scatter, n, medium, kind, paths.direction, paths.weight, paths.states, paths.density)
+            np.where(first, -1, paths.order), guide, guided, *sample, paths.pixel, by_order, by_light)
+        run(_transport.scatter, n, medium, kind, paths.direction, paths.weight, paths.states, guide, guided, paths.density)
         paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
         paths.single, paths.seen = np.zeros(n, bool), first
         return paths
@@ -161,7 +166,7 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     paths.discrete[:] = method.later
     sample = LightSample(*(values[hit] for values in shading.light))
     run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
-        paths.discrete, paths.order, *sample, paths.pixel, by_order, by_light)
+        paths.discrete, paths.order, paths.direction, np.zeros(m, bool), *sample, paths.pixel, by_order, by_light)
     run(_transport.reflect, m, medium, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.left_out = np.full((m, 3), np.nan)
