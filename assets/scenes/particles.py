@@ -119,7 +119,7 @@ def beads():
         s.pane(bsdf, place, (0.2, 0.2), turn)
     s.box("white", (-0.135, 0, 0), (-0.015, 0.12, 0.24), turn=20)
     s.box("white", (0.017, -0.118, 0), (0.133, -0.002, 0.12), turn=-17)
-    s.pane("dark", (0, 0, 0.399), (0.06, 0.05), '<rotate x="1" angle="180"/>', (22, 18, 12), "lamp", 1)
+    s.pane("dark", (0, 0, 0.399), (0.06, 0.05), '<rotate x="1" angle="180"/>', (16, 13, 9), "lamp", 1)
     return s
 
 
@@ -142,7 +142,7 @@ def stairs():
     s.shape("cube", "wood", '<scale value="0.035, 1.2, 0.025"/> <rotate x="1" angle="31.3"/>'
             ' <translate value="0.135, 0.72, 1.67"/>')
     s.sun("sun", (-0.72, -0.3, -0.62), (8, 6.6, 4.6))
-    s.point("room", (-0.2, -2.4, 2.7), (0.16, 0.23, 0.36))
+    s.point("room", (-0.2, -2.4, 2.7), (0.9, 1.2, 1.7))
     return s
 
 
@@ -177,7 +177,7 @@ def snow():
             width = height * (0.24 - 0.045 * k) * random.uniform(0.9, 1.1)
             s.cone("fir", (x, y, height * (0.1 + 0.2 * k)), width, 0.38 * height)
             s.cone("snow", (x + 0.03, y, height * (0.24 + 0.2 * k)), 0.55 * width, 0.28 * height)
-    s.around("night", (0.005, 0.008, 0.016))
+    s.around("night", (0.0032, 0.005, 0.01))
     return s
 
 
@@ -199,9 +199,9 @@ def bubbles():
         end = (x + 0.05 * math.cos(angle), y + 0.05 * math.sin(angle), height)
         s.rod("coral", (x, y, 0.06), end, 0.008)
         s.ball("coral", end, 0.014)
-    for k, (begin, end) in enumerate(((-0.5, -0.15), (0.15, 0.1), (0.8, 0.4))):
-        s.spot(f"shaft{k + 1}", (begin, 0.9, 1.9), (end, 0.1, 0), (3.5, 5.2, 4.8), 9, 4)
-    s.around("sea", (0.002, 0.014, 0.026))
+    for k, (begin, end) in enumerate(((0.1, -0.42), (0.55, 0.05), (1.1, 0.5))):
+        s.spot(f"shaft{k + 1}", (begin, 0.75, 2), (end, 0.15, 0), (6, 8.6, 8), 8, 5)
+    s.around("sea", (0.0012, 0.009, 0.018))
     return s
 
 
