@@ -17,8 +17,8 @@ def measure():
     rows, images = {}, {}
     for count in COUNTS:
         made = stand.asset(stand.single(stand.radius_of(count, DEPTH)), count)
-        smooth = stand.picture(made, "continuous", 48)
-        grains = stand.picture(made, "particles", 4 if count == COUNTS[-1] else 16)
+        smooth = stand.picture(made, "continuous", 32)
+        grains = stand.picture(made, "particles", 2 if count == COUNTS[-1] else 8)
         whole, ours = stand.blocks(smooth.all), stand.blocks(grains.all)
         rows[count] = (stand.radius_of(count, DEPTH), float(grains.all.mean() / smooth.all.mean()),
                        float(np.sqrt(np.mean((ours / whole - 1) ** 2))), stand.graininess(grains.single), smooth.report["noise"])

@@ -18,8 +18,8 @@ def measure():
     for count in COUNTS:
         made = stand.asset(stand.single(stand.radius_of(count, DEPTH)), count)
         for lamp in (stand.SIDE, stand.BEHIND):
-            traced = stand.picture(made, "explicit", 256, lamp)
-            kept, without = (stand.picture(made, "particles", 16, lamp, peak=peak) for peak in ("keep", APART))
+            traced = stand.picture(made, "explicit", 96, lamp)
+            kept, without = (stand.picture(made, "particles", 8, lamp, peak=peak) for peak in ("keep", APART))
             means = [found.single.mean() for found in (kept, without, traced)]
             coarse = [stand.blocks(found.single, 4).ravel() for found in (without, traced)]
             rows[count, lamp] = (stand.radius_of(count, DEPTH), means[0] / means[2], means[1] / means[2],

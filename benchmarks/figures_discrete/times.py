@@ -8,7 +8,7 @@ from . import stand
 
 COUNTS = (10_000, 100_000, 1_000_000)
 RADIUS = 30.0  # um
-METHODS = {"particles": 4, "explicit": 64, "query": 32}  # samples
+METHODS = {"particles": 3, "explicit": 32, "query": 16}  # samples
 
 
 def measure():
