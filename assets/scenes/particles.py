@@ -94,7 +94,7 @@ FACING = '<rotate x="1" angle="90"/>'  # turns a rectangle towards the camera
 
 
 def lamp():
-    s = Scene("A lamp on a table.", (480, 360), 40, (0, -1.3, 0.4), (0, 0, 0.31), wood=(0.05, 0.025, 0.012),
+    s = Scene("A lamp on a table.", (400, 300), 40, (0, -1.3, 0.4), (0, 0, 0.31), wood=(0.05, 0.025, 0.012),
               wall=(0.015, 0.017, 0.025), iron=(0.02, 0.02, 0.02), cover=(0.04, 0.1, 0.16), apple=(0.25, 0.03, 0.015))
     s.box("wood", (-1.2, -0.5, -0.04), (1.2, 0.7, 0))
     s.pane("wall", (0, 1.4, 1), (4, 3), FACING)
@@ -111,7 +111,7 @@ def lamp():
 
 
 def beads():
-    s = Scene("A Cornell box of 0.4 m.", (360, 360), 31, (0, -0.98, 0.2), (0, 0, 0.2), white=(0.72, 0.72, 0.7),
+    s = Scene("A Cornell box of 0.4 m.", (300, 300), 31, (0, -0.98, 0.2), (0, 0, 0.2), white=(0.72, 0.72, 0.7),
               red=(0.6, 0.06, 0.05), green=(0.12, 0.45, 0.1), dark=(0, 0, 0))
     for place, turn, bsdf in (((0, 0, 0), "", "white"), ((0, 0, 0.4), "", "white"), ((0, 0.2, 0.2), FACING, "white"),
                               ((-0.2, 0, 0.2), '<rotate y="1" angle="90"/>', "red"),
@@ -124,7 +124,7 @@ def beads():
 
 
 def stairs():
-    s = Scene("A staircase with a window.", (360, 440), 46, (-0.9, -3.4, 1.25), (0.15, 0, 1.3), plaster=(0.16, 0.14, 0.12),
+    s = Scene("A staircase with a window.", (320, 400), 46, (-0.9, -3.4, 1.25), (0.15, 0, 1.3), plaster=(0.16, 0.14, 0.12),
               stone=(0.14, 0.12, 0.1), wood=(0.07, 0.035, 0.02))
     s.box("wood", (-1.6, -3.6, -0.1), (1.6, 2, 0))
     s.box("plaster", (-1.6, 2, 0), (1.6, 2.1, 3))
@@ -142,12 +142,12 @@ def stairs():
     s.shape("cube", "wood", '<scale value="0.035, 1.2, 0.025"/> <rotate x="1" angle="31.3"/>'
             ' <translate value="0.135, 0.72, 1.67"/>')
     s.sun("sun", (-0.72, -0.3, -0.62), (8, 6.6, 4.6))
-    s.point("room", (-0.2, -2.4, 2.7), (0.9, 1.2, 1.7))
+    s.point("room", (-0.2, -2.4, 2.7), (0.3, 0.42, 0.62))
     return s
 
 
 def snow():
-    s = Scene("A hut in the snow, at night.", (480, 360), 58, (0.3, -6.8, 1.5), (0.1, 0, 1.75),
+    s = Scene("A hut in the snow, at night.", (400, 300), 58, (0.3, -6.8, 1.5), (0.1, 0, 1.75),
               snow=(0.75, 0.77, 0.8), wall=(0.14, 0.08, 0.05),
               trim=(0.3, 0.28, 0.25), bark=(0.05, 0.04, 0.03),
               glass=(0.05, 0.05, 0.05), fir=(0.03, 0.06, 0.04))
@@ -182,7 +182,7 @@ def snow():
 
 
 def bubbles():
-    s = Scene("The floor of the sea, shafts of light from above.", (480, 360), 50, (0, -1.25, 0.42), (0, 0, 0.55),
+    s = Scene("The floor of the sea, shafts of light from above.", (400, 300), 50, (0, -1.25, 0.42), (0, 0, 0.55),
               sand=(0.22, 0.2, 0.15), rock=(0.05, 0.06, 0.06), coral=(0.5, 0.07, 0.05))
     s.box("sand", (-3, -2, -0.1), (3, 1.6, 0))
     random = Random(3)
@@ -206,7 +206,7 @@ def bubbles():
 
 
 def drive():
-    s = Scene("A road at night.", (480, 320), 52, (1.7, -19, 1.25), (1.2, 0, 1.15), grass=(0.02, 0.035, 0.015),
+    s = Scene("A road at night.", (420, 280), 52, (1.7, -19, 1.25), (1.2, 0, 1.15), grass=(0.02, 0.035, 0.015),
               line=(0.5, 0.5, 0.45), iron=(0.03, 0.03, 0.03), paint=(0.03, 0.05, 0.12), post=(0.5, 0.5, 0.5))
     s.add('<bsdf type="twosided" id="road"> <bsdf type="roughplastic">'
           ' <rgb name="diffuse_reflectance" value="0.035, 0.035, 0.04"/> <float name="alpha" value="0.15"/> </bsdf> </bsdf>')
@@ -228,7 +228,7 @@ def drive():
         s.box("iron", (3.2, y - 0.04, 4.95), (4.82, y + 0.04, 5.03))
         s.ball("iron", (3.3, y, 4.8), 0.13, (8, 4.8, 1.8), f"bulb{k + 1}", 0.05)
         s.spot(f"lamp{k + 1}", (3.3, y, 4.62), (2.6, y, 0), (9, 5.4, 2), 75, 40)
-    s.spot("own", (1.7, -18.2, 0.65), (1.5, -2, 0.3), (60, 56, 48), 20, 10)
+    s.spot("own", (1.7, -18.2, 0.65), (1.5, -2, 0.5), (150, 140, 120), 20, 10)
     s.around("night", (0.0015, 0.002, 0.0035))
     return s
 

@@ -19,20 +19,20 @@ def measure():
         made = stand.asset(stand.single(stand.radius_of(count, DEPTH)), count)
         smooth = stand.picture(made, "continuous", 32)
         grains = stand.picture(made, "particles", 2 if count == COUNTS[-1] else 8)
-        whole, ours = stand.blocks(smooth.all), stand.blocks(grains.all)
-        rows[count] = (stand.radius_of(count, DEPTH), float(grains.all.mean() / smooth.all.mean()),
-                       float(np.sqrt(np.mean((ours / whole - 1) ** 2))), stand.graininess(grains.single), smooth.report["noise"])
+        error = smooth.single.std() / smooth.single.mean() / stand.PIXELS
+        rows[count] = (stand.radius_of(count, DEPTH), float(grains.single.mean() / smooth.single.mean()), error,
+                       stand.unevenness(grains.single), stand.graininess(grains.single))
         images[count] = grains.all
         images["continuous"] = smooth.all
-    counts, off = np.log(COUNTS[1:]), np.log([rows[count][2] for count in COUNTS[1:]])
+    counts, off = np.log(COUNTS[1:]), np.log([rows[count][3] for count in COUNTS[1:]])
     return {"rows": rows, "images": images, "slope": float(np.polyfit(counts, off, 1)[0])}
 
 
 def tables(numbers):
-    body = [[f"{count:,}", f"{radius:.3g}", f"{mean:.3f}", of.short(off), of.short(grainy)]
-            for count, (radius, mean, off, grainy, _) in numbers["rows"].items()]
-    head = ["particles", "radius, um", "mean over the continuous medium's", "rms deviation of 8 x 8 pixels",
-            "graininess of a pixel"]
+    body = [[f"{count:,}", f"{radius:.3g}", f"{mean:.3f}", f"{error:.3f}", of.short(off), of.short(grainy)]
+            for count, (radius, mean, error, off, grainy) in numbers["rows"].items()]
+    head = ["particles", "radius, um", "single scattering over the continuous medium's", "standard error of the latter",
+            "deviation of 8 x 8 pixels", "of a pixel"]
     text = of.table(head, body)
     return {"fig14": f"{text}\n\nThe deviation falls as N to the {numbers['slope']:.2f}, from 1,000 particles on."}
 
@@ -46,8 +46,8 @@ def draw(numbers):
         ax.imshow(np.clip(numbers["images"][name] / white, 0, 1) ** 0.45, cmap="gray", vmin=0, vmax=1)
         ax.set(xticks=[], yticks=[], title=name if isinstance(name, str) else f"N = {name:,}")
     rows = numbers["rows"]
-    axes[-1].loglog(COUNTS, [rows[count][2] for count in COUNTS], "o-", color=of.INK)
-    axes[-1].loglog(COUNTS, [rows[1000][2] * (1000 / count) ** 0.5 for count in COUNTS], ":", color=of.INK, label="N to the -1/2")
-    axes[-1].set(xlabel="particles", title="deviation from continuous")
+    axes[-1].loglog(COUNTS, [rows[count][3] for count in COUNTS], "o-", color=of.INK)
+    axes[-1].loglog(COUNTS, [rows[1000][3] * (1000 / count) ** 0.5 for count in COUNTS], ":", color=of.INK, label="N to the -1/2")
+    axes[-1].set(xlabel="particles", title="deviation of 8 x 8 pixels")
     axes[-1].legend(fontsize=8)
     return figure

@@ -18,19 +18,19 @@ def measure():
     for count in COUNTS:
         made = stand.asset(stand.single(stand.radius_of(count, DEPTH)), count)
         for lamp in (stand.SIDE, stand.BEHIND):
-            traced = stand.picture(made, "explicit", 96, lamp)
+            traced = stand.picture(made, "explicit", 128, lamp)
             kept, without = (stand.picture(made, "particles", 8, lamp, peak=peak) for peak in ("keep", APART))
             means = [found.single.mean() for found in (kept, without, traced)]
             coarse = [stand.blocks(found.single, 4).ravel() for found in (without, traced)]
             rows[count, lamp] = (stand.radius_of(count, DEPTH), means[0] / means[2], means[1] / means[2],
-                                 float(np.corrcoef(*coarse)[0, 1]), traced.report["noise"])
+                                 float(np.corrcoef(*coarse)[0, 1]), traced.report["noise"] / stand.PIXELS)
             images[count, lamp] = (traced.all, without.all, kept.all)
     return {"rows": rows, "images": images}
 
 
 def tables(numbers):
     head = ["particles", "radius, um", "lamp", "all over traced", "without the peak over traced", "correlation of 4 x 4 pixels",
-            "noise of the traced picture"]
+            "standard error of the traced mean"]
     body = [[f"{count:,}", f"{radius:.3g}", lamp, f"{kept:.3f}", f"{without:.3f}", f"{like:.2f}", f"{100 * noise:.2g} %"]
             for (count, lamp), (radius, kept, without, like, noise) in numbers["rows"].items()]
     return {"fig10": of.table(head, body)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+import time
 from functools import cache
 from pathlib import Path
 
@@ -16,14 +17,14 @@ from renderers.mitsuba import bitmaps
 EDGE = 0.1  # m, of the cube
 PIXELS = 64  # of a picture, along each side
 LAYERS = ("", "order1.")
-SIDE, BEHIND = "side", "behind"  # where the lamp is: scattering by 45 to 110, and by 8 to 40 degrees
-_LAMPS = {SIDE: "0.25, -0.1, 0.1", BEHIND: "0.12, 0.35, 0"}
+SIDE, BEHIND = "side", "behind"  # where the lamp is: scattering by about 110, and by 16 to 37 degrees
+_LAMPS = {SIDE: (0.4, -0.15, 0.1, 0.3), BEHIND: (0.2, 0.4, 0, 0.08)}  # m, middle and radius
 _SCENE = """<scene version="3.0.0">
 <sensor type="perspective"> <float name="fov" value="15"/> <transform name="to_world">
     <lookat origin="0, -0.35, 0" target="0, 0, 0" up="0, 0, 1"/> </transform>
     <film type="hdrfilm"> <integer name="width" value="{pixels}"/> <integer name="height" value="{pixels}"/> </film> </sensor>
 <bsdf type="diffuse" id="black"> <rgb name="reflectance" value="0"/> </bsdf>
-<shape type="sphere" id="lamp"> <point name="center" value="{place}"/> <float name="radius" value="0.05"/> <ref id="black"/>
+<shape type="sphere" id="lamp"> <point name="center" value="{place}"/> <float name="radius" value="{radius}"/> <ref id="black"/>
     <emitter type="area"> <rgb name="radiance" value="1"/> </emitter> </shape>
 </scene>
 """
@@ -69,10 +70,10 @@ def radius_of(count, depth):
 
 
 class Picture:
-    """luminance (H, W) by layer, and the renderer's report."""
+    """Luminance (H, W) by layer, the renderer's report, and the processor time of its passes in s."""
 
-    def __init__(self, layers, report):
-        self.layers, self.report = layers, report
+    def __init__(self, layers, report, seconds):
+        self.layers, self.report, self.seconds = layers, report, seconds
 
     @property
     def all(self):
@@ -84,13 +85,15 @@ class Picture:
 
     @property
     def cost(self):
-        """Seconds of passes that 1 % noise takes."""
-        return self.report["seconds"]["passes"] * (self.report["noise"] / 0.01) ** 2
+        """Processor time in s that 1 % noise takes; infinite where no light was found."""
+        return self.seconds * (self.report["noise"] / 0.01) ** 2 or math.inf
 
 
 def picture(made, method, samples, lamp=SIDE, pixels=PIXELS, **settings) -> Picture:
     """A picture of an asset, by a method of the scene, with so many samples a pixel; `settings` of the section `discrete`."""
-    (folder() / f"{lamp}{pixels}.xml").write_text(_SCENE.format(place=_LAMPS[lamp], pixels=pixels))
+    *place, radius = _LAMPS[lamp]
+    text = _SCENE.format(place=str(place)[1:-1], radius=radius, pixels=pixels)
+    (folder() / f"{lamp}{pixels}.xml").write_text(text)
     half = EDGE / 2
     scene = folder() / "scene.yaml"
     more = "".join(f"  {key}: {value}\n" for key, value in settings.items())
@@ -104,16 +107,27 @@ discrete:
   where: {{box: {{lo: [-{half}, -{half}, -{half}] m, hi: [{half}, {half}, {half}] m}}}}
   method: {method}
 {more}""")
+    begin = time.process_time()
     report = discrete.render(scene, folder() / "scene.png", overwrite=True)
+    seconds = (time.process_time() - begin) * report["seconds"]["passes"] / report["seconds"]["total"]
     channels, _ = bitmaps.read(folder() / "scene.exr")
     found = {layer: np.stack([channels[f"{layer}{c}"] for c in "RGB"], -1).astype(float) @ colour.LUMINANCE for layer in LAYERS}
-    return Picture(found, report)
+    return Picture(found, report, seconds)
 
 
 def blocks(image, size=8):
     """Means over squares of pixels."""
     height, width = image.shape
     return image.reshape(height // size, size, width // size, size).mean(axis=(1, 3))
+
+
+def unevenness(image):
+    """Standard deviation of means over 8 x 8 pixels, relative, about the paraboloid that fits them best."""
+    values = blocks(image) / image.mean()
+    y, x = (axis.ravel() for axis in np.mgrid[-1:1:1j * len(values), -1:1:1j * len(values)])
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    left = values.ravel() - terms @ np.linalg.lstsq(terms, values.ravel(), rcond=None)[0]
+    return float(np.sqrt(np.sum(left**2) / (left.size - terms.shape[1])))
 
 
 def graininess(image):

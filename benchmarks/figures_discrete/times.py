@@ -6,9 +6,9 @@ from benchmarks.figures_goa import measures as of
 
 from . import stand
 
-COUNTS = (10_000, 100_000, 1_000_000)
-RADIUS = 30.0  # um
-METHODS = {"particles": 3, "explicit": 32, "query": 16}  # samples
+COUNTS = (30_000, 100_000, 1_000_000)
+RADIUS = 50.0  # um
+METHODS = {"particles": 4, "explicit": 32, "query": 32}  # samples
 
 
 def measure():
@@ -35,6 +35,6 @@ def draw(numbers):
     figure, axes = plt.subplots(figsize=(5, 3))
     for method, line in zip(METHODS, ("o-", "s--", "^:")):
         axes.loglog(COUNTS, [numbers[count, method].cost for count in COUNTS], line, color=of.INK, label=method)
-    axes.set(xlabel="particles", ylabel="s", title=f"Time to 1 % noise, {stand.PIXELS} x {stand.PIXELS} pixels")
+    axes.set(xlabel="particles", ylabel="s", title=f"Processor time to 1 % noise, {stand.PIXELS} x {stand.PIXELS} pixels")
     axes.legend(fontsize=8)
     return figure
