@@ -21,7 +21,7 @@ def measure():
         grains = stand.picture(made, "particles", 2 if count == COUNTS[-1] else 8)
         error = smooth.single.std() / smooth.single.mean() / stand.PIXELS
         rows[count] = (stand.radius_of(count, DEPTH), float(grains.single.mean() / smooth.single.mean()), error,
-                       stand.unevenness(grains.single), stand.graininess(grains.single))
+                       stand.graininess(grains.single, 8), stand.graininess(grains.single))
         images[count] = grains.all
         images["continuous"] = smooth.all
     counts, off = np.log(COUNTS[1:]), np.log([rows[count][3] for count in COUNTS[1:]])

@@ -121,16 +121,11 @@ def blocks(image, size=8):
     return image.reshape(height // size, size, width // size, size).mean(axis=(1, 3))
 
 
-def unevenness(image):
-    """Standard deviation of means over 8 x 8 pixels, relative, about the paraboloid that fits them best."""
-    values = blocks(image) / image.mean()
-    y, x = (axis.ravel() for axis in np.mgrid[-1:1:1j * len(values), -1:1:1j * len(values)])
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    left = values.ravel() - terms @ np.linalg.lstsq(terms, values.ravel(), rcond=None)[0]
-    return float(np.sqrt(np.sum(left**2) / (left.size - terms.shape[1])))
+def graininess(image, size=1):
+    """Standard deviation of a mean over size x size pixels over its mean, from the differences of neighbours.
 
-
-def graininess(image):
-    """Standard deviation of a pixel over the mean of its surroundings: what varies slowly over the picture does not count."""
-    around = np.kron(blocks(image, 16), np.ones((16, 16)))
-    return float(np.sqrt(np.mean((image / around - 1) ** 2)))
+    Of each four neighbours two are taken from the two on the other diagonal: what varies slowly over the picture drops out.
+    """
+    a = blocks(image, size)
+    mixed = a[:-1, :-1] + a[1:, 1:] - a[:-1, 1:] - a[1:, :-1]
+    return float(np.sqrt(np.mean(mixed**2) / 4) / image.mean())
