@@ -11,7 +11,7 @@ from bakery import kernels
 from benchmarks.figures_goa import measures as of
 
 COUNT, RAYS, DEPTH = 200_000, 20_000, 0.5  # as many particles as the paper
-PER_CELL = (0.1, 0.3, 1.0, 1.5, 3.0, 10.0, 30.0, 100.0)
+PER_CELL = (0.03, 0.1, 0.3, 1.0, 1.5, 3.0, 10.0)
 SIGMAS = (1.02, 4.0)  # of a log-normal distribution
 
 

@@ -89,11 +89,11 @@ class Picture:
         return self.seconds * (self.report["noise"] / 0.01) ** 2 or math.inf
 
 
-def picture(made, method, samples, lamp=SIDE, pixels=PIXELS, **settings) -> Picture:
-    """A picture of an asset, by a method of the scene, with so many samples a pixel; `settings` of the section `discrete`."""
+def picture(made, method, samples=None, lamp=SIDE, *, seconds=None, **settings) -> Picture:
+    """A picture of an asset, by a method of the scene, until so many samples a pixel or seconds; `settings` are of `discrete`."""
     *place, radius = _LAMPS[lamp]
-    text = _SCENE.format(place=str(place)[1:-1], radius=radius, pixels=pixels)
-    (folder() / f"{lamp}{pixels}.xml").write_text(text)
+    text = _SCENE.format(place=str(place)[1:-1], radius=radius, pixels=PIXELS)
+    (folder() / f"{lamp}.xml").write_text(text)
     half = EDGE / 2
     scene = folder() / "scene.yaml"
     more = "".join(f"  {key}: {value}\n" for key, value in settings.items())
@@ -101,8 +101,8 @@ def picture(made, method, samples, lamp=SIDE, pixels=PIXELS, **settings) -> Pict
 name: scene
 asset: {made.name}
 tolerance: 0.01%
-scene: {{mitsuba: {lamp}{pixels}.xml}}
-stop: {{samples: {samples}}}
+scene: {{mitsuba: {lamp}.xml}}
+stop: {{{"samples" if samples else "time"}: {samples or f"{seconds} s"}}}
 discrete:
   where: {{box: {{lo: [-{half}, -{half}, -{half}] m, hi: [{half}, {half}, {half}] m}}}}
   method: {method}

@@ -8,15 +8,16 @@ from . import stand
 
 COUNTS = (30_000, 100_000, 1_000_000)
 RADIUS = 50.0  # um
-METHODS = {"particles": 4, "explicit": 32, "query": 32}  # samples
+METHODS = ("particles", "explicit", "query")
+SECONDS = 20
 
 
 def measure():
     found = {}
     for count in COUNTS:
         made = stand.asset(stand.single(RADIUS), count)
-        for method, samples in METHODS.items():
-            found[count, method] = stand.picture(made, method, samples)
+        for method in METHODS:
+            found[count, method] = stand.picture(made, method, seconds=SECONDS)
     return found
 
 
