@@ -13,6 +13,7 @@ help:
 	@echo "make pictures  bake and draw what the docs show"
 	@echo "make scenes    bake and render the scenes of assets/scenes"
 	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
+	@echo "make figures-discrete  the same for pictures of separate particles (docs/discrete-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
@@ -70,17 +71,22 @@ pictures: recipes
 # QUALITY=final takes the samples that the scenes ask for
 QUALITY ?= preview
 SCENES := night_street square_emitter
+# their recipes are baked beside them
+PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
 scenes: $(VENV)/.ready
 	@mkdir -p build
 	$(BIN)/bake recipes/street_fog.yaml -o build/street_fog.h5
 	$(BIN)/bake recipes/emitter.yaml -o build/emitter.h5
-	for scene in $(SCENES); do \
+	for scene in $(SCENES) $(PARTICLES); do \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) || exit 1; done
 
 # CLAIM="fig6 fig11" makes some of them
-.PHONY: figures-goa
+.PHONY: figures-goa figures-discrete
 figures-goa: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.figures_goa $(if $(CLAIM),--only $(CLAIM))
+
+figures-discrete: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.figures_discrete $(if $(CLAIM),--only $(CLAIM))
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check bakery renderers tests benchmarks

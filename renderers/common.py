@@ -1,4 +1,4 @@
-"""What every scene may say, whichever renderer it chooses: the material, the Mitsuba scene, camera, film, and when to stop.
+"""What every scene may say, whichever renderer it chooses: the material, the Mitsuba scene, camera, film, when to stop, display.
 
 A renderer that does without one of these keys refuses it (`UNUSED` of its module `scene`): no key is read and ignored.
 """
@@ -100,6 +100,14 @@ class Stop(Section):
     samples: whole(1, 10**9) | None = Field(None, description="A pixel, at most.")
 
 
+class Display(Section):
+    """How the PNG shows linear radiance; the EXR is not touched by it."""
+
+    curve: word("reinhard", "none") = Field("reinhard", description="Tone curve of the PNG.")
+    exposure: number(above=0, most=1e12) = Field(1.0, description="Factor before the curve.")
+    white: number(above=0, most=1e12) = Field(4.0, description="Luminance after exposure that becomes white (reinhard).")
+
+
 class Common(Section):
     """Keys of every scene."""
 
@@ -117,6 +125,9 @@ class Common(Section):
     camera: Camera | None = Field(None, description="Where the picture is taken from, instead of the Mitsuba scene's sensor.")
     film: Film = Field(Film.model_construct(width=None, height=None, wavelengths="asset"), description="Pixels, wavelengths.")
     stop: Stop = Field(Stop.model_construct(noise=None, time=None, samples=None), description="When to stop.")
+    display: Display = Field(
+        Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows it."
+    )
 
 
 # ---- what has to hold between keys

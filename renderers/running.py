@@ -58,9 +58,8 @@ class Render:
         """The progress of a part that takes the whole from `begin` to `end`; None where nobody asks."""
         return share(self._progress, begin, end)
 
-    def finish(self, rgb, *, method, layers=None, text=None, curve="none", exposure=1.0, white=4.0, samples=None, noise=None,
-               bias=None, reasons=(), **more) -> dict:
-        """Writes the pictures and reports.
+    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(), **more) -> dict:
+        """Writes the pictures, the PNG as the scene's `display` says, and reports.
 
         Parameters
         ----------
@@ -68,7 +67,6 @@ class Render:
         method : which of the renderer's methods made it
         layers : dict of (H, W) by name, what the EXR holds besides R, G and B
         text : dict of str by name, kept in both files, or None
-        curve, exposure, white : of the PNG, as `images.shown` takes them
         samples : a pixel
         noise, bias : 1, relative to the mean; None where the method has none, or states none
         reasons : texts, why this method, and what is left out
@@ -79,7 +77,7 @@ class Render:
         report : dict with `renderer` (its section), `method`, `scene`, `asset`, `files`, `size`, `mean` (linear, a channel),
             `samples`, `noise`, `bias`, `reasons`, `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
-        display, words = images.shown(rgb, curve, exposure, white)
+        display, words = images.shown(rgb, **dict(self.scene.values.display))
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}), text)
         self.part_over("write")
         if self._progress:

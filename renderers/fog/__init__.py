@@ -89,7 +89,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     depths = {name: [float(f(depth[..., c])) for c in range(3)]
               for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
     beside = "ambient light" if ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[outside]
-    return job.finish(result, layers=rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, **dict(values.display),
+    return job.finish(result, layers=rgb_layers("clear.", picture.rgb) | {"distance": picture.distance},
                       method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture"],
                       samples=picture.made.get("samples"), noise=picture.made.get("noise"), picture=picture.made,
                       without_surface=int(sky.sum()), distance=[float(distance.min()), float(distance.max())],

@@ -111,7 +111,7 @@ class Fog(Section):
     diffuse: Flag = Field(True, description="Also the part of that light which the fog scatters more than once.")
 
 
-# ---- filter and display
+# ---- filter
 
 
 class Filter(Section):
@@ -130,12 +130,6 @@ class Filter(Section):
     )
 
 
-class Display(Section):
-    curve: word("reinhard", "none") = Field("reinhard", description="Tone curve of the PNG.")
-    exposure: number(above=0, most=1e12) = Field(1.0, description="Factor before the curve.")
-    white: number(above=0, most=1e12) = Field(4.0, description="Luminance after exposure that becomes white (reinhard).")
-
-
 class SceneFile(Common):
     """A picture, seen through fog."""
 
@@ -143,9 +137,6 @@ class SceneFile(Common):
     fog: Fog = Field(description="The fog; this section chooses the renderer.")
     filter: Filter = Field(
         Filter.model_construct(kernel="flux", energy=None, outside=None, cut_off=None), description="How light is spread."
-    )
-    display: Display = Field(
-        Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows it."
     )
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from bakery import mie
+from benchmarks.claims import filled
 from benchmarks.figures_goa import absorption, amplitudes, diffraction, extinction, one_ray, orders, plain_mie, printed, trade
 from benchmarks.figures_goa import henyey_greenstein as lobes
 from benchmarks.figures_goa import measures as of
-from benchmarks.figures_goa.__main__ import CLAIMS, filled
+from benchmarks.figures_goa.__main__ import CLAIMS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -1,0 +1,65 @@
+"""A page of claims that are measured again: what the commands of `figures_goa` and `figures_discrete` do alike."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import io
+import re
+import time
+from pathlib import Path
+
+from bakery.draw.style import look, saved
+
+
+def filled(page, tables, name="goa-claims.md"):
+    """The page with each table between its two marks replaced."""
+    for table, text in tables.items():
+        page, count = re.subn(rf"(<!-- numbers: {re.escape(table)} -->\n)(?:(?!<!--).)*(<!-- end -->)",
+                              lambda mark: mark[1] + text + "\n" + mark[2], page, flags=re.DOTALL)
+        if count != 1:
+            raise SystemExit(f"{name} has {count} places for '{table}'; it wants one '<!-- numbers: {table} -->' with its "
+                             "'<!-- end -->'")
+    return page
+
+
+def small(figure):
+    """PNG of at most 64 colours, which lines and letters do not miss."""
+    from PIL import Image
+
+    picture = Image.open(io.BytesIO(saved(figure, ("png",))["png"])).convert("RGB").quantize(64, dither=Image.Dither.NONE)
+    buffer = io.BytesIO()
+    picture.save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
+def command(package, description, claims, name):
+    """Measures claims, prints their tables, puts them into the page and saves the pictures beside it.
+
+    Parameters
+    ----------
+    package : holds the modules
+    claims : dict, name on the command line -> (module, picture)
+    name : of the page in docs/
+    """
+    parser = argparse.ArgumentParser(prog=f"python -m {package}", description=description)
+    parser.add_argument("--only", nargs="+", choices=claims, default=list(claims), metavar="CLAIM", help=", ".join(claims))
+    parser.add_argument("--docs", type=Path, default=Path(__file__).resolve().parents[1] / "docs",
+                        help=f"folder of {name} and pictures/")
+    asked = parser.parse_args()
+    page, start = asked.docs / name, time.perf_counter()
+    (asked.docs / "pictures").mkdir(exist_ok=True)
+    import matplotlib
+
+    matplotlib.use("Agg")
+    for i, chosen in enumerate(asked.only):
+        module, picture = claims[chosen]
+        print(f"[{i + 1}/{len(asked.only)}] {chosen}: {module.replace('_', ' ')} ...", flush=True)
+        claim = importlib.import_module(f"{package}.{module}")
+        numbers = claim.measure()
+        tables = claim.tables(numbers)
+        with look(picture), matplotlib.rc_context({"savefig.dpi": 120}):
+            (asked.docs / "pictures" / picture).write_bytes(small(claim.draw(numbers)))
+        page.write_text(filled(page.read_text(encoding="utf-8"), tables, name), encoding="utf-8")
+        print("\n\n".join(tables.values()) + f"\npicture: {asked.docs / 'pictures' / picture}", flush=True)
+        print(f"{time.perf_counter() - start:.0f} s", flush=True)

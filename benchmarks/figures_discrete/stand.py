@@ -1,0 +1,131 @@
+"""The stand of all figures: particles in a cube of 0.1 m, nothing else, a lamp beside or behind them, and a camera in front."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import bakery
+from renderers import colour, discrete
+from renderers.mitsuba import bitmaps
+
+EDGE = 0.1  # m, of the cube
+PIXELS = 64  # of a picture, along each side
+LAYERS = ("", "order1.")
+SIDE, BEHIND = "side", "behind"  # where the lamp is: scattering by about 110, and by 16 to 37 degrees
+_LAMPS = {SIDE: (0.4, -0.15, 0.1, 0.3), BEHIND: (0.2, 0.4, 0, 0.08)}  # m, middle and radius
+_SCENE = """<scene version="3.0.0">
+<sensor type="perspective"> <float name="fov" value="15"/> <transform name="to_world">
+    <lookat origin="0, -0.35, 0" target="0, 0, 0" up="0, 0, 1"/> </transform>
+    <film type="hdrfilm"> <integer name="width" value="{pixels}"/> <integer name="height" value="{pixels}"/> </film> </sensor>
+<bsdf type="diffuse" id="black"> <rgb name="reflectance" value="0"/> </bsdf>
+<shape type="sphere" id="lamp"> <point name="center" value="{place}"/> <float name="radius" value="{radius}"/> <ref id="black"/>
+    <emitter type="area"> <rgb name="radiance" value="1"/> </emitter> </shape>
+</scene>
+"""
+
+
+@cache
+def folder() -> Path:
+    """Where assets and pictures go."""
+    made = Path(tempfile.gettempdir()) / "figures_discrete"
+    made.mkdir(exist_ok=True)
+    return made
+
+
+def asset(size, count, index="{n: 1.5, k: 0}", wavelength=0.55) -> Path:
+    """Baked particles: `size` and `index` as a recipe writes them, `count` of them."""
+    text = f"""bakery: 1
+name: particles
+wavelengths: [{wavelength}]
+tolerance: 10%
+measure: integrated
+particles:
+  host: vacuum
+  number_density: 1 /m^3
+  components: [{{name: p, material: {index}, size: {size}}}]
+discrete: {{count: {int(count)}, box: [{EDGE} m, {EDGE} m, {EDGE} m]}}
+"""
+    from renderers.progressive import fingerprint
+
+    path = folder() / f"{fingerprint(text)}.yaml"
+    path.write_text(text)
+    bakery.bake(path, output=path.with_suffix(".h5"))
+    return path.with_suffix(".h5")
+
+
+def single(radius_um):
+    """All of about one size: one per cent apart, so that no interference of one size stands for all."""
+    return f"{{distribution: lognormal, radius: {radius_um:.6g} um, sigma: 1.02}}"
+
+
+def radius_of(count, depth):
+    """um, of so many spheres that together have an optical depth along the cube, by an extinction efficiency of 2."""
+    return 1e6 * math.sqrt(depth * EDGE**2 / (2 * math.pi * count))
+
+
+class Picture:
+    """Luminance (H, W) by layer, the renderer's report, and the processor time of its passes in s."""
+
+    def __init__(self, layers, report, seconds):
+        self.layers, self.report, self.seconds = layers, report, seconds
+
+    @property
+    def all(self):
+        return self.layers[""]
+
+    @property
+    def single(self):
+        return self.layers["order1."]
+
+    @property
+    def cost(self):
+        """Processor time in s that 1 % noise takes; infinite where no light was found."""
+        return self.seconds * (self.report["noise"] / 0.01) ** 2 or math.inf
+
+
+def picture(made, method, samples=None, lamp=SIDE, *, seconds=None, **settings) -> Picture:
+    """A picture of an asset, by a method of the scene, until so many samples a pixel or seconds; `settings` are of `discrete`."""
+    *place, radius = _LAMPS[lamp]
+    text = _SCENE.format(place=str(place)[1:-1], radius=radius, pixels=PIXELS)
+    (folder() / f"{lamp}.xml").write_text(text)
+    half = EDGE / 2
+    scene = folder() / "scene.yaml"
+    more = "".join(f"  {key}: {value}\n" for key, value in settings.items())
+    scene.write_text(f"""bakery_scene: 1
+name: scene
+asset: {made.name}
+tolerance: 0.01%
+scene: {{mitsuba: {lamp}.xml}}
+stop: {{{"samples" if samples else "time"}: {samples or f"{seconds} s"}}}
+discrete:
+  where: {{box: {{lo: [-{half}, -{half}, -{half}] m, hi: [{half}, {half}, {half}] m}}}}
+  method: {method}
+{more}""")
+    begin = time.process_time()
+    report = discrete.render(scene, folder() / "scene.png", overwrite=True)
+    seconds = (time.process_time() - begin) * report["seconds"]["passes"] / report["seconds"]["total"]
+    channels, _ = bitmaps.read(folder() / "scene.exr")
+    found = {layer: np.stack([channels[f"{layer}{c}"] for c in "RGB"], -1).astype(float) @ colour.LUMINANCE for layer in LAYERS}
+    return Picture(found, report, seconds)
+
+
+def blocks(image, size=8):
+    """Means over squares of pixels."""
+    height, width = image.shape
+    return image.reshape(height // size, size, width // size, size).mean(axis=(1, 3))
+
+
+def graininess(image, size=1):
+    """Standard deviation of a mean over size x size pixels over its mean, from the differences of neighbours.
+
+    Of each four neighbours two are taken from the two on the other diagonal: what varies slowly over the picture drops out.
+    """
+    a = blocks(image, size)
+    mixed = a[:-1, :-1] + a[1:, 1:] - a[:-1, 1:] - a[1:, :-1]
+    return float(np.sqrt(np.mean(mixed**2) / 4) / image.mean())
