@@ -49,7 +49,8 @@ $(VENV)/.ready: pyproject.toml
 # all that .ready asks for as well: `make test` installs once
 $(VENV)/.ready-test: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm,test]'
+	-$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib  # on all cores, where pip compiles on one
 	@touch $(VENV)/.ready $@
 
 $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
