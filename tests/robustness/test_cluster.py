@@ -140,7 +140,8 @@ def test_a_scheduler_that_dies(tmp_path):
             "whole = dask.Cluster.map\n"
             "dask.Cluster.map = lambda self, *ignored: whole(self, blocks.beheaded, [int(sys.argv[1])])\n"
             "sys.exit(status_of(sys.argv[2:]))\n")
-    with running("n_workers=1, processes=False, protocol='tcp://'") as (process, address):  # the block ends its worker with the scheduler
+    # the block ends its worker with the scheduler
+    with running("n_workers=1, processes=False, protocol='tcp://'") as (process, address):
         call = [sys.executable, "-c", code, str(process.pid), str(recipe), "-o", str(tmp_path / "a.h5"), "--cluster", address]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "BAKERY_CACHE": str(tmp_path / "cache")}
         done = subprocess.run(call, text=True, capture_output=True, env=environment, timeout=120)
