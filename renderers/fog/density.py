@@ -157,9 +157,9 @@ class Grid(Density):
 
     def integrals(self, origin, direction, distance):
         direction = np.ascontiguousarray(direction, float)
-        distance = np.ascontiguousarray(np.broadcast_to(np.asarray(distance, float), direction.shape[:-1]))
+        distance = np.array(np.broadcast_to(np.asarray(distance, float), direction.shape[:-1]), order="C")
         lo, per_metre = self._cells()
-        start = np.ascontiguousarray(np.broadcast_to((np.asarray(origin, float) - lo) * per_metre - 0.5, direction.shape))
+        start = np.array(np.broadcast_to((np.asarray(origin, float) - lo) * per_metre - 0.5, direction.shape), order="C")
         step = direction * per_metre
         out = np.empty(direction.shape)
 

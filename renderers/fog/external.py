@@ -80,7 +80,7 @@ def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Cal
     distance = np.broadcast_to(np.asarray(distance, float), origin.shape[:-1])
     if not np.isfinite(distance).all():
         raise ValueError("distances of surfaces are finite; cut the sky off at a far distance")
-    sigma_t, sigma_s = np.asarray(sigma_t, float), np.asarray(sigma_s, float)
+    sigma_t, sigma_s = np.array(sigma_t, float), np.asarray(sigma_s, float)
     medium = _Medium(sigma_t, np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0), phase)
     sources = [_source(light, density, medium, origin, direction, distance, diffuse) for light in lights]
     out = np.zeros((len(origin), len(sigma_t)))
@@ -194,7 +194,7 @@ class _Medium:
 
 
 def _source(light, density, medium, origin, direction, distance, diffuse):
-    irradiance = np.broadcast_to(np.asarray(light.irradiance, float), (len(medium.sigma_t),))
+    irradiance = np.array(np.broadcast_to(np.asarray(light.irradiance, float), (len(medium.sigma_t),)))
     travel = np.asarray(light.direction, float) / np.linalg.norm(light.direction)
     up = getattr(density, "up", None)
     if up is None:

@@ -236,7 +236,7 @@ def _plane(name, value, shape, positive):
     if wrong.any():
         raise UsageError(f"{name}: {value[wrong][0]:g} at {_first(wrong)}; a finite number "
                          f"{'above 0' if positive else 'of 0 or more'} would do")
-    return np.ascontiguousarray(value)
+    return np.array(value, order="C")  # not read-only: one kind of array is compiled for
 
 
 def _first(wrong):

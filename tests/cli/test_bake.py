@@ -155,18 +155,18 @@ def test_same_bytes_whatever_the_workers(call, drops, tmp_path):
     assert len(hashes) == 1
 
 
-def test_same_bytes_in_other_surroundings(command, drops, tmp_path):
-    hashes = set()
-    for i, extra in enumerate(({}, {"PYTHONHASHSEED": "7", "LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONOPTIMIZE": "1"})):
-        done = command(drops, "-o", tmp_path / f"{i}.h5", "--force", cwd=tmp_path / "..", env=extra, timeout=240)
-        assert done.returncode == 0, done.stderr
-        hashes.add(read(tmp_path / f"{i}.h5").attributes["content_hash"])
-    assert len(hashes) == 1
+def test_same_bytes_in_other_surroundings(call, command, drops, tmp_path):
+    assert call(drops, "-o", tmp_path / "here.h5")[0] == 0
+    extra = {"PYTHONHASHSEED": "7", "LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONOPTIMIZE": "1"}
+    done = command(drops, "-o", tmp_path / "there.h5", "--force", cwd=tmp_path / "..", env=extra, timeout=240)
+    assert done.returncode == 0, done.stderr
+    here, there = (read(tmp_path / name).attributes["content_hash"] for name in ("here.h5", "there.h5"))
+    assert here == there
 
 
-def test_quiet_and_closed_output(command, milk, tmp_path):
-    done = command(milk, "-o", tmp_path / "a.h5", "--quiet")
-    assert done.returncode == 0 and done.stderr == ""
+def test_quiet_and_closed_output(call, milk, tmp_path):
+    status, _, err = call(milk, "-o", tmp_path / "a.h5", "--quiet")
+    assert status == 0 and err == ""
     # the reader of the output leaves at once: no traceback, whatever the status of the pipe
     pipe = subprocess.run(f"{sys.executable} -m bakery plan {milk} --verbose | head -c 1", shell=True, text=True,
                           capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60)

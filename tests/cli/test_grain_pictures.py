@@ -49,7 +49,7 @@ def table(path):
 # ---- plot
 
 
-def test_each_picture_with_its_data(call, mix, tree, tmp_path):
+def test_each_picture_with_its_data(call, undrawn, mix, tree, tmp_path):
     status, out, err = call("plot", mix, "-o", tmp_path, "--json")
     assert status == 0, err
     found = {picture["name"]: picture for picture in json.loads(out)}
@@ -93,6 +93,12 @@ def test_dots_and_bars_are_the_values(tree):
     np.testing.assert_allclose(shown.lines[0].get_xdata(), 1e-3 * medium["sigma_t_mean_flight"].data)
     right = [container for container in figure.axes[1].containers][0].lines[0].get_xdata()
     np.testing.assert_allclose(right, 100 * (medium["sigma_t_random_walk"].data / medium["sigma_t_mean_flight"].data - 1))
+
+
+@pytest.mark.parametrize("name", ["grains", "grain_scattering", "grain_sizes"])
+def test_what_only_grains_have_is_drawn(tree, name):
+    (picture,) = [picture for picture in pictures(tree) if picture.name == name]
+    assert drawn(picture, ("png",), of="mix")["png"].startswith(b"\x89PNG")
 
 
 def test_the_same_bytes_each_time(tree):

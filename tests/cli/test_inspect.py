@@ -153,12 +153,13 @@ def test_a_narrow_terminal_gets_short_lines_and_every_word(fog):
         assert child.returncode == 0
         return out.decode().splitlines()
 
-    words = " ".join(lines("400")).split()
+    wide = lines("400")
+    words = " ".join(wide).split()
     for columns in (1, 80):
         found = lines(str(columns))
         assert all(len(line) <= max(columns, 20) or len(line.split()) == 1 for line in found)
         assert " ".join(found).split() == words
-    assert max(map(len, lines("400"))) > 80
+    assert max(map(len, wide)) > 80
 
 
 class Page(HTMLParser):
@@ -183,6 +184,7 @@ class Page(HTMLParser):
 
 
 def test_the_page_is_whole_and_self_contained(call, fog):
+    write(fog, with_member(small_asset(), "optics", None))  # three pictures
     status, out, _ = call("report", fog, "--json", "--no-render")
     page = fog.with_suffix(".html")
     assert status == 0 and json.loads(out) == {"file": str(page), "bytes": page.stat().st_size}

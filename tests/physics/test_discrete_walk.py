@@ -90,15 +90,15 @@ def test_the_continuous_cube(depth, g):
 @pytest.mark.parametrize("number", [3000, 30_000])
 @pytest.mark.parametrize("depth, g", CASES)
 def test_the_cube_of_particles(depth, g, number):
-    """Means of 16 realisations, of 2,500 paths each: their error is 0.003 at most, estimated from their scatter."""
+    """Means of 16 realisations, of 1,500 paths each: their error is 0.004 at most, estimated from their scatter."""
     kinds = particles.of_depth(depth, number, phase=particles.henyey_greenstein(g))
     found = []
     for seed in range(16):
-        shares, weights = leaving(particles.hashed(kinds, seed=seed), 2500, discrete=True, seed=seed)
-        assert len(weights) == 2500 and np.abs(weights - 1).max() < 1e-12, "energy"
+        shares, weights = leaving(particles.hashed(kinds, seed=seed), 1500, discrete=True, seed=seed)
+        assert len(weights) == 1500 and np.abs(weights - 1).max() < 1e-12, "energy"
         found.append(shares[:, 0])
     mean, error = averaged(found)
-    assert error.max() < 4e-3
+    assert error.max() < 5e-3
     # the noise of the table; and 3,000 particles differ by 0.003 themselves
     allowed = 1e-3 + (0.003 if number == 3000 else 0.0)
     assert np.all(np.abs(mean - CASES[depth, g]) < student(16) * error + allowed)
@@ -113,11 +113,11 @@ def test_a_path_serves_all_wavelengths(discrete):
     each = [particles.classes(2000.0, extinction[w:w + 1], albedo[w:w + 1], phase[w:w + 1]) for w in range(3)]
     difference = []
     for seed in range(16):
-        together, _ = leaving(particles.hashed(kinds, seed=seed), 3000, discrete, seed)
-        alone = [leaving(particles.hashed(one, seed=seed), 3000, discrete, seed + 100)[0] for one in each]
+        together, _ = leaving(particles.hashed(kinds, seed=seed), 1500, discrete, seed)
+        alone = [leaving(particles.hashed(one, seed=seed), 1500, discrete, seed + 100)[0] for one in each]
         difference.append(together - np.concatenate(alone, axis=1))
     mean, error = averaged(difference)
-    assert error.max() < 8e-3
+    assert error.max() < 0.011
     assert np.all(np.abs(mean) < student(16) * error)
 
 

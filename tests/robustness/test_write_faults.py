@@ -24,7 +24,7 @@ from tests.samples import small_asset
 
 
 class Failing(Files):
-    """The n-th call fails, once or, as on a dead disk, with all after it; writes take at most 20 kB a call."""
+    """The n-th call fails, once or, as on a dead disk, with all after it; writes take at most 2 kB a call."""
 
     CALLS = ("create", "write", "sync", "close", "open", "read", "replace", "remove", "list", "sync_folder")
 
@@ -43,7 +43,7 @@ class Failing(Files):
 
     def write(self, fd, data):
         self._step("write")
-        return super().write(fd, data[:20_000])
+        return super().write(fd, data[:2_000])
 
 
 def _counted(name):
@@ -66,7 +66,7 @@ def entries(folder):
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC, errno.EACCES, errno.EDQUOT])
 def test_nth_failing_call(tmp_path, number, for_good):
     path = tmp_path / "fog.h5"
-    old = Group({"x": Dataset(np.arange(5.0), "1", "the old asset")})
+    old, new = (Group({"x": Dataset(np.arange(5.0), "1", "some numbers")}, {"name": name}) for name in ("old", "new"))
     write(path, old)
     before = path.read_bytes()
     open_files = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
@@ -76,19 +76,19 @@ def test_nth_failing_call(tmp_path, number, for_good):
         (tmp_path / ".fog.h5.0123456789abcdef.part").write_bytes(b"half")
         files = Failing(n, number, for_good)
         try:
-            write(path, small_asset(), files=files)
+            write(path, new, files=files)
         except StoreError as error:
             message = str(error)
             hit.update(files.failed)
             assert str(path) in message and os.strerror(number) in message, (n, files.failed)
             if "was written" in message:  # the rename was done, only its durability is open
-                assert "sync_folder" in files.failed and read(path).attributes["name"] == "fog"
+                assert "sync_folder" in files.failed and read(path).attributes["name"] == "new"
             else:
                 assert "MB are free" in message
                 assert path.read_bytes() == before, (n, files.failed)
         else:
             hit.update(files.failed)
-            assert read(path).attributes["name"] == "fog"
+            assert read(path).attributes["name"] == "new"
             if not files.failed:
                 break
         if not for_good and "remove" not in files.failed:

@@ -89,7 +89,7 @@ class Table:
             raise ValueError(f"depths lie between 0 and {self.depth[-1]:g} mean free paths, distances are not negative")
         out = np.empty(depth.size)
         _look_up(self.depth, self.ratio, self._log_within if within else self._log, self._log,
-                 np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), within, out)
+                 np.array(depth, order="C").ravel(), np.array(r, order="C").ravel(), within, out)
         return out.reshape(depth.shape)
 
 

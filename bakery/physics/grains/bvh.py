@@ -374,6 +374,6 @@ def _planted(vertices, faces):
     nodes[:, : 6 * BOXES] = planes.reshape(len(planes), -1)
     nodes[:, 6 * BOXES : 7 * BOXES] = children.view(np.float32)
     blocks, names = np.empty((len(leaves), 3, 3, TRIANGLES)), np.empty((len(leaves), TRIANGLES), np.int64)
-    _fill(vertices, faces, leaves, order, blocks, names)
+    _fill(np.array(vertices), faces, leaves, order, blocks, names)  # writable: one kind of array is compiled for
     nodes = nodes.reshape(-1)
     return nodes, nodes.view(np.int32), blocks.reshape(-1), names.reshape(-1)

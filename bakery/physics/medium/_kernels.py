@@ -28,7 +28,7 @@ def layout(theta, f):
     f : (A,) as given
     cdf : (A,) probability of a smaller angle
     """
-    theta, f = np.asarray(theta, float), np.ascontiguousarray(f, float)
+    theta, f = np.asarray(theta, float), np.array(f, float, order="C")
     return 2 * np.sin(theta / 2) ** 2, phase.steps(theta), f, phase.cumulative(theta, f)
 
 

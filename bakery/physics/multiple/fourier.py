@@ -55,7 +55,8 @@ class Propagator:
         """(P, R + 1) coefficients of cubic splines through `scaled`, which go on straight beyond the far end."""
         last = self.scaled[:, -1:]
         beyond = last + (last - self.scaled[:, -2:-1]) * np.arange(1, _BEYOND + 1)
-        return spline_filter1d(np.concatenate([self.scaled, beyond], axis=1), axis=1, mode="mirror")[:, :len(self.log_r) + 1]
+        splines = spline_filter1d(np.concatenate([self.scaled, beyond], axis=1), axis=1, mode="mirror")
+        return np.ascontiguousarray(splines[:, :len(self.log_r) + 1])
 
     @cached_property
     def by_distance(self):

@@ -36,7 +36,7 @@ def moments(theta, phase, order):
     Gauss-Legendre on pieces short enough for P_order, with P_l from its recurrence in v = 1 - cos theta: moments of a peak of
     1e-4 rad keep their digits.
     """
-    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    theta, phase = np.asarray(theta, float), np.array(phase, float)  # a copy, as that of an asset is read-only
     pieces = np.maximum(1, np.ceil(np.diff(theta) * max(order, 1) / _PIECE)).astype(int)
     first = np.repeat(np.arange(len(pieces)), pieces)
     part = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
