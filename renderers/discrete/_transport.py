@@ -254,8 +254,8 @@ def drawn(medium, kind, weight, i, guide, guided, x, y, z, v, values):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def light(medium, kind, origin, direction, weight, states, discrete, order, guide, guided, lit, distance, radiance, density,
-          single, index, pixel, by_order, by_light, begin, end):
-    """Adds what sampled lights send by way of a scattering to the pixels.
+          single, index, added, begin, end):
+    """What sampled lights send by way of scatterings, added (n, 3) linear sRGB.
 
     Parameters
     ----------
@@ -266,16 +266,22 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, guid
     guide, guided : as `scatter` takes them
     lit, distance, radiance, density, single, index : of the lights' samples: (n, 3) direction, (n,) m, (n, 3) sRGB over the
         sampling density, (n,) 1/sr, (n,) whether no direction drawn by a phase function could meet it, (n,) number of the light
-    pixel : (n,) into by_order (ORDERS, pixels, 3) and by_light (lights, pixels, 3), linear sRGB
     """
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
-    added = np.empty(3)
     for i in range(begin, end):
+        added[i] = 0.0
         if order[i] >= 0 and _arrives(medium, kind, origin, direction, weight, states, discrete, guide, guided, lit, distance,
                                       radiance, density, single[i], i, values, passed, open, room):
-            to_rgb(medium, values, radiance[i], added)
-            add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+            to_rgb(medium, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def accumulate(added, order, index, pixel, by_order, by_light):
+    """Adds added (n, 3) to pixels (n,) of by_order (ORDERS, pixels, 3) and by_light (lights, pixels, 3), one after the other."""
+    for i in range(len(pixel)):
+        if added[i, 0] != 0 or added[i, 1] != 0 or added[i, 2] != 0:
+            add(added[i], min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -342,14 +348,14 @@ def _arrives(medium, kind, origin, direction, weight, states, discrete, guide, g
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def emitted(medium, weight, order, radiance, index, pixel, by_order, by_light):
-    """Adds radiance (n, 3), linear sRGB, that paths have met, to the pixels; see `light`."""
-    values, added = np.empty(weight.shape[1]), np.empty(3)
-    for i in range(len(pixel)):
+def emitted(medium, weight, order, radiance, added):
+    """What paths bring of radiance (n, 3), linear sRGB, that they have met: added (n, 3); see `light`."""
+    values = np.empty(weight.shape[1])
+    for i in range(len(added)):
+        added[i] = 0.0
         if order[i] >= 0 and (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
             values[:] = weight[i]
-            to_rgb(medium, values, radiance[i], added)
-            add(added, min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+            to_rgb(medium, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

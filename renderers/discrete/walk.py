@@ -14,6 +14,7 @@ from renderers.discrete import _transport
 from renderers.discrete.threads import run
 from renderers.mitsuba.world import LightSample
 
+_SPLIT = 4  # ways on from the first particle: it takes as long to find it as the next one
 _SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 
@@ -81,12 +82,28 @@ class Discs:
         both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:]]))
         sample, other = (LightSample(*(values[part] for values in both)) for part in (slice(n), slice(n, None)))
         guide, guided = other.direction.astype(float), (other.radiance > 0).any(axis=1) & (other.delta | (other.density > _SMALL))
+        added = np.empty((n, 3))
         run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
-            np.where(first, -1, paths.order), guide, guided, *sample, paths.pixel, by_order, by_light)
-        run(_transport.scatter, n, medium, kind, paths.direction, paths.weight, paths.states, guide, guided, paths.density)
+            np.where(first, -1, paths.order), guide, guided, *sample, added)
+        _transport.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
         paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
         paths.single, paths.seen = np.zeros(n, bool), first
+        copies = np.repeat(np.arange(n), np.where(paths.bounces == 0, _SPLIT, 1))
+        paths = _split(paths, copies)
+        run(_transport.scatter, len(paths), medium, kind[copies], paths.direction, paths.weight, paths.states, guide[copies],
+            guided[copies], paths.density)
         return paths
+
+
+def _split(paths, copies):
+    """Paths copies (n,), equal ones in a row: they share their weight, and their random streams part."""
+    shares, part = np.bincount(copies)[copies], np.zeros(len(copies), np.uint64)
+    for step in range(1, _SPLIT):
+        part[step:][copies[step:] == copies[:-step]] = step
+    split = paths.of(copies)
+    split.weight /= shares[:, None]
+    split.states += part * np.uint64(0xD1B54A32D192ED03)
+    return split
 
 
 def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights):
@@ -158,15 +175,17 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     numbers = np.empty((n, 6))
     _transport.draw(paths.states, numbers)
     shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
-    _transport.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, shading.source, paths.pixel,
-                       by_order, by_light)
+    added = np.empty((n, 3))
+    _transport.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, added)
+    _transport.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
     paths.bounces += 1
     paths.discrete[:] = method.later
     sample = LightSample(*(values[hit] for values in shading.light))
     run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
-        paths.discrete, paths.order, paths.direction, np.zeros(m, bool), *sample, paths.pixel, by_order, by_light)
+        paths.discrete, paths.order, paths.direction, np.zeros(m, bool), *sample, added)
+    _transport.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
     run(_transport.reflect, m, medium, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.left_out = np.full((m, 3), np.nan)
