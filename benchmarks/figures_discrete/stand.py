@@ -12,7 +12,11 @@ import numpy as np
 
 import bakery
 from renderers import colour, discrete
+from renderers.discrete import methods
 from renderers.mitsuba import bitmaps
+from renderers.mitsuba.world import World
+from renderers.progressive import Mean
+from renderers.running import Render
 
 EDGE = 0.1  # m, of the cube
 PIXELS = 64  # of a picture, along each side
@@ -89,8 +93,35 @@ class Picture:
         return self.seconds * (self.report["noise"] / 0.01) ** 2 or math.inf
 
 
-def picture(made, method, samples=None, lamp=SIDE, *, seconds=None, **settings) -> Picture:
-    """A picture of an asset, by a method of the scene, until so many samples a pixel or seconds; `settings` are of `discrete`."""
+def picture(made, method, samples, lamp=SIDE, **settings) -> Picture:
+    """A picture of an asset, by a method of the scene, with so many samples a pixel; `settings` of the section `discrete`."""
+    begin = time.process_time()
+    report = discrete.render(_scene(made, method, samples, lamp, settings), folder() / "scene.png", overwrite=True)
+    seconds = (time.process_time() - begin) * report["seconds"]["passes"] / report["seconds"]["total"]
+    channels, _ = bitmaps.read(folder() / "scene.exr")
+    found = {layer: np.stack([channels[f"{layer}{c}"] for c in "RGB"], -1).astype(float) @ colour.LUMINANCE for layer in LAYERS}
+    return Picture(found, report, seconds)
+
+
+def parts(made, method, passes) -> dict[str, tuple[float, float]]:
+    """Processor time (s) of a pass and relative variance of a pixel in one, by part of the picture.
+
+    passes : of each part by its name, 2 or more; one more before them compiles
+    """
+    path = _scene(made, method, 1, SIDE, {})
+    job, world = Render(path, folder() / "scene.png", overwrite=True), World(path.parent / f"{SIDE}.xml")
+    found, mean = {}, 0.0
+    for part in methods.prepare(job, world, 1e-4, 0).parts:
+        part.render(0)
+        sums, begin = Mean(), time.process_time()
+        for number in range(1, passes[part.name] + 1):
+            sums.add(part.render(number))
+        found[part.name] = (time.process_time() - begin) / sums.count, float(np.mean(sums.square[..., 3])) / (sums.count - 1)
+        mean = mean + float(np.mean(sums.layers[""] @ colour.LUMINANCE))
+    return {name: (seconds, variance / mean**2) for name, (seconds, variance) in found.items()}
+
+
+def _scene(made, method, samples, lamp, settings) -> Path:
     *place, radius = _LAMPS[lamp]
     text = _SCENE.format(place=str(place)[1:-1], radius=radius, pixels=PIXELS)
     (folder() / f"{lamp}.xml").write_text(text)
@@ -102,17 +133,12 @@ name: scene
 asset: {made.name}
 tolerance: 0.01%
 scene: {{mitsuba: {lamp}.xml}}
-stop: {{{"samples" if samples else "time"}: {samples or f"{seconds} s"}}}
+stop: {{samples: {samples}}}
 discrete:
   where: {{box: {{lo: [-{half}, -{half}, -{half}] m, hi: [{half}, {half}, {half}] m}}}}
   method: {method}
 {more}""")
-    begin = time.process_time()
-    report = discrete.render(scene, folder() / "scene.png", overwrite=True)
-    seconds = (time.process_time() - begin) * report["seconds"]["passes"] / report["seconds"]["total"]
-    channels, _ = bitmaps.read(folder() / "scene.exr")
-    found = {layer: np.stack([channels[f"{layer}{c}"] for c in "RGB"], -1).astype(float) @ colour.LUMINANCE for layer in LAYERS}
-    return Picture(found, report, seconds)
+    return scene
 
 
 def blocks(image, size=8):

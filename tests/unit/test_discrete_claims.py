@@ -1,4 +1,4 @@
-"""What docs/discrete-claims.md is filled by: a place for each claim, and a measure of graininess that chance obeys."""
+"""Scenes of separate particles that ship, and what docs/discrete-claims.md is filled by."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.figures_discrete import stand
 from benchmarks.figures_discrete.__main__ import CLAIMS
+from renderers import scene
 from tests.conftest import ROOT
 
 
@@ -25,3 +26,11 @@ def test_graininess_is_that_of_counts(number, size):
     counts = np.random.default_rng(1).poisson(number / 64**2 * (0.75 + 0.5 * x), (64, 64)).astype(float)
     blocks = (64 / size) ** 2
     assert stand.graininess(counts, size) == pytest.approx(np.sqrt(blocks / number), rel=6 * 1.5 / np.sqrt(2 * blocks))
+
+
+@pytest.mark.parametrize("path", [path for path in sorted((ROOT / "assets" / "scenes").glob("*.yaml"))
+                                  if "\ndiscrete:" in path.read_text(encoding="utf-8")], ids=lambda path: path.stem)
+def test_shipped_scenes_are_well_formed(path):
+    found = scene.load(path)
+    assert found.section == "discrete" and found.values.name == path.stem and found.file(found.values.recipe).is_file()
+    assert f"pictures/{path.stem}.png" in (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")

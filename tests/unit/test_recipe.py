@@ -356,7 +356,9 @@ def test_problems_of_overrides_name_them(key, value, says):
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_recipes(path):
     recipe = load(path)
-    assert recipe.name == path.stem and recipe.tolerance == (0.03 if path.stem == "drizzle" or recipe.discrete else 0.01)
+    # those of scenes of separate particles bake while one waits for the picture
+    tolerance = 0.1 if path.stem.endswith("_particles") else 0.03 if path.stem == "drizzle" or recipe.discrete else 0.01
+    assert recipe.name == path.stem and recipe.tolerance == tolerance
     assert path.read_text(encoding="utf-8").startswith("# yaml-language-server: $schema=../assets/schemas/recipe-1.json\n")
 
 
