@@ -54,7 +54,7 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
     """Each component's grain in its bounding sphere, with a scale bar."""
     across = min(len(meshes), max(3, round(math.sqrt(1.4 * len(meshes)))))
     down = -(-len(meshes) // across)
-    pixels = 420 if len(meshes) <= 2 else 320
+    pixels = 420 if len(meshes) <= 2 else 300
     radius = _radii(grains)
 
     def draw(figure):
