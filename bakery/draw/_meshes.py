@@ -61,7 +61,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
         light += received[:, None] * (rgb * colour) + gloss * shine * glint[:, None] * rgb
     image = np.zeros((pixels, pixels, 3))
     image[covered] = light + 0.10 * (1 - np.clip(normal[2, :, None], 0, 1)) ** 3
-    return finished(image, covered, 1.3)
+    return finished(image, np.where(covered, 0, -1), 1.3)
 
 
 def depths(position, faces, low, pixel, width, height):

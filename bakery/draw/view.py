@@ -25,13 +25,23 @@ def srgb(linear):
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-12) ** (1 / 2.4) - 0.055)
 
 
-def finished(light, covered, exposure: float) -> np.ndarray:
-    """Linear light (H, W, 3), first row below, as an image (H, W, 4) uint8: sRGB and coverage, first row on top."""
+def finished(light, shown, exposure: float) -> np.ndarray:
+    """Linear light (H, W, 3), first row below, as an image (H, W, 4) uint8: sRGB and coverage, first row on top.
+
+    shown : (H, W) number of what each pixel shows, negative where nothing is; its borders are softened by their neighbours
+    """
     steps = np.linspace(0, _BRIGHTEST, _STEPS)
     tone = np.round(255 * srgb(1 - np.exp(-exposure * steps))).astype(np.uint8)  # powers of every pixel take a fifth of a picture
-    image = np.empty((*covered.shape, 4), np.uint8)
+    image = np.empty((*shown.shape, 4), np.uint8)
     image[..., :3] = tone[np.minimum(light * ((_STEPS - 1) / _BRIGHTEST) + 0.5, _STEPS - 1).astype(np.uint16)]
-    image[..., 3] = np.where(covered, 255, 0)
+    image[..., 3] = np.where(shown >= 0, 255, 0)
+    border = np.zeros(shown.shape, bool)
+    border[1:-1, 1:-1] = ((shown[1:-1, :-2] != shown[1:-1, 2:]) | (shown[:-2, 1:-1] != shown[2:, 1:-1]))
+    pixels, at = image.reshape(-1, 4), np.flatnonzero(border)
+    around = pixels[at[:, None] + (0, 1, -1, shown.shape[1], -shown.shape[1])].astype(np.float32)
+    covered = around[..., 3:]
+    colour = (around[..., :3] * covered).sum(axis=1) / np.maximum(covered.sum(axis=1), 1)
+    pixels[at] = np.round(np.concatenate([colour, covered.mean(axis=1)], axis=1))
     return image[::-1]
 
 

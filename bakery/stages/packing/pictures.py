@@ -78,7 +78,7 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     image = _spheres.shaded(index, depth, seen, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel)
     top = low[1] + height * pixel
     box = np.array(np.meshgrid(*[(0, 1)] * 3, indexing="ij")).reshape(3, -1).T * cell
-    return finished(image, index >= 0, 1.25), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
+    return finished(image, index, 1.25), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
 
 
 def spheres(tile: Group):
@@ -87,7 +87,7 @@ def spheres(tile: Group):
 
     def draw(figure):
         axes = figure.add_subplot()
-        _show(axes, tile, 760)
+        _show(axes, tile, 700)
         axes.set_title(f"{_kind(radii).capitalize()}, fraction {fraction:.4g}")
 
     return Picture("tile", "Tile", f"In colour {_kind(radii)}, filling {100 * fraction:.4g} % of the cell whose edges are "
