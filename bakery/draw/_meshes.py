@@ -15,9 +15,9 @@ import numpy as np
 from bakery.draw.view import blocks, finished, looking_from, nearest, runs
 
 CREASE = math.cos(math.radians(32.0))  # faces that meet at less are shaded as one surface
-_SHADOW = 300  # pixels of a light's depth buffer
+_SHADOW = 240  # pixels of a light's depth buffer
 _SUN, _SUN_SHARE, _SPREAD = (-0.55, 0.66, 0.51), 0.62, 0.20  # towards it; share of the lights in it; its radius, sine
-_SUNS, _SKIES = 6, 11  # directions
+_SUNS, _SKIES = 5, 9  # directions
 _GOLDEN = 2.399963  # angle between one and the next
 _ROUNDING = 1e-9  # pixels
 
@@ -75,30 +75,36 @@ def depths(position, faces, low, pixel, width, height):
     index, depth = np.full(height * width, -1), np.full(height * width, -np.inf)
     corners = np.array(position, float)
     corners[:, :2] = (corners[:, :2] - low) / pixel - 0.5  # centres of pixels at whole numbers
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    # seen from inside: another one of a closed surface hides it
-    front = np.flatnonzero(normal[:, 2] > 0)
-    a, b, c, normal = a[front], b[front], c[front], normal[front]
-    rows = np.stack([a[:, 1], b[:, 1], c[:, 1]])
-    first = np.maximum(np.ceil(rows.min(0) - _ROUNDING), 0).astype(int)
-    last = np.minimum(np.floor(rows.max(0) + _ROUNDING), height - 1).astype(int)
-    lines = np.maximum(last - first + 1, 0)
-    for some in blocks(lines * (np.ptp([a[:, 0], b[:, 0], c[:, 0]], axis=0).astype(int) + 1)):
-        face, y = runs(first[some], lines[some])
+    x, y, z = corners.T.copy()
+    a, b, c = faces.T
+    area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
+    front = np.flatnonzero(area > 0)  # seen from inside: another one of a closed surface hides it
+    a, b, c = faces[front].T
+    first = np.maximum(np.ceil(np.minimum(np.minimum(y[a], y[b]), y[c]) - _ROUNDING), 0).astype(int)
+    last = np.minimum(np.floor(np.maximum(np.maximum(y[a], y[b]), y[c]) + _ROUNDING), height - 1).astype(int)
+    some = np.flatnonzero(last >= first)
+    front, first, lines, a, b, c = front[some], first[some], (last - first)[some] + 1, a[some], b[some], c[some]
+    u, v = (z[b] - z[a]) / area[front], (z[c] - z[a]) / area[front]
+    slope_x, slope_y = u * (y[c] - y[a]) - v * (y[b] - y[a]), v * (x[b] - x[a]) - u * (x[c] - x[a])
+    above = z[a] - x[a] * slope_x - y[a] * slope_y
+    edges = []
+    for p, q in ((a, b), (b, c), (c, a)):
+        up = y[q] - y[p]
+        lean = np.divide(x[q] - x[p], up, out=np.zeros_like(up), where=up != 0)
+        edges.append((np.where(up < 0, x[p], -np.inf), y[p], lean, np.maximum))
+        edges.append((np.where(up > 0, x[p], np.inf), y[p], lean, np.minimum))
+    widest = np.maximum(np.maximum(x[a], x[b]), x[c]) - np.minimum(np.minimum(x[a], x[b]), x[c])
+    for some in blocks(lines * (widest.astype(int) + 1)):
+        face, row = runs(first[some], lines[some])
         face += some.start
         left, right = np.zeros(len(face)), np.full(len(face), width - 1.0)
-        for p, q in ((a, b), (b, c), (c, a)):
-            across, up = (q - p)[face, :2].T
-            with np.errstate(divide="ignore", invalid="ignore"):
-                x = p[face, 0] + (y - p[face, 1]) * (across / up)
-            left = np.where(up < 0, np.maximum(left, x), left)
-            right = np.where(up > 0, np.minimum(right, x), right)
+        for start, foot, lean, tighter in edges:
+            limit = left if tighter is np.maximum else right
+            tighter(limit, start[face] + (row - foot[face]) * lean[face], out=limit)
         left = np.ceil(left - _ROUNDING).astype(int)
-        line, x = runs(left, np.maximum(np.floor(right + _ROUNDING).astype(int) - left + 1, 0))
-        slope = -normal[face, :2] / normal[face, 2:]
-        z = a[face, 2] + (y - a[face, 1]) * slope[:, 1] - a[face, 0] * slope[:, 0]
-        nearest(index, depth, (y * width)[line] + x, z[line] + x * slope[line, 0], front[face][line])
+        line, column = runs(left, np.maximum(np.floor(right + _ROUNDING).astype(int) - left + 1, 0))
+        face, ahead = face[line], (above[face] + row * slope_y[face])[line]
+        nearest(index, depth, (row * width)[line] + column, ahead + column * slope_x[face], front[face])
     return index.reshape(height, width), depth.reshape(height, width)
 
 
