@@ -222,7 +222,7 @@ def picture():
         return figure
 
     ours = timed(lambda: rendered(grain.vertices, grain.faces, np.full(3, 0.7)))[0]
-    print(f"  ours {ours:.2f} s, with 24 lights and their shadows, four samples a pixel   matplotlib {timed(theirs)[0]:.2f} s")
+    print(f"  ours {ours:.2f} s, with 14 lights and their shadows   matplotlib {timed(theirs)[0]:.2f} s")
 
 
 PARTS = {"read": read, "hostile": hostile, "fewer": fewer, "torn": torn, "ball": ball, "picture": picture}

@@ -19,7 +19,7 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.physics.multiple import build, choice, frame, photons, table
+from bakery.physics.multiple import build, choice, frame, lookup, photons, table
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.multiple.pictures import Shown as Drawn
 from bakery.stages.multiple.view import tables_of
@@ -47,6 +47,14 @@ class Shown(Drawn):
     effect: float
     phase: np.ndarray
     orders: int | None
+
+    @cached_property
+    def laid_out(self) -> lookup.Ready:
+        return lookup.ready(self.table)
+
+    def value(self, rho, z, theta, phi):
+        """The table's own source into a direction, mfp^-3 sr^-1."""
+        return lookup.point(self.laid_out, rho, z, theta, phi)
 
     @cached_property
     def solved(self):

@@ -23,7 +23,7 @@ import numpy as np  # noqa: E402
 from numba import njit  # noqa: E402
 from peers import interleaved  # noqa: E402
 
-from bakery.physics.multiple import build, frame, legendre, lookup, point, segment, solution  # noqa: E402
+from bakery.physics.multiple import build, frame, legendre, locate, lookup, point, segment, solution  # noqa: E402
 from bakery.physics.multiple.kinds import KINDS  # noqa: E402
 
 MEDIA = ((0.3, 0.99), (0.7, 0.95), (0.85, 0.97), (0.9, 0.93))
@@ -43,7 +43,7 @@ class Lobes:
         axis = np.arctan2(rho, z)
         c = (point.coefficients(medium, np.hypot(rho, z), axis) if kind == 0
              else segment.coefficients(medium, rho, z, self.length, axis))
-        singular = frame.measure(kind, self.length, rho, z)[1]
+        singular = locate.measure(kind, self.length, rho, z)[1]
         samples = [_lobe(*row, medium.order, kind == 0) for row in zip(c, _sections(c, medium.order), strict=True)]
         self.axis = axis - np.array([a for a, _ in samples])  # angle from +z
         self.values = np.log(np.maximum([f for _, f in samples], 1e-12)) - np.log(singular)[:, None, None]
@@ -59,7 +59,7 @@ def _light(medium, kind, length, rho, z):
     rho = np.maximum(rho, 0.02)
     light = (point.integral(medium, np.hypot(rho, z), np.arctan2(rho, z)) if kind == 0
              else segment.integral(medium, rho, z, length))
-    return np.log(np.maximum(light / frame.measure(kind, length, rho, z)[1], 1e-30))
+    return np.log(np.maximum(light / locate.measure(kind, length, rho, z)[1], 1e-30))
 
 
 def _quadtree(light, cells):
@@ -130,7 +130,7 @@ def _lobe(c, section, order, axial):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look(kind, length, cells, child, axis, values, rho, z, x, y, along, out):
     for n in range(len(out)):
-        m, _, singular, _, _ = frame.place(kind, length, max(rho[n], frame.CLOSEST), z[n])
+        m, _, singular, _, _ = locate.place(kind, length, max(rho[n], frame.CLOSEST), z[n])
         r, h = min(rho[n], SIDE - 1e-9), min(max(z[n], -SIDE), SIDE - 1e-9)
         cell = int(r * ROOT / SIDE) * 2 * ROOT + int((h + SIDE) * ROOT / SIDE)
         while child[cell] >= 0:

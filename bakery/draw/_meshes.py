@@ -1,5 +1,6 @@
 """Draws a mesh of triangles, or a ball, in the light of sun and sky: a depth buffer for each direction.  For pictures only.
 
+In plain NumPy: loading compiled kernels takes longer than a picture (`python benchmarks/pictures.py`).
 Why not matplotlib's polygons: quicker, but with seams and facets, and without the shadows that show the form
 (`python benchmarks/meshes.py picture`, docs/grain-shapes.md).
 """
@@ -7,16 +8,18 @@ Why not matplotlib's polygons: quicker, but with seams and facets, and without t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 
-from bakery.draw.view import looking_from, srgb
+from bakery.draw.view import blocks, finished, looking_from, nearest, runs
 
 CREASE = math.cos(math.radians(32.0))  # faces that meet at less are shaded as one surface
-_FINE = 2  # samples a pixel and axis
-_SHADOW = 420  # pixels of a light's depth buffer
+_SHADOW = 240  # pixels of a light's depth buffer
 _SUN, _SUN_SHARE, _SPREAD = (-0.55, 0.66, 0.51), 0.62, 0.20  # towards it; share of the lights in it; its radius, sine
+_SUNS, _SKIES = 5, 9  # directions
+_GOLDEN = 2.399963  # angle between one and the next
+_ROUNDING = 1e-9  # pixels
 
 
 def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> np.ndarray:
@@ -34,36 +37,33 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
     -------
     image : (pixels, pixels, 4) uint8, sRGB and coverage, first row on top
     """
-    size = _FINE * pixels
-    low, pixel = np.array([-1.02, -1.02]), 2.04 / size
+    low, pixel = np.array([-1.02, -1.02]), 2.04 / pixels
     ball = vertices is None
     if ball:
-        place, normal = _ball(low, pixel, size)
+        covered, place, normal = _ball(low, pixel, pixels)
     else:
-        faces = np.ascontiguousarray(faces, np.int64)
-        seen = np.ascontiguousarray(vertices, float) @ looking_from(np.array([1.0, 0.72, 0.62])).T
-        index, depth = depths(seen, faces, low, pixel, size, size)
-        place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
-    light = np.zeros((size, size, 3))
-    nothing = np.full((1, 1), -np.inf)
-    for towards, rgb, shine in _lights(24):
-        frame = looking_from(towards)
-        shadow, corner, step = nothing, np.zeros(2), 1.0
-        if not ball:
-            from_light = seen @ frame.T
-            corner, step = np.array([-1.02, -1.02]), 2.04 / _SHADOW
-            _, shadow = depths(from_light, faces, corner, step, _SHADOW, _SHADOW)
-        add_light(light, place, normal, towards, rgb, gloss * shine, colour, frame, shadow, corner, step)
-    covered = np.isfinite(place[..., 2])
-    rim = np.where(covered, 0.10 * (1 - np.clip(normal[..., 2], 0, 1)) ** 3, 0.0)
-    image = np.concatenate([light + rim[..., None], covered[..., None]], axis=-1)
-    image = image.reshape(pixels, _FINE, pixels, _FINE, 4).mean(axis=(1, 3))[::-1]
-    mean = image[..., :3] / np.maximum(image[..., 3:], 1e-9)
-    image[..., :3] = srgb(1 - np.exp(-1.3 * mean))
-    return np.round(255 * image).astype(np.uint8)
+        seen = np.asarray(vertices, float) @ looking_from(np.array([1.0, 0.72, 0.62])).T
+        index, depth = depths(seen, faces, low, pixel, pixels, pixels)
+        covered, place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
+    light, step = np.zeros((len(place), 3)), 2.04 / _SHADOW
+    upwards = np.array([0.0, 0.0, 1.0])
+    place, normal = (np.ascontiguousarray(values.T, np.float32) for values in (place, normal))
+    for rgb, towards, strength, shine in _lights():
+        received, glint = np.zeros((2, place.shape[1]), np.float32)
+        for direction, share in zip(towards, strength, strict=True):
+            frame = looking_from(direction)
+            shadow = None if ball else depths(seen @ frame.T, faces, low, step, _SHADOW, _SHADOW)[1]
+            facing = share * lit(place, normal, direction, frame, shadow, low, step)
+            received += facing
+            if shine > 0:
+                half = direction + upwards
+                glint += share * (facing > 0) * _to_48(np.maximum((half / np.linalg.norm(half)).astype(np.float32) @ normal, 0))
+        light += received[:, None] * (rgb * colour) + gloss * shine * glint[:, None] * rgb
+    image = np.zeros((pixels, pixels, 3))
+    image[covered] = light + 0.10 * (1 - np.clip(normal[2, :, None], 0, 1)) ** 3
+    return finished(image, np.where(covered, 0, -1), 1.3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def depths(position, faces, low, pixel, width, height):
     """Nearest triangle of each pixel seen along -z: its index or -1, and the z of its surface, both (height, width).
 
@@ -72,136 +72,118 @@ def depths(position, faces, low, pixel, width, height):
     position : (V, 3) in the frame of the view; faces : (F, 3)
     low : (2,) lower left corner; pixel : edge of a pixel
     """
-    index = np.full((height, width), -1, np.int64)
-    depth = np.full((height, width), -np.inf)
-    for i in range(len(faces)):
-        a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
-        ax, ay, az = position[a, 0], position[a, 1], position[a, 2]
-        bx, by, bz = position[b, 0] - ax, position[b, 1] - ay, position[b, 2] - az
-        cx, cy, cz = position[c, 0] - ax, position[c, 1] - ay, position[c, 2] - az
-        area = bx * cy - by * cx
-        if area <= 0.0:
-            continue  # seen from inside: another one of a closed surface hides it
-        first = max(int((ay + min(by, cy, 0.0) - low[1]) / pixel), 0)
-        last = min(int((ay + max(by, cy, 0.0) - low[1]) / pixel) + 1, height)
-        left = max(int((ax + min(bx, cx, 0.0) - low[0]) / pixel), 0)
-        right = min(int((ax + max(bx, cx, 0.0) - low[0]) / pixel) + 1, width)
-        for row in range(first, last):
-            y = low[1] + (row + 0.5) * pixel - ay
-            for column in range(left, right):
-                x = low[0] + (column + 0.5) * pixel - ax
-                u, v = (x * cy - y * cx) / area, (bx * y - by * x) / area
-                if u >= -1e-12 and v >= -1e-12 and u + v <= 1.0 + 1e-12:
-                    z = az + u * bz + v * cz
-                    if z > depth[row, column]:
-                        depth[row, column] = z
-                        index[row, column] = i
-    return index, depth
+    index, depth = np.full(height * width, -1), np.full(height * width, -np.inf)
+    corners = np.array(position, float)
+    corners[:, :2] = (corners[:, :2] - low) / pixel - 0.5  # centres of pixels at whole numbers
+    x, y, z = corners.T.copy()
+    a, b, c = faces.T
+    area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
+    front = np.flatnonzero(area > 0)  # seen from inside: another one of a closed surface hides it
+    a, b, c = faces[front].T
+    first = np.maximum(np.ceil(np.minimum(np.minimum(y[a], y[b]), y[c]) - _ROUNDING), 0).astype(int)
+    last = np.minimum(np.floor(np.maximum(np.maximum(y[a], y[b]), y[c]) + _ROUNDING), height - 1).astype(int)
+    some = np.flatnonzero(last >= first)
+    front, first, lines, a, b, c = front[some], first[some], (last - first)[some] + 1, a[some], b[some], c[some]
+    u, v = (z[b] - z[a]) / area[front], (z[c] - z[a]) / area[front]
+    slope_x, slope_y = u * (y[c] - y[a]) - v * (y[b] - y[a]), v * (x[b] - x[a]) - u * (x[c] - x[a])
+    above = z[a] - x[a] * slope_x - y[a] * slope_y
+    edges = []
+    for p, q in ((a, b), (b, c), (c, a)):
+        up = y[q] - y[p]
+        lean = np.divide(x[q] - x[p], up, out=np.zeros_like(up), where=up != 0)
+        edges.append((np.where(up < 0, x[p], -np.inf), y[p], lean, np.maximum))
+        edges.append((np.where(up > 0, x[p], np.inf), y[p], lean, np.minimum))
+    widest = np.maximum(np.maximum(x[a], x[b]), x[c]) - np.minimum(np.minimum(x[a], x[b]), x[c])
+    for some in blocks(lines * (widest.astype(int) + 1)):
+        face, row = runs(first[some], lines[some])
+        face += some.start
+        left, right = np.zeros(len(face)), np.full(len(face), width - 1.0)
+        for start, foot, lean, tighter in edges:
+            limit = left if tighter is np.maximum else right
+            tighter(limit, start[face] + (row - foot[face]) * lean[face], out=limit)
+        left = np.ceil(left - _ROUNDING).astype(int)
+        line, column = runs(left, np.maximum(np.floor(right + _ROUNDING).astype(int) - left + 1, 0))
+        face, ahead = face[line], (above[face] + row * slope_y[face])[line]
+        nearest(index, depth, (row * width)[line] + column, ahead + column * slope_x[face], front[face])
+    return index.reshape(height, width), depth.reshape(height, width)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def smooth_normals(position, faces, crease):
     """Unit normals (F, 3 corners, 3): means over the faces around a corner that meet its own at a cosine above `crease`."""
-    count = len(faces)
-    flat = np.zeros((count, 3))  # as long as twice the area: large faces weigh more
-    for i in range(count):
-        a, b, c = position[faces[i, 0]], position[faces[i, 1]], position[faces[i, 2]]
-        flat[i] = np.cross(b - a, c - a)
-    start = np.zeros(len(position) + 1, np.int64)
-    for i in range(count):
-        for k in range(3):
-            start[faces[i, k] + 1] += 1
-    start = np.cumsum(start)
-    filled, around = start.copy(), np.zeros(3 * count, np.int64)
-    for i in range(count):
-        for k in range(3):
-            around[filled[faces[i, k]]] = i
-            filled[faces[i, k]] += 1
-    normal = np.zeros((count, 3, 3))
-    for i in range(count):
-        own = math.sqrt(_dot(flat[i], flat[i]))
-        for k in range(3):
-            total = np.zeros(3)
-            for at in range(start[faces[i, k]], start[faces[i, k] + 1]):
-                other = flat[around[at]]
-                if around[at] == i or _dot(other, flat[i]) >= crease * own * math.sqrt(_dot(other, other)):
-                    total += other
-            length = math.sqrt(_dot(total, total))
-            normal[i, k] = total / (length if length > 0 else 1.0)
-    return normal
+    flat = np.cross(position[faces[:, 1]] - position[faces[:, 0]], position[faces[:, 2]] - position[faces[:, 0]])
+    area = np.sqrt((flat**2).sum(axis=1))  # twice: large faces weigh more
+    corner = np.asarray(faces).reshape(-1)
+    around = np.argsort(corner, kind="stable")  # corners by vertex
+    count = np.bincount(corner, minlength=len(position))
+    start = np.cumsum(count) - count
+    total = np.zeros((len(corner), 3))
+    for some in blocks(count[corner]):
+        own, at = runs(start[corner[some]], count[corner[some]])
+        own, other = (own + some.start) // 3, around[at] // 3
+        meets = (flat[own] * flat[other]).sum(axis=1) >= crease * area[own] * area[other]
+        weight = np.where(meets | (own == other), 1.0, 0.0)
+        first = np.cumsum(count[corner[some]]) - count[corner[some]]
+        total[some] = np.add.reduceat(flat[other] * weight[:, None], first)
+    length = np.sqrt((total**2).sum(axis=1, keepdims=True))
+    return (total / np.where(length > 0, length, 1.0)).reshape(-1, 3, 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def surfaces(index, depth, position, faces, normals, low, pixel):
-    """Place and unit normal of what each pixel shows, (H, W, 3) each; the z of a place is -inf where there is nothing."""
-    height, width = index.shape
-    place, normal = np.full((height, width, 3), -np.inf), np.zeros((height, width, 3))
-    for row in range(height):
-        for column in range(width):
-            i = index[row, column]
-            if i < 0:
-                continue
-            x, y = low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel
-            a, b, c = position[faces[i, 0]], position[faces[i, 1]], position[faces[i, 2]]
-            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            u = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
-            v = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
-            n = (1 - u - v) * normals[i, 0] + u * normals[i, 1] + v * normals[i, 2]
-            normal[row, column] = n / max(math.sqrt(_dot(n, n)), 1e-300)
-            place[row, column, 0], place[row, column, 1], place[row, column, 2] = x, y, depth[row, column]
-    return place, normal
+    """What each pixel shows: whether anything, (H, W), and of those that do the places and unit normals, (P, 3) each."""
+    covered = index >= 0
+    row, column = np.nonzero(covered)
+    face = index[covered]
+    x, y = low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel
+    a, b, c = (position[faces[:, k], :2] for k in range(3))
+    b, c = b - a, c - a
+    over = 1 / np.where((area := b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]) != 0, area, 1.0)
+    dx, dy = x - a[face, 0], y - a[face, 1]
+    u = dx * (c[:, 1] * over)[face] - dy * (c[:, 0] * over)[face]
+    v = dy * (b[:, 0] * over)[face] - dx * (b[:, 1] * over)[face]
+    first, second, third = (normals[:, k] for k in range(3))
+    n = first[face] + u[:, None] * (second - first)[face] + v[:, None] * (third - first)[face]
+    n /= np.maximum(np.sqrt((n**2).sum(axis=1, keepdims=True)), 1e-300)
+    return covered, np.stack([x, y, depth[covered]], axis=1), n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def add_light(light, place, normal, towards, rgb, shine, colour, frame, shadow, low, pixel):
-    """Add one direction's light to an image (H, W, 3) wherever its depth buffer does not show something nearer to it."""
-    height, width = place.shape[:2]
-    hx, hy, hz = towards[0], towards[1], towards[2] + 1.0
-    length = math.sqrt(hx * hx + hy * hy + hz * hz)
-    hx, hy, hz = hx / length, hy / length, hz / length
-    for row in range(height):
-        for column in range(width):
-            p, n = place[row, column], normal[row, column]
-            facing = n[0] * towards[0] + n[1] * towards[1] + n[2] * towards[2]
-            if facing <= 0.0 or p[2] == -np.inf:
-                continue
-            x = frame[0, 0] * p[0] + frame[0, 1] * p[1] + frame[0, 2] * p[2]
-            y = frame[1, 0] * p[0] + frame[1, 1] * p[1] + frame[1, 2] * p[2]
-            z = frame[2, 0] * p[0] + frame[2, 1] * p[1] + frame[2, 2] * p[2]
-            bias = 0.012 + 1.5 * pixel * math.sqrt(1.0 - min(facing, 1.0) ** 2) / max(facing, 0.15)
-            u, v = int((x - low[0]) / pixel), int((y - low[1]) / pixel)
-            if 0 <= u < shadow.shape[1] and 0 <= v < shadow.shape[0] and shadow[v, u] > z + bias:
-                continue
-            glint = shine * max(n[0] * hx + n[1] * hy + n[2] * hz, 0.0) ** 50
-            for k in range(3):
-                light[row, column, k] += rgb[k] * (colour[k] * facing + glint)
+def lit(place, normal, towards, frame, shadow, low, pixel):
+    """Cosines (P,) at which light from a direction meets places (3, P) with normals (3, P), 0 where something stands in it.
+
+    shadow : what is nearest to the light, in its frame; None where nothing stands in it
+    """
+    facing = np.maximum(np.asarray(towards, np.float32) @ normal, 0)
+    if shadow is None:
+        return facing
+    x, y, z = np.asarray(frame, np.float32) @ place
+    sine = np.sqrt(1 - np.minimum(facing, 1) ** 2)
+    limit = z + np.float32(0.012) + np.float32(1.5 * pixel) * sine / np.maximum(facing, np.float32(0.15))
+    u, v = (np.clip((at - np.float32(edge)) * np.float32(1 / pixel), 0, shadow.shape[0] - 1).astype(np.int32)
+            for at, edge in ((x, low[0]), (y, low[1])))
+    return facing * (shadow.astype(np.float32).ravel()[v * shadow.shape[1] + u] <= limit)
 
 
-def _lights(count):
-    """(unit vector towards it, its colour (3,), share of highlights), a sun of some width and a sky that is brighter above."""
+def _to_48(x):
+    x = (x * x) ** 2
+    x = (x * x) ** 2  # to the power of 16; NumPy's own power takes many times as long
+    return x * x * x
+
+
+def _lights() -> Iterator:
+    """A sun of some width and a sky that is brighter above: (colour (3,), directions towards them, strengths, highlights)."""
     sun = np.array(_SUN) / np.linalg.norm(_SUN)
-    frame = looking_from(sun)
-    suns = count // 4
-    for i in range(suns):
-        radius, turn = _SPREAD * math.sqrt((i + 0.5) / suns), 2.399963 * i  # the golden angle
-        towards = np.array([radius * math.cos(turn), radius * math.sin(turn), math.sqrt(1 - radius * radius)]) @ frame
-        yield towards, 1.9 * _SUN_SHARE / suns * np.array([1.0, 0.96, 0.88]), 1.0
-    rest = count - suns
-    for i in range(rest):
-        z = 1 - 2 * (i + 0.5) / rest
-        radius = math.sqrt(1 - z * z)
-        towards = np.array([radius * math.cos(2.399963 * i), z, radius * math.sin(2.399963 * i)])
-        yield towards, 2.6 * (1 - _SUN_SHARE) / rest * (0.55 + 0.45 * z) * np.array([0.90, 0.97, 1.10]), 0.1
+    radius, turn = _SPREAD * np.sqrt((np.arange(_SUNS) + 0.5) / _SUNS), _GOLDEN * np.arange(_SUNS)
+    towards = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)], axis=1) @ looking_from(sun)
+    yield 1.9 * _SUN_SHARE * np.array([1.0, 0.96, 0.88]), towards, np.full(_SUNS, 1 / _SUNS), 1.0
+    z, turn = 1 - 2 * (np.arange(_SKIES) + 0.5) / _SKIES, _GOLDEN * np.arange(_SKIES)
+    radius = np.sqrt(1 - z * z)
+    towards = np.stack([radius * np.cos(turn), z, radius * np.sin(turn)], axis=1)
+    yield 2.6 * (1 - _SUN_SHARE) * np.array([0.90, 0.97, 1.10]), towards, (0.55 + 0.45 * z) / _SKIES, 0.0
 
 
 def _ball(low, pixel, size):
     at = low[0] + (np.arange(size) + 0.5) * pixel
     x, y = np.broadcast_arrays(at, at[:, None])
     inside = 1 - x * x - y * y
-    normal = np.stack([x, y, np.sqrt(np.maximum(inside, 0))], axis=-1)
-    return np.where(inside[..., None] > 0, normal, -np.inf), np.where(inside[..., None] > 0, normal, 0.0)
+    covered = inside > 0
+    normal = np.stack([x[covered], y[covered], np.sqrt(inside[covered])], axis=1)
+    return covered, normal, normal

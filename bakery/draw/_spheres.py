@@ -1,17 +1,18 @@
 """Draws spheres: depth buffer, light with shadows, and the light of the sky that neighbours take away.  For pictures only.
 
-Why not matplotlib's: it knows no spheres that hide and shade each other.
+In plain NumPy: loading compiled kernels takes longer than a picture.  Why not matplotlib's: it knows no spheres that hide and
+shade each other.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numba import njit
+
+from bakery.draw.view import blocks, nearest, runs
+
+_TOGETHER = 512  # spheres whose neighbours are looked for at once
 
 
-@njit(cache=True, nogil=True)
 def depths(position, radius, low, pixel, width, height):
     """Nearest sphere of each pixel seen along -z: its index or -1, and the z of its surface, both (height, width).
 
@@ -20,22 +21,23 @@ def depths(position, radius, low, pixel, width, height):
     position : (N, 3), radius : (N,) in the frame of the view
     low : (2,) lower left corner; pixel : edge of a pixel
     """
-    index = np.full((height, width), -1, np.int32)
-    depth = np.full((height, width), -np.inf)
-    for i in range(len(radius)):
-        x, y, z, r = position[i, 0], position[i, 1], position[i, 2], radius[i]
-        for row in range(max(int((y - r - low[1]) / pixel), 0), min(int((y + r - low[1]) / pixel) + 1, height)):
-            dy = low[1] + (row + 0.5) * pixel - y
-            for column in range(max(int((x - r - low[0]) / pixel), 0), min(int((x + r - low[0]) / pixel) + 1, width)):
-                dx = low[0] + (column + 0.5) * pixel - x
-                inside = r * r - dx * dx - dy * dy
-                if inside > 0 and z + math.sqrt(inside) > depth[row, column]:
-                    depth[row, column] = z + math.sqrt(inside)
-                    index[row, column] = i
-    return index, depth
+    index, depth = np.full(height * width, -1), np.full(height * width, -np.inf)
+    x, y = ((position[:, k] - low[k]) / pixel - 0.5 for k in (0, 1))  # centres of pixels at whole numbers
+    z, r = position[:, 2], radius / pixel
+    first = np.maximum(np.ceil(y - r), 0).astype(int)
+    lines = np.maximum(np.minimum(np.floor(y + r), height - 1).astype(int) - first + 1, 0)
+    for some in blocks(lines * (2 * r.astype(int) + 1)):
+        ball, row = runs(first[some], lines[some])
+        ball += some.start
+        square = np.maximum(r[ball] ** 2 - (row - y[ball]) ** 2, 0)
+        half = np.sqrt(square)
+        left = np.maximum(np.ceil(x[ball] - half), 0).astype(int)
+        line, column = runs(left, np.maximum(np.minimum(np.floor(x[ball] + half), width - 1).astype(int) - left + 1, 0))
+        up = np.sqrt(np.maximum(square[line] - (column - x[ball][line]) ** 2, 0))
+        nearest(index, depth, (row * width)[line] + column, z[ball][line] + pixel * up, ball[line])
+    return index.reshape(height, width), depth.reshape(height, width)
 
 
-@njit(cache=True, nogil=True)
 def neighbours(position, visible, reach, most):
     """The spheres nearest to each visible one, (N, most): -1 where fewer have their centres within `reach`, nearest first.
 
@@ -43,27 +45,22 @@ def neighbours(position, visible, reach, most):
     ----------
     position : (N, 3) ascending in z; visible : (N,) bool, the others get none
     """
-    near, square = np.full((len(position), most), -1), np.empty(most)
-    for i in np.flatnonzero(visible):
-        square[:] = reach * reach
-        first = np.searchsorted(position[:, 2], position[i, 2] - reach)
-        last = np.searchsorted(position[:, 2], position[i, 2] + reach)
-        for j in range(first, last):
-            x, y, z = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1], position[j, 2] - position[i, 2]
-            found = x * x + y * y + z * z
-            if i == j or found >= square[-1]:
-                continue
-            at = most - 1
-            while at > 0 and square[at - 1] > found:
-                square[at], near[i, at] = square[at - 1], near[i, at - 1]
-                at -= 1
-            square[at], near[i, at] = found, j
+    near, wanted = np.full((len(position), most), -1), np.flatnonzero(visible)
+    for some in (wanted[i:i + _TOGETHER] for i in range(0, len(wanted), _TOGETHER)):
+        first, last = np.searchsorted(position[:, 2], (position[some[0], 2] - reach, position[some[-1], 2] + reach))
+        square = sum((position[some, k, None] - position[first:last, k]) ** 2 for k in range(3))
+        square[np.arange(len(some)), some - first] = np.inf
+        count = min(most, last - first)
+        found = np.argpartition(square, count - 1, axis=1)[:, :count]
+        away = np.take_along_axis(square, found, axis=1)
+        order = np.argsort(away, axis=1, kind="stable")
+        found, away = (np.take_along_axis(values, order, axis=1) for values in (found, away))
+        near[some, :count] = np.where(away < reach * reach, found + first, -1)
     return near
 
 
-@njit(cache=True, nogil=True)
 def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel):
-    """Colour of each pixel, (height, width, 4): linear light and coverage.
+    """Colour of each pixel, (height, width, 3): linear light, 0 where nothing is.
 
     Parameters
     ----------
@@ -71,49 +68,42 @@ def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun
     sun : (3,) unit vector towards the sun; to_sun : (3, 3) rotation into its frame
     shadow : depth buffer in the sun's frame, with its corner and pixel
     """
-    height, width = index.shape
-    image = np.zeros((height, width, 4))
-    n, p, q = np.zeros(3), np.zeros(3), np.zeros(3)
-    for row in range(height):
-        for column in range(width):
-            i = index[row, column]
-            if i < 0:
-                continue
-            p[0], p[1], p[2] = low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel, depth[row, column]
-            for k in range(3):
-                n[k] = (p[k] - position[i, k]) / radius[i]
-            open_sky = 1.0
-            for s in range(near.shape[1]):
-                j = near[i, s]
-                if j < 0:
-                    break
-                dx, dy, dz = position[j, 0] - p[0], position[j, 1] - p[1], position[j, 2] - p[2]
-                square = dx * dx + dy * dy + dz * dz
-                cosine = (dx * n[0] + dy * n[1] + dz * n[2]) / math.sqrt(square)
-                share = radius[j] * radius[j] / max(square, radius[j] * radius[j])
-                # a sphere takes cos * r^2/d^2 of a cosine-weighted sky where it stands clear of the horizon, and fades below it
-                clear = math.sqrt(max(share, 1e-12))
-                open_sky *= 1 - share * max(0.25 * (cosine + clear) ** 2 / clear if cosine < clear else cosine, 0.0) \
-                    * (1.0 if cosine > -clear else 0.0)
-            facing = n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2]
-            lit = 0.0
-            if facing > 0:
-                for k in range(3):
-                    q[k] = to_sun[k, 0] * p[0] + to_sun[k, 1] * p[1] + to_sun[k, 2] * p[2]
-                bias = 0.04 * radius[i] + 1.5 * shadow_pixel * math.sqrt(1 - min(facing, 1.0) ** 2) / max(facing, 0.1)
-                u, v = int((q[0] - shadow_low[0]) / shadow_pixel), int((q[1] - shadow_low[1]) / shadow_pixel)
-                seen = 0
-                for a in range(v - 1, v + 2):
-                    for b in range(u - 1, u + 2):
-                        if a < 0 or b < 0 or a >= shadow.shape[0] or b >= shadow.shape[1] or shadow[a, b] <= q[2] + bias:
-                            seen += 1
-                lit = facing * seen / 9
-            sky = open_sky * open_sky * (0.62 + 0.38 * n[1])
-            half = (sun[2] + 1) / math.sqrt(2 + 2 * sun[2])
-            glint = (n[0] * sun[0] + n[1] * sun[1] + n[2] * (sun[2] + 1)) / math.sqrt(2 + 2 * sun[2])
-            gloss = 0.22 * max(glint, 0.0) ** 60 * (lit > 0) * half
-            rim = 0.10 * (1 - max(n[2], 0.0)) ** 3 * open_sky
-            for k in range(3):
-                image[row, column, k] = colour[i, k] * (0.95 * lit + 0.55 * sky) + gloss + rim
-            image[row, column, 3] = 1.0
+    image = np.zeros((*index.shape, 3))
+    rows, columns = np.nonzero(index >= 0)
+    for some in (slice(i, i + 16384) for i in range(0, len(rows), 16384)):  # what fits into the processor's cache
+        row, column = rows[some], columns[some]
+        i = index[row, column]
+        p = np.stack([low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel, depth[row, column]])
+        n = (p - position[i].T) / radius[i]
+        open_sky = _open(p, n, near[i].T, position, radius)
+        facing = np.maximum(sun @ n, 0)
+        seen = _lit(to_sun @ p, facing, radius[i], shadow, shadow_low, shadow_pixel)
+        lit = facing * seen
+        half = (sun + np.array([0, 0, 1])) / np.sqrt(2 + 2 * sun[2])
+        gloss = 0.22 * np.maximum(half @ n, 0) ** 60 * (lit > 0) * half[2]
+        rim = 0.10 * (1 - np.maximum(n[2], 0)) ** 3 * open_sky
+        sky = open_sky * open_sky * (0.62 + 0.38 * n[1])
+        image[row, column] = colour[i] * (0.95 * lit + 0.55 * sky)[:, None] + (gloss + rim)[:, None]
     return image
+
+
+def _open(p, n, near, position, radius):
+    """Share of the sky that neighbours (K, P) leave to places (3, P) with normals (3, P)."""
+    x, y, z = (position[near, k].astype(np.float32) - p[k].astype(np.float32) for k in range(3))
+    a, b, c = n.astype(np.float32)
+    square = x * x + y * y + z * z
+    cosine = (x * a + y * b + z * c) / np.sqrt(square)
+    own = radius.astype(np.float32)[near] ** 2
+    share = own / np.maximum(square, own)
+    # a sphere takes cos * r^2/d^2 of a cosine-weighted sky where it stands clear of the horizon, and fades below it
+    clear = np.sqrt(share)
+    taken = share * np.where(cosine < clear, 0.25 * np.maximum(cosine + clear, 0) ** 2 / clear, cosine)
+    return np.prod(1 - np.where(near >= 0, taken, 0), axis=0)
+
+
+def _lit(q, facing, radius, shadow, low, pixel):
+    """Share of the nine pixels of a depth buffer around places (3, P), in its frame, that show nothing nearer to the light."""
+    limit = q[2] + 0.04 * radius + 1.5 * pixel * np.sqrt(1 - np.minimum(facing, 1) ** 2) / np.maximum(facing, 0.1)
+    u, v = (((q[k] - low[k]) / pixel).astype(int) for k in (0, 1))
+    rows, columns = (np.clip(at + np.arange(-1, 2)[:, None], 0, most - 1) for at, most in zip((v, u), shadow.shape, strict=True))
+    return sum((shadow[a, b] <= limit).astype(float) for a in rows for b in columns) / 9

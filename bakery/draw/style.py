@@ -18,7 +18,7 @@ INK, QUIET, FAINT = "#1c2530", "#5d6875", "#dfe3e8"
 NEUTRAL = ("#1c2530", "#8a4fbf", "#b3541e")  # curves that belong to no wavelength
 
 _LOOK = {
-    "figure.facecolor": "white", "figure.dpi": 100, "savefig.dpi": 160, "figure.constrained_layout.use": True,
+    "figure.facecolor": "white", "figure.dpi": 100, "savefig.dpi": 128, "figure.constrained_layout.use": True,
     "font.family": "DejaVu Sans", "font.size": 9.5, "axes.titlesize": 10.5, "axes.titleweight": "bold",
     "axes.titlelocation": "left", "axes.titlepad": 9,
     "axes.titley": 1.0,  # else matplotlib looks for what may stand in the way, which takes an eighth of a picture

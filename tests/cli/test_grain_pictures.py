@@ -178,10 +178,10 @@ def test_what_stands_in_the_light_takes_it():
     _, shadow = _meshes.depths(vertices, faces, low, pixel, 40, 40)
     index, depth = _meshes.depths(vertices[:4], faces[:2], low, pixel, 40, 40)
     normals = _meshes.smooth_normals(vertices[:4], faces[:2], _meshes.CREASE)
-    place, normal = _meshes.surfaces(index, depth, vertices[:4], faces[:2], normals, low, pixel)
-    light = np.zeros((40, 40, 3))
+    covered, place, normal = _meshes.surfaces(index, depth, vertices[:4], faces[:2], normals, low, pixel)
+    light = np.zeros((40, 40))
     for towards in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
-        _meshes.add_light(light, place, normal, np.array(towards), np.ones(3), 0.0, np.ones(3), np.eye(3), shadow, low, pixel)
+        light[covered] += _meshes.lit(place.T, normal.T, np.array(towards), np.eye(3), shadow, low, pixel)
     at = (np.arange(40) + 0.5) / 20 - 1
     across = np.maximum(np.abs(at), np.abs(at[:, None]))
     assert np.all(light[across < 0.3] == 0) and np.all(light[across > 0.9] == 0)

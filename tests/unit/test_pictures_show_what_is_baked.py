@@ -15,9 +15,9 @@ from tests.unit.test_imports import imports, modules
 
 # what a picture may take of physics: look-ups in the tables of an asset, and what closed formulas say of a few of its figures
 LOOKUPS = {"beam.kinds.MEASURES", "discrete.graininess", "medium.phase.evaluate", "medium.phase.integral", "multiple.frame",
-           "multiple.kinds.KINDS", "multiple.lookup"}
+           "multiple.kinds.KINDS", "multiple.plain"}
 # files of physics whose functions may run while pictures are made
-FILES = {"medium/phase.py", "multiple/frame.py", "multiple/lookup.py", "multiple/table.py", "multiple/tree.py",
+FILES = {"medium/phase.py", "multiple/frame.py", "multiple/plain.py", "multiple/table.py", "multiple/tree.py",
          "beam/table.py", "discrete/graininess.py"}
 HAZE = """\
 bakery: 1
@@ -72,4 +72,4 @@ def baked(tmp_path_factory):
 def test_drawing_looks_up_and_computes_nothing(baked):
     ran = set().union(*map(called, baked))
     assert ran <= FILES, f"bake plot calls {sorted(ran - FILES)}"
-    assert {"medium/phase.py", "multiple/lookup.py", "beam/table.py"} <= ran  # calls are seen at all
+    assert {"medium/phase.py", "multiple/plain.py", "beam/table.py"} <= ran  # calls are seen at all

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from bakery.physics.multiple import frame, lookup, uniform
+from bakery.physics.multiple import frame, locate, lookup, uniform
 from bakery.physics.multiple.build import places, upper
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import Table
@@ -42,7 +42,7 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
     integral = (lobe * fit.solid_angle).sum(axis=1)
     a, basis = fit.represent(np.stack([lobe, lobe]), integral, np.ones(len(rho), bool), 0.2)
     a = a[0]
-    a[:, 0] = np.log(integral / frame.measure(SEGMENT, length, rho, z)[1])
+    a[:, 0] = np.log(integral / locate.measure(SEGMENT, length, rho, z)[1])
     packed = fit.pack(SEGMENT, length, medium, a, basis)
     # its own error against the same integrals between the corners, and the noise of those
     rho_t, z_t = (x[::3] for x in places(SEGMENT, length, medium.extent, fit.random))
@@ -72,7 +72,7 @@ def _along(points, length, rho, z, sine, cosine, towards, aside, out):
     for n in range(len(rho)):
         # s - z = close sinh(t): smooth however close the beam is, but for lobes that turn as fast as the beam is passed
         close = max(rho[n], frame.CLOSEST)
-        outwards, along = frame.place(SEGMENT, length, close, z[n])[3:]
+        outwards, along = locate.place(SEGMENT, length, close, z[n])[3:]
         t, last = math.asinh(-z[n] / close), math.asinh((length - z[n]) / close)
         while t < last:
             step = min(lookup.piece(points.turn, t), last - t)

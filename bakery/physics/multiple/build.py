@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.multiple import basis as bases
-from bakery.physics.multiple import frame, lookup, point, segment
+from bakery.physics.multiple import frame, locate, lookup, point, segment
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import STEPS, Table, between, empty, fill, quantised, scales, shape
 from bakery.physics.multiple.tree import ASPECT, COARSE
@@ -136,7 +136,7 @@ class _Build:
         integral = np.maximum(integral, _LEAST * (np.abs(lobe) * self.solid_angle).sum(axis=1))
         lobe = np.maximum(lobe / integral[:, None], _DARKEST)
         ends = np.minimum(np.hypot(rho, z), np.hypot(rho, z - self.length))
-        return lobe, integral / frame.measure(self.kind, self.length, rho, z)[1], np.minimum(1.0, ends / _NEAR)
+        return lobe, integral / locate.measure(self.kind, self.length, rho, z)[1], np.minimum(1.0, ends / _NEAR)
 
     def choose(self, lobe, near):
         """The smallest basis that represents the sample to half the tolerance."""
@@ -244,7 +244,7 @@ def places(kind, length, extent, random):
         beside = slice(1, None, 2)
         rho[beside] = 0.01 * 200 ** random.random(_TESTS // 2)
         z[beside] = length * random.random(_TESTS // 2)
-        inside = frame.measure(kind, length, rho, z)[0] <= extent
+        inside = locate.measure(kind, length, rho, z)[0] <= extent
         rho, z = rho[inside], z[inside]
     return rho, z
 

@@ -12,7 +12,7 @@ the axis, so that what is even in the angle is even in v.
 Directions are taken in a frame at the position itself: its axis points away from the origin, +z is at azimuth 0.  In units of a
 square: s = (2/pi) arctan(SHARP tan(polar/2)), t = |azimuth| / pi.
 
-Every difference that could cancel is formed as rho^2 over a sum.
+The kernels of it are in `locate`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.multiple.kinds import POINT
 
@@ -30,49 +29,7 @@ SKEW = (1.0, 0.6)  # of point and segment: places on the axis ahead are denser b
 SHARP = 2.5  # q: the same for directions
 NEAREST = (1e-3, 1e-4)  # m of the first places: the solver's shortest distance, and what it makes of it beside a segment
 CLOSEST = 1e-6  # mfp from the axis; nearer positions are answered as there
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def place(kind, length, rho, z):
-    """m, tan(angle/2), the singular part, sine and cosine of the axis.
-
-    Parameters
-    ----------
-    kind : POINT or SEGMENT
-    length : of the segment, mfp
-    rho, z : mfp, rho >= CLOSEST
-    """
-    square = rho * rho
-    r1 = math.sqrt(square + z * z)
-    if z > 0:
-        plus1 = r1 + z
-        minus1 = square / plus1
-    else:
-        minus1 = r1 - z
-        plus1 = square / minus1
-    if kind == POINT:
-        return r1, rho / plus1, 1 / r1, rho / r1, z / r1
-    after = z - length
-    r2 = math.sqrt(square + after * after)
-    if after > 0:
-        plus2 = r2 + after
-        minus2 = square / plus2
-    else:
-        minus2 = r2 - after
-        plus2 = square / minus2
-    beyond = minus1 + plus2  # r1 + r2 - length
-    m = math.sqrt(beyond * (2 * length + beyond)) / 2
-    tangent = math.sqrt((minus1 + minus2) / (plus1 + plus2))
-    return m, tangent, math.log(1 + 2 * length / beyond), rho / r1, z / r1
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def direction(sine, cosine, x, y, z):
-    """s, t of a direction of travel (x along rho, y across, z) in the frame whose axis has this sine and cosine to +z."""
-    forward, side = x * sine + z * cosine, z * sine - x * cosine
-    across = math.sqrt(side * side + y * y)
-    s = (2 / math.pi) * math.atan2(SHARP * across, 1 + forward if forward > 0 else across * across / (1 - forward))
-    return s, math.atan2(abs(y), side) / math.pi
+INSIDE = 0.5  # of the extent: from there on coefficients go as 1/m
 
 
 def position(kind, length, extent, u, v):
@@ -86,21 +43,6 @@ def position(kind, length, extent, u, v):
     half = length / 2
     more = m**2 / (half + np.hypot(m, half))
     return m * np.sin(angle), more * np.cos(angle) + length * np.cos(angle / 2) ** 2
-
-
-def measure(kind, length, rho, z):
-    """m (see above) and the singular part at positions."""
-    rho, z = np.broadcast_arrays(np.asarray(rho, float), np.asarray(z, float))
-    m, singular = _measure(kind, length, rho.ravel(), z.ravel())
-    return m.reshape(rho.shape), singular.reshape(rho.shape)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _measure(kind, length, rho, z):
-    m, singular = np.empty(len(rho)), np.empty(len(rho))
-    for n in range(len(rho)):
-        m[n], _, singular[n], _, _ = place(kind, length, max(rho[n], CLOSEST), z[n])
-    return m, singular
 
 
 def polar(s):

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import CubicSpline
 
-from bakery.physics.multiple import frame
+from bakery.physics.multiple import frame, locate
 from bakery.physics.multiple.frame import CORE, SKEW
 from bakery.physics.multiple.table import RINGS, Table, margins
 
@@ -25,7 +25,6 @@ _PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at mos
 _TURN = 0.125  # share of an order of the directions that the pieces follow
 _SHORT = 0.5  # at least, beside the ends of a segment
 END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
-_INSIDE = 0.5  # of the extent: from there on coefficients go as 1/m
 GONE = 40.0  # mfp behind a position from which no light comes
 X, WEIGHT = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(GAUSS), (1.0, 0.0), strict=True))
 
@@ -101,8 +100,8 @@ def value(table, rho, z, x, y, along, a, b):
     table : `Ready`, of a point, or of a segment of its own length;  a, b : from `scratch`, overwritten
     """
     rho = max(rho, frame.CLOSEST)
-    m, tangent, singular, sine, cosine = frame.place(table.kind, table.length, rho, z)
-    s, t = frame.direction(sine, cosine, x, y, along)
+    m, tangent, singular, sine, cosine = locate.place(table.kind, table.length, rho, z)
+    s, t = locate.direction(sine, cosine, x, y, along)
     beyond = max(m - table.extent, 0.0)
     m -= beyond
     basis = table.basis
@@ -110,9 +109,9 @@ def value(table, rho, z, x, y, along, a, b):
     _interpolated(table, m, v, a)
     if beyond > 0:
         # coefficients go on as 1/m, as they did from half the extent on
-        _interpolated(table, _INSIDE * m, v, b)
-        b[0] -= np.float32(table.k0 * (1 - _INSIDE) * m)
-        share = np.float32(beyond / (m + beyond) * _INSIDE / (1 - _INSIDE))
+        _interpolated(table, frame.INSIDE * m, v, b)
+        b[0] -= np.float32(table.k0 * (1 - frame.INSIDE) * m)
+        share = np.float32(beyond / (m + beyond) * frame.INSIDE / (1 - frame.INSIDE))
         for k in range(len(a)):
             a[k] += share * (a[k] - b[k])
     s *= basis.shape[0] - 1
@@ -260,7 +259,7 @@ def _segments(points, segments, rho, z, theta, phi, length, out):
 def _lobes(table, rho, z, polar, azimuth, out):
     a, b = scratch(table)
     for n in range(len(rho)):
-        sine, cosine = frame.place(table.kind, table.length, max(rho[n], frame.CLOSEST), z[n])[3:]
+        sine, cosine = locate.place(table.kind, table.length, max(rho[n], frame.CLOSEST), z[n])[3:]
         for i in range(len(polar)):
             across, forward = math.sin(polar[i]), math.cos(polar[i])
             for j in range(len(azimuth)):

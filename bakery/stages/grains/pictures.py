@@ -54,7 +54,7 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
     """Each component's grain in its bounding sphere, with a scale bar."""
     across = min(len(meshes), max(3, round(math.sqrt(1.4 * len(meshes)))))
     down = -(-len(meshes) // across)
-    pixels = 420 if len(meshes) <= 2 else 320
+    pixels = 420 if len(meshes) <= 2 else 300
     radius = _radii(grains)
 
     def draw(figure):
@@ -123,7 +123,9 @@ def statistics(parts: Mapping[str, Group], um):
             axes.tick_params(axis="y", length=0)
             axes.spines["left"].set_visible(False)
             axes.grid(axis="y", visible=False)
-        first = np.atleast_1d(panels)[0]
+        first, *others = np.atleast_1d(panels)
+        for axes in others:
+            axes.yaxis.set_visible(False)  # nothing of it would be seen, and it takes as long as if
         first.set_yticks(at, [f"{um[k]:g} µm" for _, _, k in rows])
         first.set_ylim(at[-1] - 0.5, 1.2)
         for y, (name, _, k) in zip(at, rows, strict=True):

@@ -164,7 +164,7 @@ def around(axes, medium: Group, um) -> None:
     axes.set_rlim(bottom, top)
     axes.set_rorigin(bottom - _HOLE * (top - bottom))
     axes.set_rgrids(decades, [power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
-    axes.set_thetagrids(range(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
+    axes.set_thetagrids(range(0, 360, 45), [f"{min(a, 360 - a)}°" for a in range(0, 360, 45)])
     axes.spines["polar"].set_color(FAINT)
     axes.spines["inner"].set_color(QUIET)
     axes.text(-0.14, 0.0, "light →", transform=axes.transAxes, fontsize=9)

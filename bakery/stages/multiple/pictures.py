@@ -15,7 +15,7 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, NEUTRAL, QUIET
-from bakery.physics.multiple import frame, lookup
+from bakery.physics.multiple import frame, plain
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Group
@@ -23,7 +23,7 @@ from bakery.store.tree import Group
 if TYPE_CHECKING:
     from bakery.physics.multiple import table
 
-_PIXELS, _ROUGH = 96, (12, 7)  # of the plane's height; directions that are summed for each, 2 % at worst
+_PIXELS = 96  # of the plane's height
 _STATED = {"error": "table", "error_with_solver": "table and solver", "error_worst": "table, worst position"}
 
 
@@ -37,8 +37,8 @@ class Shown:
     albedo: float
 
     @cached_property
-    def ready(self) -> lookup.Ready:
-        return lookup.ready(self.table)
+    def ready(self) -> plain.Plain:
+        return plain.plain(self.table)
 
     @property
     def middle(self) -> float:
@@ -50,17 +50,10 @@ class Shown:
         source = "point source" if self.kind == "point" else f"segment of {self.table.length:g} mfp"
         return f"{source}, {self.um:g} µm, albedo {self.albedo:.4g}"
 
-    def value(self, rho, z, theta, phi):
-        """The table's own source into a direction, mfp^-3 sr^-1."""
-        return lookup.point(self.ready, rho, z, theta, phi)
-
-    def integral(self, rho, z, shape=None):
-        """Its integral over directions, mfp^-3, by (rings, half meridians) of them; those of the table's own basis by default."""
-        shape = shape or self.table.basis.shape[1:]
+    def integral(self, rho, z):
+        """The integral of the table's own source over directions, mfp^-3."""
         rho, z = np.broadcast_arrays(rho, z)
-        polar, azimuth = frame.polar(np.linspace(0, 1, shape[0])), np.linspace(0, np.pi, shape[1])
-        lobes = lookup.lobes(self.ready, rho.ravel(), z.ravel(), polar, azimuth)
-        return (lobes * frame.solid_angles(tuple(shape))).sum(axis=(1, 2)).reshape(rho.shape)
+        return plain.integral(self.ready, rho.ravel(), z.ravel()).reshape(rho.shape)
 
 
 def pictures(root: Group) -> Iterator:
@@ -94,13 +87,14 @@ def plane(shown: Shown):
     factor = "r" if shown.kind == "point" else "1/(2 artanh(l/(r₁ + r₂)))"
 
     def draw(figure):
+        from matplotlib.collections import PolyCollection
         from matplotlib.colors import LogNorm
         from matplotlib.patheffects import withStroke
 
         panels = figure.subplots(1, 2)
         halo = [withStroke(linewidth=2.6, foreground="white")]
         names = ("Around the source", "Whole table")
-        for axes, size, (*_, scaled), outlines, name in zip(panels, sizes, images, lobes, names, strict=True):
+        for axes, size, (*_, scaled), (places, outlines), name in zip(panels, sizes, images, lobes, names, strict=True):
             norm = LogNorm(max(scaled.min(), 1e-8 * scaled.max()), scaled.max())
             both = np.concatenate([scaled[::-1], scaled])
             shade = axes.imshow(both, extent=(middle - size, middle + size, -size, size), origin="lower", norm=norm,
@@ -110,9 +104,9 @@ def plane(shown: Shown):
             axes.plot(*gaps.T, color="white", linewidth=0.35, alpha=0.75, zorder=2)
             axes.plot(rim[:, 0], rim[:, 1], color="white", linewidth=1.1, zorder=3)
             axes.plot(rim[:, 0], -rim[:, 1], color="white", linewidth=1.1, zorder=3)
-            for at, outline in outlines:
-                axes.fill(*outline.T, facecolor="white", alpha=0.88, edgecolor=INK, linewidth=0.7, zorder=4)
-                axes.plot(*at, ".", color=INK, markersize=2.6, zorder=5)
+            axes.add_collection(PolyCollection(outlines, facecolor="white", alpha=0.88, edgecolor=INK, linewidth=0.7, zorder=4),
+                                autolim=False)
+            axes.plot(*places, ".", color=INK, markersize=2.6, zorder=5)
             axes.axhline(0, color="white", linewidth=0.5, zorder=3)
             if shown.kind == "point":
                 axes.annotate("", (0.16 * size, 0), (0, 0), arrowprops={"arrowstyle": "-|>", "color": "#c8102e", "linewidth": 1.4,
@@ -141,8 +135,8 @@ def _image(shown: Shown, size: float):
     """z, rho, the integral over directions, and that over the singular part, (rows, 2 rows): from the axis upwards."""
     at = (np.arange(_PIXELS // 2) + 0.5) / (_PIXELS // 2) * size
     z, rho = np.meshgrid(shown.middle + np.concatenate([-at[::-1], at]), at)
-    value = shown.integral(rho, z, _ROUGH)
-    return z, rho, value, value / frame.measure(shown.table.kind, shown.table.length, rho, z)[1]
+    value = shown.integral(rho, z)
+    return z, rho, value, value / plain.singular(shown.table, rho, z)
 
 
 def _edges(shown: Shown, u, v, points: int = 4):
@@ -156,14 +150,14 @@ def _edges(shown: Shown, u, v, points: int = 4):
 def _lobes(shown: Shown, size: float):
     """Places below the axis, and the outlines of the lobes there in the plane."""
     turn = np.linspace(0, 2 * np.pi, 181)
-    found = []
-    for share, angles in ((0.32, (25, 90, 155)), (0.75, (12, 45, 78, 102, 135, 168))):
-        for angle in np.radians(angles):
-            z, rho = shown.middle + share * size * np.cos(angle), share * size * np.sin(angle)
-            value = shown.value(rho, z, np.where(turn < np.pi, turn, 2 * np.pi - turn), np.where(turn < np.pi, 0.0, np.pi))
-            radius = 0.21 * size * value / (value[:-1] + np.roll(value[:-1], 90)).max()  # all equally long
-            found.append(((z, -rho), np.column_stack([z + radius * np.cos(turn), -rho - radius * np.sin(turn)])))
-    return found
+    places = [(share * size, np.radians(angle)) for share, angles in ((0.32, (25, 90, 155)), (0.75, (12, 45, 78, 102, 135, 168)))
+              for angle in angles]
+    z, rho = np.array([(shown.middle + away * np.cos(angle), away * np.sin(angle)) for away, angle in places]).T
+    values = plain.in_plane(shown.ready, rho, z, turn)
+    across = values[:, :-1] + np.roll(values[:, :-1], 90, axis=1)
+    radius = 0.21 * size * values / across.max(axis=1, keepdims=True)  # all equally long
+    outlines = np.stack([z[:, None] + radius * np.cos(turn), -rho[:, None] - radius * np.sin(turn)], axis=-1)
+    return (z, -rho), outlines
 
 
 # ---- error

@@ -8,13 +8,13 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.draw.view import looking_from, srgb
+from bakery.draw.view import finished, looking_from
 from bakery.stages.packing.view import tiles
 from bakery.store.tree import Group
 
 EQUAL = 1e-9  # relative spread below which radii count as equal
 _SAND, _PALE = np.array([0.80, 0.33, 0.06]), np.array([0.68, 0.74, 0.82])
-_NEAR = 12  # spheres that take light of the sky from another: as many as can touch it
+_NEAR = 8  # spheres that take light of the sky from another
 _SMALL, _LARGE = np.array([0.04, 0.30, 0.42]), np.array([0.85, 0.36, 0.07])
 
 
@@ -58,10 +58,9 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     low, high = (seen[:, :2] - radius[:, None]).min(0), (seen[:, :2] + radius[:, None]).max(0)
     margin = 0.02 * (high - low).max()
     low, high = low - margin, high + margin
-    fine = 2  # samples a pixel and axis
-    pixel = (high[0] - low[0]) / (fine * pixels)
-    height = fine * int(np.ceil((high[1] - low[1]) / (fine * pixel)))
-    index, depth = _spheres.depths(seen, radius, low, pixel, fine * pixels, height)
+    pixel = (high[0] - low[0]) / pixels
+    height = int(np.ceil((high[1] - low[1]) / pixel))
+    index, depth = _spheres.depths(seen, radius, low, pixel, pixels, height)
 
     sun = np.array([-0.42, 0.62, 0.66])
     sun /= np.linalg.norm(sun)
@@ -69,7 +68,7 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     from_sun = seen @ to_sun.T
     shadow_low = (from_sun[:, :2] - radius[:, None]).min(0)
     shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
-    shadow_pixel = (shadow_high - shadow_low).max() / 1400
+    shadow_pixel = (shadow_high - shadow_low).max() / (1.2 * pixels)
     size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
     _, shadow = _spheres.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1]))
 
@@ -77,12 +76,9 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     visible[index[index >= 0]] = True
     near = _spheres.neighbours(seen, visible, 6 * radius.max(), _NEAR)
     image = _spheres.shaded(index, depth, seen, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel)
-    image = image.reshape(height // fine, fine, pixels, fine, 4).mean(axis=(1, 3))[::-1]
-    light = image[..., :3] / np.maximum(image[..., 3:], 1e-9)
-    image[..., :3] = srgb(1 - np.exp(-1.25 * light))
     top = low[1] + height * pixel
     box = np.array(np.meshgrid(*[(0, 1)] * 3, indexing="ij")).reshape(3, -1).T * cell
-    return np.round(255 * image).astype(np.uint8), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
+    return finished(image, index, 1.25), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
 
 
 def spheres(tile: Group):
@@ -91,7 +87,7 @@ def spheres(tile: Group):
 
     def draw(figure):
         axes = figure.add_subplot()
-        _show(axes, tile, 640)
+        _show(axes, tile, 700)
         axes.set_title(f"{_kind(radii).capitalize()}, fraction {fraction:.4g}")
 
     return Picture("tile", "Tile", f"In colour {_kind(radii)}, filling {100 * fraction:.4g} % of the cell whose edges are "
