@@ -1,6 +1,6 @@
 """Pictures of particles: splat against walk, particles against the continuous medium and against spheres, exact sums and limits.
 
-Worlds are one light in closed form (`particles.Sky`, `Lamp`), and a room of Mitsuba's.  Comparisons with chance go wrong once in
+Worlds are one light in closed form (`particles.Sky`, `Lamp`).  Comparisons with chance go wrong once in
 1e7 seeds; seeds are fixed.
 """
 
