@@ -72,11 +72,17 @@ class Sky:
     """
 
     light_names = ("sun", "sky")
+    camera = None
 
     def __init__(self, sun=None, above=0.0, below=0.0):
         self.sun = None if sun is None else np.array(sun) / np.linalg.norm(sun)
         self.above, self.below = above, below
         self._chance = 0.0 if sun is None else 1.0 if above == below == 0 else 0.5  # of the lamp
+
+    def camera_rays(self, random, pixel):
+        place = pixel + random
+        points = self.camera.corner + place[:, 1:] * self.camera.right + place[:, :1] * self.camera.down
+        return np.tile(self.camera.origin, (len(place), 1)), points / np.linalg.norm(points, axis=1)[:, None]
 
     def trace(self, origin, direction, longest):
         return np.full(len(origin), np.inf)
@@ -104,6 +110,23 @@ class Sky:
         emitted = self._radiance(direction) * share[:, None]
         zero = np.zeros((n, 3))
         return Shading(none, zero, emitted, np.ones(n, int), empty, origin, direction, zero, np.zeros(n), none)
+
+
+class Lamp(Sky):
+    """A lamp without extent, of intensity 1 W/sr, at a place (m); nothing else shines."""
+
+    light_names = ("lamp",)
+
+    def __init__(self, place):
+        super().__init__()
+        self.place = np.array(place, float)
+
+    def lights(self, point, random):
+        towards = self.place - point
+        distance = np.linalg.norm(towards, axis=1)
+        n = len(point)
+        radiance = np.repeat(1 / distance[:, None] ** 2, 3, axis=1)
+        return LightSample(towards / distance[:, None], distance, radiance, np.ones(n), np.ones(n, bool), np.zeros(n, int))
 
 
 def camera(size, origin=(0.5, -3.0, 0.5), target=(0.5, 0.5, 0.5), fov=15, up=(0, 0, 1)):
