@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bakery.draw.view import blocks, finished, looking_from, nearest, runs
+from bakery.draw.view import along, blocks, finished, looking_from, nearest, runs
 
 CREASE = math.cos(math.radians(32.0))  # faces that meet at less are shaded as one surface
 _SHADOW = 240  # pixels of a light's depth buffer
@@ -42,7 +42,7 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
     if ball:
         covered, place, normal = _ball(low, pixel, pixels)
     else:
-        seen = np.asarray(vertices, float) @ looking_from(np.array([1.0, 0.72, 0.62])).T
+        seen = _turned(np.asarray(vertices, float), looking_from(np.array([1.0, 0.72, 0.62])))
         index, depth = depths(seen, faces, low, pixel, pixels, pixels)
         covered, place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
     light, step = np.zeros((len(place), 3)), 2.04 / _SHADOW
@@ -52,12 +52,12 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
         received, glint = np.zeros((2, place.shape[1]), np.float32)
         for direction, share in zip(towards, strength, strict=True):
             frame = looking_from(direction)
-            shadow = None if ball else depths(seen @ frame.T, faces, low, step, _SHADOW, _SHADOW)[1]
+            shadow = None if ball else depths(_turned(seen, frame), faces, low, step, _SHADOW, _SHADOW)[1]
             facing = share * lit(place, normal, direction, frame, shadow, low, step)
             received += facing
             if shine > 0:
                 half = direction + upwards
-                glint += share * (facing > 0) * _to_48(np.maximum((half / np.linalg.norm(half)).astype(np.float32) @ normal, 0))
+                glint += share * (facing > 0) * _to_48(np.maximum(along(half / np.linalg.norm(half), normal), 0))
         light += received[:, None] * (rgb * colour) + gloss * shine * glint[:, None] * rgb
     image = np.zeros((pixels, pixels, 3))
     image[covered] = light + 0.10 * (1 - np.clip(normal[2, :, None], 0, 1)) ** 3
@@ -151,15 +151,19 @@ def lit(place, normal, towards, frame, shadow, low, pixel):
 
     shadow : what is nearest to the light, in its frame; None where nothing stands in it
     """
-    facing = np.maximum(np.asarray(towards, np.float32) @ normal, 0)
+    facing = np.maximum(along(towards, normal), 0)
     if shadow is None:
         return facing
-    x, y, z = np.asarray(frame, np.float32) @ place
+    x, y, z = (along(axis, place) for axis in frame)
     sine = np.sqrt(1 - np.minimum(facing, 1) ** 2)
     limit = z + np.float32(0.012) + np.float32(1.5 * pixel) * sine / np.maximum(facing, np.float32(0.15))
     u, v = (np.clip((at - np.float32(edge)) * np.float32(1 / pixel), 0, shadow.shape[0] - 1).astype(np.int32)
             for at, edge in ((x, low[0]), (y, low[1])))
     return facing * (shadow.astype(np.float32).ravel()[v * shadow.shape[1] + u] <= limit)
+
+
+def _turned(position, frame):
+    return np.stack([along(axis, position.T) for axis in frame], axis=1)
 
 
 def _to_48(x):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.draw.view import blocks, nearest, runs
+from bakery.draw.view import along, blocks, nearest, runs
 
 _TOGETHER = 512  # spheres whose neighbours are looked for at once
 
@@ -76,11 +76,11 @@ def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun
         p = np.stack([low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel, depth[row, column]])
         n = (p - position[i].T) / radius[i]
         open_sky = _open(p, n, near[i].T, position, radius)
-        facing = np.maximum(sun @ n, 0)
-        seen = _lit(to_sun @ p, facing, radius[i], shadow, shadow_low, shadow_pixel)
+        facing = np.maximum(along(sun, n), 0)
+        seen = _lit([along(axis, p) for axis in to_sun], facing, radius[i], shadow, shadow_low, shadow_pixel)
         lit = facing * seen
         half = (sun + np.array([0, 0, 1])) / np.sqrt(2 + 2 * sun[2])
-        gloss = 0.22 * np.maximum(half @ n, 0) ** 60 * (lit > 0) * half[2]
+        gloss = 0.22 * np.maximum(along(half, n), 0) ** 60 * (lit > 0) * half[2]
         rim = 0.10 * (1 - np.maximum(n[2], 0)) ** 3 * open_sky
         sky = open_sky * open_sky * (0.62 + 0.38 * n[1])
         image[row, column] = colour[i] * (0.95 * lit + 0.55 * sky)[:, None] + (gloss + rim)[:, None]

@@ -87,7 +87,7 @@ def spheres(tile: Group):
 
     def draw(figure):
         axes = figure.add_subplot()
-        _show(axes, tile, 700)
+        _show(axes, tile, 640)
         axes.set_title(f"{_kind(radii).capitalize()}, fraction {fraction:.4g}")
 
     return Picture("tile", "Tile", f"In colour {_kind(radii)}, filling {100 * fraction:.4g} % of the cell whose edges are "
