@@ -85,6 +85,7 @@ def _setup(job, world, angle) -> Setup:
         bands, to_rgb, to_waves = colour.band_matrix(waves), np.eye(3), np.eye(3)
         baked = in_bands(baked, bands)
     region, classes = place.region_of(job.scene, group), without_peak(baked, angle)
+    place.check_motion(job.scene, group, region)
     discs = place.discs_of(group, region, settings.velocity, settings.time)
     tabulated, order = medium(classes, discs, to_rgb, to_waves)
     return Setup(settings, group, world, region, waves, bands, baked, classes, discs, tabulated, order)

@@ -77,6 +77,14 @@ def _of_grid(scene, where):
     return kernels.region_grid(lo, hi, np.asarray(values) / most)
 
 
+def check_motion(scene, group, region):
+    """Raises UsageError where stored particles would move out of the mesh or the grid that they were chosen for."""
+    settings = scene.values.discrete
+    if "position" in group and region.kind != kernels.BOX and np.any(np.asarray(settings.velocity) * settings.time):
+        raise scene.wrong("discrete.velocity", "found stored particles of a mesh or a grid that move; particles of a whole box, or "
+                          "an asset with method: procedural, would do")
+
+
 def discs_of(group, region, velocity, time):
     """Function of (extinction (L, K), density (K,), order (K,)) that gives the asset's particles as `kernels.Discs`.
 
