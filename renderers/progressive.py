@@ -35,6 +35,7 @@ QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}
 NOISE_SHARE = math.sqrt(0.5)
 # passes before which the scatter of a part says nothing, and before which it is not relied upon
 _LEAST, _TRUSTED = 2, 4
+_DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
 _STATE = "bakery_passes"  # attribute of the EXR
@@ -220,7 +221,8 @@ class Estimate:
         passes = min(mean.count for mean in self.means.values())
         if part is None:
             return "samples"
-        if passes >= _TRUSTED and stop.noise is not None and noise <= stop.noise:
+        trusted = _TRUSTED if self.rgb.any() else _DARK
+        if passes >= trusted and stop.noise is not None and noise <= stop.noise:
             return "noise"
         if passes >= _LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
             return "time"

@@ -81,8 +81,8 @@ def check_motion(scene, group, region):
     """Raises UsageError where stored particles would move out of the mesh or the grid that they were chosen for."""
     settings = scene.values.discrete
     if "position" in group and region.kind != kernels.BOX and np.any(np.asarray(settings.velocity) * settings.time):
-        raise scene.wrong("discrete.velocity", "found stored particles of a mesh or a grid that move; particles of a whole box, or "
-                          "an asset with method: procedural, would do")
+        raise scene.wrong("discrete.velocity", "found stored particles of a mesh or a grid that move; particles of a whole box, "
+                          "or an asset with method: procedural, would do")
 
 
 def discs_of(group, region, velocity, time):
