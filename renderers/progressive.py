@@ -221,7 +221,7 @@ class Estimate:
         passes = min(mean.count for mean in self.means.values())
         if part is None:
             return "samples"
-        trusted = _TRUSTED if self.rgb.any() else _DARK
+        trusted = _TRUSTED if np.any(self.rgb) else _DARK
         if passes >= trusted and stop.noise is not None and noise <= stop.noise:
             return "noise"
         if passes >= _LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
