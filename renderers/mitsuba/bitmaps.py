@@ -10,10 +10,13 @@ from renderers import images
 
 def library():
     """Mitsuba in the variant that is set, or in some variant: without one it has no bitmaps."""
+    import drjit as dr
     import mitsuba as mi
 
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
+    if dr.thread_count() < 2:
+        dr.set_thread_count(2)  # with one, as on a machine of one core, reading and writing EXR files never ends (3.9.1)
     return mi
 
 
