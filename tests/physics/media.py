@@ -34,7 +34,7 @@ def asset_file(path, phase, *, theta=None, wavelength=(0.55,), sigma_t=1.0, albe
     count = len(wavelength)
     sigma_t, albedo = (np.broadcast_to(np.asarray(value, dtype=float), (count,)).copy() for value in (sigma_t, albedo))
     members = members_of(albedo * sigma_t, (1 - albedo) * sigma_t, np.asarray(theta, dtype=float), table[:, None],
-                         np.zeros_like(table), sigma_t, albedo)
+                         sigma_t, albedo)
     for key, value in (elements or {}).items():
         members[key] = Dataset(np.atleast_2d(value) * (table[:, :1] / phase[:, :1]), "1/sr", "Mueller element")
     stage = {"stage": "medium", "stage_version": 1, "input_hash": "0" * 64, "tolerance": 0.01, "achieved_error": 0.001,

@@ -9,6 +9,7 @@ from scipy import stats
 
 from bakery import kernels
 from renderers.camera import Camera
+from renderers.discrete import splat
 from renderers.discrete.medium import Classes, Medium, medium
 from renderers.mitsuba.world import FAR, LightSample, Shading
 
@@ -137,6 +138,7 @@ def camera(size, origin=(0.5, -3.0, 0.5), target=(0.5, 0.5, 0.5), fov=15, up=(0,
 def passes(function, world, what, view, size, numbers, *, discrete=np.inf, seed=0, order=None):
     """Pictures (passes, H, W, 3) of `walk.one_pass` or `splat.one_pass`: of one order of scattering, or of all."""
     depth = np.broadcast_to(np.asarray(discrete, float), size)
+    what = (what, splat.Plan()) if function is splat.one_pass else what
     lights = len(world.light_names)
     made = (function(world, what, view, *size, number, seed, discrete=depth, lights=lights)[0] for number in numbers)
     return np.array([one.sum(axis=0) if order is None else one[order] for one in made])

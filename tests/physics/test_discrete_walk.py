@@ -40,7 +40,8 @@ def leaving(medium, number, discrete, seed=1):
         weights.append(weight[out])
         met = ~out
         kind, origin, direction, weight, states = kind[met], place[met], direction[met], weight[met], states[met]
-        _transport.scatter(medium, kind, direction, weight, states, np.empty(len(kind)), 0, len(kind))
+        nobody = np.zeros(len(kind), bool)
+        _transport.scatter(medium, kind, direction, weight, states, direction, nobody, np.empty(len(kind)), 0, len(kind))
         particle = (kind < len(medium.albedo) - 1)[:, None]
         left_out, inside = np.where(particle, origin, np.nan), np.ones(len(kind), bool)
         assert ((origin >= 0) & (origin <= 1)).all() and len(ways) < 10_000
