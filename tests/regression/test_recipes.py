@@ -43,7 +43,8 @@ def held(case: str) -> dict:
     return json.loads((FOLDER / f"{case}.json").read_text())
 
 
-@pytest.mark.parametrize("case", CASES)
+# the recipes of the scenes of particles take seconds each; motes, snow_storm and glass_spheres are of their kind
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * case.endswith("_particles")) for case in CASES])
 def test_golden_values(case, tmp_path, request):
     new = baked(case, tmp_path / "a.h5")
     if case in SHIPPED:
