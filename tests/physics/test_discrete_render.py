@@ -102,7 +102,7 @@ def test_what_splat_takes_the_walk_leaves_out():
 
 # ---- particles and the continuous medium
 
-SIDE, DEPTH = 16, 0.05  # pixels; optical depth of the cube
+SIDE, DEPTH = 16, 0.02  # pixels; optical depth of the cube: discs small enough to get one pencil, like points
 
 
 def along(view, size, function):
@@ -158,7 +158,7 @@ def held_against_campbell(numbers):
     w = (x - x.mean()) / ((x - x.mean()) ** 2).sum()
     assert abs(w @ y + 0.5) < SIGMAS * math.sqrt((w**2) @ error**2) + 0.002
     relative = graininess.relative_variance(1.0, 1.0, 1e4, DEPTH, 3.0, 4.0, float(np.median(view.angle(SIDE, SIDE) ** 2)))
-    assert relative == pytest.approx(np.median(square / mean**2) / 1e4, rel=0.05)  # light weakened by 2.5 %
+    assert relative == pytest.approx(np.median(square / mean**2) / 1e4, rel=0.05)  # light weakened by 1 %
 
 
 def test_mean_and_graininess_of_a_pixel_are_campbell_s():
