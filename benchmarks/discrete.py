@@ -11,7 +11,7 @@ memory.
 from __future__ import annotations
 
 import argparse
-import resource
+import os
 import subprocess
 import sys
 import tempfile
@@ -118,9 +118,13 @@ def first(folder, count, method, kind):
     path = asset(folder, count, kind)
     where = scene(folder, path.name, method, 640, 480)
     begin = time.monotonic()
-    subprocess.run([sys.executable, "-m", "bakery", "render", where, "--set", "stop.samples=2", "-o", folder / "first.png",
-                    "--overwrite"], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+    command = [sys.executable, "-m", "bakery", "render", where, "--set", "stop.samples=2", "-o", folder / "first.png",
+               "--overwrite"]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, used = os.wait4(child.pid, 0)
+    if status:
+        sys.exit("the picture could not be rendered")
+    peak = used.ru_maxrss / 1e3
     print(f"first picture of {count:.0e} {kind} particles, 640 x 480, method {method}: {time.monotonic() - begin:.1f} s, at most "
           f"{peak:.0f} MB", flush=True)
 

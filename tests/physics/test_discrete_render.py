@@ -195,7 +195,7 @@ def test_all_orders_are_the_continuous_medium_s(number):
 
 def test_level_of_detail_keeps_mean_and_tolerance():
     """Particles nearer than the predicted depths, and beyond them the continuous medium: what is lost deviates as was allowed."""
-    size, world, tolerance, kinds = (24, 24), Sky(sun=(0, 0, -1)), 0.2, of_depth(0.05, 60_000)
+    size, world, tolerance, kinds = (24, 24), Sky(sun=(0, 0, -1)), 0.2, of_depth(DEPTH, 60_000)
     view = camera(size, (0.5, -0.3, 0.5), (0.5, 0.5, 0.5), 30)
     world.camera = view
     depth = detail.depths(world, hashed(kinds), view, *size, tolerance, 0)
