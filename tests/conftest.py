@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -123,3 +124,10 @@ def a_users_folder():
 
 def pytest_addoption(parser):
     parser.addoption("--update", metavar="CASE", default=None, help="rewrite the golden values of a case (or all)")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _interruptible():
+    """A shell starts what it puts into the background with SIGINT ignored; tests of interruptions need Python's own handler."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
