@@ -1,6 +1,6 @@
 """The walk from particle to particle: camera paths of all orders, with next-event estimation to the lights.
 
-One pass is one path a pixel.  All paths go on together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
+One pass is one camera path a pixel, whose first particle sends several on.  All paths go on together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _split(paths, copies):
 
 
 def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights):
-    """One path for each pixel.
+    """One camera path for each pixel; those of `Discs` part at their first particle.
 
     Parameters
     ----------

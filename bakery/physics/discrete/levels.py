@@ -15,7 +15,7 @@ from numba import njit
 from bakery.physics.discrete import hashing
 from bakery.physics.discrete.region import Region
 
-PER_CELL = 1.5  # particles; 1 to 2 take the same time, within the noise of benchmarks/discrete.py
+PER_CELL = 1.5  # particles; 1 to 2 take the same time, as `make figures-discrete CLAIM=fig17` measures
 BLOCK = 4  # cells along the edge of what lies together in memory: a pencil finds its next cells in the cache
 _ALIKE = 3.0  # largest over smallest disc of a level
 _FEW = 32  # particles for which a level of their own does not pay
