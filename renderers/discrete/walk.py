@@ -1,6 +1,7 @@
 """The walk from particle to particle: camera paths of all orders, with next-event estimation to the lights.
 
-One pass is one camera path a pixel, whose first particle sends several on.  All paths go on together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
+One pass is one camera path a pixel, whose first particle sends several on.  All paths go on together, bounce by bounce: kernels
+for particles, Mitsuba for surfaces and lights.
 """
 
 from __future__ import annotations
