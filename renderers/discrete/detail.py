@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 from numba import njit
-from scipy.ndimage import maximum_filter
 
 from bakery.kernels import phase_value, region_densities
 from renderers import colour
@@ -60,7 +59,8 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
     depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
     # between probes the largest of those around
-    grid = maximum_filter(depth.reshape(len(rows), len(columns)), size=3, mode="nearest")
+    around = np.pad(depth.reshape(len(rows), len(columns)), 1, mode="edge")
+    grid = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3))
     return grid.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
 
 

@@ -21,7 +21,7 @@ from renderers.discrete.threads import run
 CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
 _DENSE = 8.0  # pencils to a pixel of a disc
-_TRACED, _DRAWN = 1 << 19, 1 << 23  # particles in a pass: some seconds
+_TRACED, _DRAWN = 1 << 17, 1 << 23  # particles in a pass: a second or two
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
 # steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
 _EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
@@ -185,9 +185,9 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
         values[kept] for values in (place, kind, own, states, direction, far, weight, pixel))
     chances = _chances(medium, how, view, direction, far, own[:, 2:])
     seen = np.empty(len(kept), bool)
-    run(_visible, len(kept), medium, view.origin, direction, far, place, chances[:, 0], weight, seen)
-    place, kind, states, direction, weight, pixel, chances = (
-        values[seen] for values in (place, kind, states, direction, weight, pixel, chances))
+    run(_visible, len(kept), medium, view.origin, direction, far, place, chances[0], weight, seen)
+    place, kind, states, direction, weight, pixel, chance = (
+        values[seen] for values in (place, kind, states, direction, weight, pixel, chances[1]))
     m = len(pixel)
     if not m:
         return
@@ -197,18 +197,18 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
         _transport.draw(states, numbers)
         sample = world.lights(place, numbers)
         added = np.zeros((m, 3))
-        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chances[:, 1], *sample, added)
+        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chance, *sample, added)
         _sum(added, pixel, sample.light, by_order[1], by_light)
 
 
 def _chances(medium, how, view, direction, far, own):
-    """Numbers (n, 2) in [0, 1) by which pencils, and light to them, are hidden; nan where discs hide them."""
+    """Numbers (2, n) in [0, 1) by which pencils, and light to them, are hidden; nan where discs hide them."""
     if not how.drawn or medium.discs.region.kind != BOX:
-        return np.full((len(far), 2), np.nan)
+        return np.full((2, len(far)), np.nan)
     area = medium.discs.square.max(axis=1) * math.pi
     typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
     pixel = far**2 * view.area * (direction @ view.axis) ** 3
-    return np.where((pixel > _TOGETHER * typical)[:, None], own, np.nan)
+    return np.where(pixel > _TOGETHER * typical, own.T, np.nan)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

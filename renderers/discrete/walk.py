@@ -15,8 +15,12 @@ from renderers.discrete import _transport
 from renderers.discrete.threads import run
 from renderers.mitsuba.world import LightSample
 
-_SPLIT = 4  # ways on from the first particle: it takes as long to find it as the next one
+# ways on from the first particle, which takes as long to find as the next one: 4 take least time to an error, 1.2 to 2 times less
+# than one; passes of the first picture take one each, as that comes sooner
+_SPLIT, _BEGINNING = 4, 2
 _SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
+_PARTS = 16  # of a box along each axis, in which rays are gathered
+_SPREAD = np.array([sum((i >> bit & 1) << 3 * bit for bit in range(4)) for i in range(_PARTS)])  # bits with two free ones between
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 
 
@@ -30,6 +34,7 @@ class Paths:
     order : (n,) scatterings by particles so far;  bounces : (n,) these and surfaces
     discrete : (n,) m, up to where particles stop the ray
     seen : (n,) whether what `splat` takes of the path's next light is left out here
+    ways : (n,) ways on from its next particle
     """
 
     origin: np.ndarray
@@ -44,6 +49,7 @@ class Paths:
     bounces: np.ndarray
     discrete: np.ndarray
     seen: np.ndarray
+    ways: np.ndarray
 
     def of(self, chosen):
         """Some of the paths."""
@@ -89,7 +95,7 @@ class Discs:
         _transport.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
         paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
         paths.single, paths.seen = np.zeros(n, bool), first
-        copies = np.repeat(np.arange(n), np.where(paths.bounces == 0, _SPLIT, 1))
+        copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
         run(_transport.scatter, len(paths), medium, kind[copies], paths.direction, paths.weight, paths.states, guide[copies],
             guided[copies], paths.density)
@@ -103,6 +109,7 @@ def _split(paths, copies):
         part[step:][copies[step:] == copies[:-step]] = step
     split = paths.of(copies)
     split.weight /= shares[:, None]
+    split.ways[:] = 1
     split.states += part * np.uint64(0xD1B54A32D192ED03)
     return split
 
@@ -143,7 +150,7 @@ def _begin(medium, camera, width, pixel, number, seed, discrete):
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
     return Paths(np.tile(camera.origin, (n, 1)), direction, np.ones((n, waves)), states, pixel, np.full((n, 3), np.nan),
                  np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
-                 np.zeros(n, bool))
+                 np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
 
 
 def _bounce(world, method, paths, by_order, by_light):
@@ -156,7 +163,21 @@ def _bounce(world, method, paths, by_order, by_light):
     together = Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))
     alive = np.empty(len(together), bool)
     run(_transport.roulette, len(together), together.weight, together.states, together.bounces, alive)
-    return together.of(alive)
+    chosen = np.flatnonzero(alive)
+    region = method.medium.discs.region
+    return together.of(chosen[_coherent(region.lo, region.hi, together.origin[chosen], together.direction[chosen])])
+
+
+def _coherent(lo, hi, origin, direction):
+    """An order of rays in which those that go alike from the same part of a box follow each other.
+
+    What one has read of the lattice is in the cache for the next: searches take two thirds of the time.
+    """
+    cell = np.clip((origin - lo) * (_PARTS / (hi - lo)), 0, _PARTS - 1).astype(np.int64)
+    place = _SPREAD[cell[:, 0]] | _SPREAD[cell[:, 1]] << 1 | _SPREAD[cell[:, 2]] << 2
+    octant = (direction > 0) @ np.array([1, 2, 4])
+    main = np.argmax(abs(direction), axis=1)
+    return np.argsort((main * 8 + octant) * _PARTS**3 + place, kind="stable")
 
 
 def _among_particles(world, method, paths, kind, place, by_order, by_light):
@@ -182,6 +203,7 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
     paths.bounces += 1
+    paths.ways[:] = 1
     paths.discrete[:] = method.later
     sample = LightSample(*(values[hit] for values in shading.light))
     run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,

@@ -16,9 +16,9 @@ from bakery.physics.discrete import hashing
 from bakery.physics.discrete.region import Region
 
 PER_CELL = 1.5  # particles; 1 to 2 take the same time, as `make figures-discrete CLAIM=fig17` measures
-BLOCK = 4  # cells along the edge of what lies together in memory: a pencil finds its next cells in the cache
-_ALIKE = 3.0  # largest over smallest disc of a level
-_FEW = 32  # particles for which a level of their own does not pay
+_BITS = 2
+BLOCK = 1 << _BITS  # cells along the edge of what lies together in memory: a pencil finds its next cells in the cache
+_BEGIN = 20.0  # cells that take as long as beginning with a level
 _MOST_CELLS = 1 << 40  # of a procedural level, so that indices stay exact
 
 
@@ -80,8 +80,8 @@ def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PE
     """
     largest = np.max(extinction, axis=0)
     numbers = np.bincount(kind, minlength=len(largest)).astype(float)
-    classes = _levels(largest, numbers, velocity)
     extent = region.hi - region.lo
+    classes = _levels(largest, numbers, extent, per_cell, velocity)
     levels = [_lattice(extent, numbers[a:b].sum(), math.sqrt(largest[a:b].max() / math.pi), per_cell)
               for a, b in _pairs(classes)]
     cells = np.array(levels, np.int64).reshape(-1, 3)
@@ -108,7 +108,7 @@ def procedural(region, extinction, density, words, velocity=None, time=0.0, per_
     density = np.asarray(density, float)
     extent = region.hi - region.lo
     largest = np.max(extinction, axis=0)
-    classes = _levels(largest, density * extent.prod(), velocity)
+    classes = _levels(largest, density * extent.prod(), extent, per_cell, velocity)
     cells, counts, cumulated = [], [], np.ones(len(largest))
     for a, b in _pairs(classes):
         number = density[a:b].sum() * extent.prod()
@@ -141,16 +141,31 @@ def _pairs(classes):
     return zip(classes[:-1].tolist(), classes[1:].tolist())
 
 
-def _levels(largest, numbers, velocity):
-    """(G + 1,) classes at which levels begin: alike in size and in velocity."""
-    begins, count = [0], 0.0
-    for k in range(1, len(largest)):
-        count += numbers[k - 1]
-        moves = velocity is not None and not np.array_equal(velocity[k], velocity[begins[-1]])
-        if moves or (largest[begins[-1]] > _ALIKE**2 * largest[k] and count >= _FEW):
-            begins.append(k)
-            count = 0.0
-    return np.array([*begins, len(largest)] if len(largest) else [0], np.int64)
+def _levels(largest, numbers, extent, per_cell, velocity):
+    """(G + 1,) classes at which levels begin: of equal velocities, and so that pencils meet the fewest cells and particles."""
+    classes = len(largest)
+    reach, total = np.sqrt(largest / math.pi), np.concatenate([[0.0], np.cumsum(numbers)])
+    best, begin = np.full(classes + 1, np.inf), np.zeros(classes + 1, np.int64)
+    best[0] = 0.0
+    for k in range(1, classes + 1):
+        first = k - 1
+        while velocity is not None and first > 0 and np.array_equal(velocity[first - 1], velocity[k - 1]):
+            first -= 1
+        b = np.arange(first if velocity is not None else 0, k)
+        effort = best[b] + _effort(total[k] - total[b], reach[b], extent, per_cell)
+        begin[k], best[k] = b[np.argmin(effort)], effort.min()
+    levels = [classes] if classes else [0]
+    while levels[0] > 0:
+        levels.insert(0, int(begin[levels[0]]))
+    return np.array(levels, np.int64)
+
+
+def _effort(number, reach, extent, per_cell):
+    """Cells that a pencil through a box looks into, with their particles, where `number` of them reach as far as `reach`, m."""
+    volume = extent.prod()
+    edge = np.maximum((volume * per_cell / np.maximum(number, per_cell)) ** (1 / 3), reach / 2)
+    # as many cells in a layer as a square of that width, at a slope, touches
+    return _BEGIN + volume ** (1 / 3) / edge * (1.5 + 2 * reach / edge) ** 2 * (1 + number / volume * edge**3 / per_cell)
 
 
 def _lattice(extent, number, reach, per_cell):
@@ -168,9 +183,21 @@ def _lattice(extent, number, reach, per_cell):
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def cell_index(i, j, k, n1, n2):
     """Where cell (i, j, k) of a level with (., n1, n2) cells stands in memory: blocks of BLOCK^3 cells lie together."""
-    b1, b2 = (n1 + BLOCK - 1) // BLOCK, (n2 + BLOCK - 1) // BLOCK
-    block = ((i // BLOCK) * b1 + j // BLOCK) * b2 + k // BLOCK
-    return ((block * BLOCK + i % BLOCK) * BLOCK + j % BLOCK) * BLOCK + k % BLOCK
+    s0, s1, s2 = block_steps(n1, n2)
+    return along_axis(i, s0, 2 * _BITS) + along_axis(j, s1, _BITS) + along_axis(k, s2, 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def block_steps(n1, n2):
+    """How far blocks that follow each other along each axis are apart in memory, in a level of (., n1, n2) cells."""
+    b1, b2 = (n1 + BLOCK - 1) >> _BITS, (n2 + BLOCK - 1) >> _BITS
+    return b1 * b2 * BLOCK**3, b2 * BLOCK**3, BLOCK**3
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def along_axis(i, step, bits):
+    """What the number i >= 0 of a cell along an axis adds to `cell_index`; bits: 4, 2 and 0 for the three axes."""
+    return (i >> _BITS) * step + ((i & (BLOCK - 1)) << bits)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

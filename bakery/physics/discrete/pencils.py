@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.discrete.hashing import cell_count, cell_hash, cell_particle
-from bakery.physics.discrete.levels import cell_index
+from bakery.physics.discrete.levels import along_axis, block_steps, cell_index
 from bakery.physics.discrete.region import relative_density
 from bakery.physics.packing.instances import mix
 
@@ -127,6 +127,13 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
         layers = layer - last + 1
     key, table, base = discs.key[level], discs.counts[level], discs.start[level]
     n0, n1, n2 = cells[0], cells[1], cells[2]
+    s0, s1, s2 = block_steps(n1, n2)
+    # the three axes in the order a, b, c
+    sa, sb, sc, ba, bb, bc = s0, s1, s2, 4, 2, 0
+    if a == 1:
+        sa, sb, sc, ba, bb, bc = s1, s2, s0, 2, 0, 4
+    elif a == 2:
+        sa, sb, sc, ba, bb, bc = s2, s0, s1, 0, 4, 2
     h0, h1, h2 = step[0], step[1], step[2]
     place, offset, farthest = discs.place, discs.offset, reach * reach * (1 + 1e-12)
     partial = region.kind != 0
@@ -142,22 +149,23 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
         z0, z1 = qc + enter * dc, qc + leave * dc
         j_low, j_high = math.floor((min(y0, y1) - reach) * vb), math.floor((max(y0, y1) + reach) * vb)
         k_low, k_high = math.floor((min(z0, z1) - reach) * vc), math.floor((max(z0, z1) + reach) * vc)
+        cell_a = base + along_axis(layer, sa, ba)
         for jb in range(max(j_low, b_low), min(j_high, b_high) + 1):
+            cell_b = cell_a + along_axis(jb, sb, bb)
             for kc in range(max(k_low, c_low), min(k_high, c_high) + 1):
-                if a == 0:
-                    i, j, k = layer, jb, kc
-                elif a == 1:
-                    i, j, k = kc, layer, jb
-                else:
-                    i, j, k = jb, kc, layer
                 ex, ey, ez = lo[0] + shift[0], lo[1] + shift[1], lo[2] + shift[2]
-                h = np.uint64(0)
+                i, j, k, h = layer, jb, kc, np.uint64(0)
+                if moved or not stored:
+                    if a == 1:
+                        i, j, k = kc, layer, jb
+                    elif a == 2:
+                        i, j, k = jb, kc, layer
                 if stored:
+                    cell = cell_b + along_axis(kc, sc, bc)
                     if moved:  # the box repeats in the moving lattice
                         wi, wj, wk = i // n0, j // n1, k // n2
-                        i, j, k = i - wi * n0, j - wj * n1, k - wk * n2
+                        cell = base + cell_index(i - wi * n0, j - wj * n1, k - wk * n2, n1, n2)
                         ex, ey, ez = ex + wi * (hi[0] - lo[0]), ey + wj * (hi[1] - lo[1]), ez + wk * (hi[2] - lo[2])
-                    cell = base + cell_index(i, j, k, n1, n2)
                     begins, after = np.int64(offset[cell]), np.int64(offset[cell + 1])
                 else:
                     h = cell_hash(key, i, j, k)

@@ -15,6 +15,7 @@ from bakery.physics.grains.bvh import scratch as mesh_scratch
 
 BOX, GRID, MESH = range(3)
 _OUT, _IN, _EDGE = 0.0, 1.0, 0.5  # voxels of a mesh
+_NO_TREE = np.zeros(1, np.float32), np.zeros(1, np.int32), np.zeros(1)  # of the types of `Mesh.tree`; nobody reads them
 
 
 class Region(NamedTuple):
@@ -64,18 +65,9 @@ def mesh(vertices, faces, resolution=64) -> Region:
 
 
 def _region(lo, hi, kind, values, centre=(0.0, 0.0, 0.0), scale=1.0, tree=None):
-    nodes, children, blocks, *_ = tree or _EMPTY
+    nodes, children, blocks, *_ = tree or _NO_TREE
     lo, hi = np.array(lo, float), np.array(hi, float)
     return Region(lo, hi, kind, values, np.array(centre, float), float(scale), nodes, children, blocks)
-
-
-def _empty():
-    """Arrays of the types of a tree, which nobody reads."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
-    return Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])).tree
-
-
-_EMPTY = _empty()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

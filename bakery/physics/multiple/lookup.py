@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.interpolate import CubicSpline
 
 from bakery.physics.multiple import frame, locate
 from bakery.physics.multiple.frame import CORE, SKEW
@@ -57,6 +56,8 @@ def ready(table: Table) -> Ready:
 
 def _upsampled(functions):
     """Functions (K, A, B) on a finer grid, (A', B', K): even in the azimuth, through the poles to the other side."""
+    from scipy.interpolate import CubicSpline  # takes longer to import than all of this package
+
     A, B = functions.shape[1:]
     over = min(_OVERLAP, A - 1, B - 1)
     other = functions[:, :, ::-1]
