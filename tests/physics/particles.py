@@ -65,6 +65,12 @@ def _medium(kinds, discs, to_rgb, to_waves):
     return medium(kinds, discs, to_rgb, to_waves)[0]
 
 
+def _kinds(sample):
+    """The arrays of a sample as Mitsuba gives them: kernels are compiled for no other kinds."""
+    single = {name: getattr(sample, name).astype(np.float32) for name in ("direction", "radiance", "density")}
+    return sample._replace(**single, light=sample.light.astype(np.int32))
+
+
 class Sky:
     """Light from infinity and nothing else: a distant lamp of irradiance 1 W/m^2 that shines along `sun`, radiance `above` where
     z > 0 and `below` elsewhere; RGB alike.
@@ -101,16 +107,16 @@ class Sky:
         radiance = self._radiance(direction) / np.maximum(density, 1e-30)[:, None]
         if self.sun is not None:
             direction[delta], radiance[delta], density[delta] = -self.sun, 1 / self._chance, self._chance
-        return LightSample(direction, np.full(n, FAR), radiance, density, delta, np.where(delta, 0, 1))
+        return _kinds(LightSample(direction, np.full(n, FAR), radiance, density, delta, np.where(delta, 0, 1)))
 
     def shade(self, origin, direction, random, density, delta):
         n, none = len(origin), np.zeros(len(origin), bool)
         by_light = np.full(n, (1 - self._chance) / (4 * math.pi))
         share = np.where(delta, 1.0, density / np.maximum(density + by_light, 1e-30))
-        empty = LightSample(np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n), none, np.full(n, -1))
+        empty = _kinds(LightSample(np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n), none, np.full(n, -1)))
         emitted = self._radiance(direction) * share[:, None]
         zero = np.zeros((n, 3))
-        return Shading(none, zero, emitted, np.ones(n, int), empty, origin, direction, zero, np.zeros(n), none)
+        return Shading(none, zero, emitted.astype(np.float32), np.ones(n, np.int32), empty, origin, direction, zero, np.zeros(n), none)
 
 
 class Lamp(Sky):
@@ -127,7 +133,8 @@ class Lamp(Sky):
         distance = np.linalg.norm(towards, axis=1)
         n = len(point)
         radiance = np.repeat(1 / distance[:, None] ** 2, 3, axis=1)
-        return LightSample(towards / distance[:, None], distance, radiance, np.ones(n), np.ones(n, bool), np.zeros(n, int))
+        return _kinds(LightSample(towards / distance[:, None], distance, radiance, np.ones(n), np.ones(n, bool),
+                                  np.zeros(n, int)))
 
 
 def camera(size, origin=(0.5, -3.0, 0.5), target=(0.5, 0.5, 0.5), fov=15, up=(0, 0, 1)):
@@ -137,7 +144,7 @@ def camera(size, origin=(0.5, -3.0, 0.5), target=(0.5, 0.5, 0.5), fov=15, up=(0,
 
 def passes(function, world, what, view, size, numbers, *, discrete=np.inf, seed=0, order=None):
     """Pictures (passes, H, W, 3) of `walk.one_pass` or `splat.one_pass`: of one order of scattering, or of all."""
-    depth = np.broadcast_to(np.asarray(discrete, float), size)
+    depth = np.array(np.broadcast_to(np.asarray(discrete, float), size))
     what = (what, splat.Plan()) if function is splat.one_pass else what
     lights = len(world.light_names)
     made = (function(world, what, view, *size, number, seed, discrete=depth, lights=lights)[0] for number in numbers)
