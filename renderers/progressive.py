@@ -92,7 +92,7 @@ class Mean:
     Attributes
     ----------
     count : passes
-    layers : (H, W, 3) by name, means
+    layers : (H, W, 3) by name, means; but for the layer "" in single precision, as the EXR has them
     square : (H, W, 4), squared distances of the passes from their mean, added up, of R, G, B and luminance of the layer ""
     lost : values that were no number, from a weight that overflowed, and count as dark
     seconds : of the quickest pass seen, as the first one compiles; inf before it
@@ -110,7 +110,7 @@ class Mean:
             wrong = ~np.isfinite(image)
             image[wrong] = 0.0
             self.lost += int(wrong.sum())
-            self.layers[name] = mean + (image - mean) / self.count
+            self.layers[name] = (mean + (image - mean) / self.count).astype(float if name == "" else np.float32)
             if name == "":
                 before, after = image - mean, image - self.layers[""]
                 self.square = self.square + np.dstack([before * after, (before @ colour.LUMINANCE) * (after @ colour.LUMINANCE)])
@@ -313,7 +313,7 @@ class Estimate:
             mean.count, mean.lost = int(part["passes"]), int(part["lost"])
             mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in part["layers"]}
             if mean.count >= _LEAST:
-                mean.square = _image(channels, f"{prefix}noise.", "RGBY") ** 2 * (mean.count * (mean.count - 1))
+                mean.square = _image(channels, f"{prefix}noise.", "RGBY").astype(float) ** 2 * (mean.count * (mean.count - 1))
         return other
 
 
@@ -328,7 +328,8 @@ def fingerprint(*what) -> str:
 
 def _channels(prefix, layers, variance):
     """Channels of layers by name, and of the standard error where it is known."""
-    channels = {} if variance is None else {f"{prefix}noise.{name}": np.sqrt(variance[..., i]) for i, name in enumerate("RGBY")}
+    channels = {} if variance is None else {f"{prefix}noise.{name}": np.sqrt(variance[..., i]).astype(np.float32)
+                                            for i, name in enumerate("RGBY")}
     for name, image in layers.items():
         channels |= rgb_layers(_joined(prefix, name), image)
     return channels
@@ -339,7 +340,7 @@ def _joined(prefix, layer):
 
 
 def _image(channels, prefix, names="RGB"):
-    return np.stack([channels[f"{prefix}{name}"] for name in names], axis=-1).astype(float)
+    return np.stack([channels[f"{prefix}{name}"] for name in names], axis=-1)
 
 
 @contextmanager

@@ -155,8 +155,10 @@ def _pass(function, world, what, height, width, seed, depth, lights):
 
     def one(number):
         by_order, by_light = function(world, what, world.camera, height, width, number, seed, discrete=depth, lights=len(lights))
-        return {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
+        layers = {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
             | {f"light.{name}": image for name, image in zip(lights, by_light)}
+        # walks have all layers; what splats leave black takes memory for nothing
+        return {name: image for name, image in layers.items() if not name or function is walk.one_pass or image.any()}
 
     return one
 

@@ -21,7 +21,7 @@ from renderers.discrete.threads import run
 CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
 _DENSE = 8.0  # pencils to a pixel of a disc
-_TRACED, _DRAWN = 1 << 17, 1 << 23  # particles in a pass: a second or two
+_TRACED, _DRAWN = 1 << 17, 1 << 22  # particles in a pass: a second or two
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
 # steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
 _EVENLY = np.array([0.7548776662466927, 0.5698402909980532])

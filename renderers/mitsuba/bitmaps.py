@@ -36,8 +36,11 @@ def write(pair, display, linear, text=None):
     """
     mi = library()
     if isinstance(linear, dict):
-        stack = np.ascontiguousarray(np.stack([layer.astype(np.float32) for layer in linear.values()], axis=-1))
-        full = mi.Bitmap(stack, pixel_format=mi.Bitmap.PixelFormat.MultiChannel, channel_names=list(linear))
+        height, width = display.shape[:2]
+        full = mi.Bitmap(mi.Bitmap.PixelFormat.MultiChannel, mi.Struct.Type.Float32, [width, height], len(linear), list(linear))
+        pixels = np.asarray(full)  # the bitmap's own memory
+        for i, layer in enumerate(linear.values()):
+            pixels[..., i] = layer
     else:
         full = mi.Bitmap(linear.astype(np.float32))
     bitmaps = mi.Bitmap(images.eight_bits(display)), full
