@@ -1,0 +1,68 @@
+"""Particles among Mitsuba's surfaces: a closed room that glows and reflects as much as it lacks, with a ball of glass in it.
+
+Nothing absorbs, so radiance is 1 everywhere, whatever scatters.  Comparisons go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from renderers.discrete import explicit, splat, walk
+from renderers.mitsuba.world import World
+from tests.physics.particles import averaged, hashed, henyey_greenstein, of_depth, passes, student
+
+SIZE, PASSES = (12, 16), 12
+ROOM = """<scene version="3.0.0">
+<shape type="cube"><boolean name="flip_normals" value="true"/>
+<transform name="to_world"><scale value="2"/><translate x="0.5" y="0.5" z="0.5"/></transform>
+<bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
+<emitter type="area"><rgb name="radiance" value="0.5"/></emitter></shape>
+<shape type="sphere"><float name="radius" value="0.25"/><point name="center" x="0.7" y="-0.4" z="0.5"/>
+<bsdf type="dielectric"/></shape>
+<sensor type="perspective"><float name="fov" value="60"/>
+<transform name="to_world"><lookat origin="0.5, -1.2, 0.5" target="0.5, 0.5, 0.5" up="0, 0, 1"/></transform>
+<film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor>
+</scene>
+"""
+
+
+def room(folder):
+    path = folder / "room.xml"
+    path.write_text(ROOM)
+    return World(path)
+
+
+def picture(world, method, medium, numbers):
+    """Passes (P, H, W, 3) of the cube of particles in the room: it fills the view, in part through the ball."""
+    view = world.camera
+    if method == "splats":
+        return passes(walk.one_pass, world, walk.Discs(medium, splatted=True), view, SIZE, numbers) \
+            + passes(splat.one_pass, world, medium, view, SIZE, numbers)
+    if method == "mixed":  # particles as far as half of the cube, what `auto` does
+        return passes(walk.one_pass, world, walk.Discs(medium, 0.0, splatted=True), view, SIZE, numbers, discrete=1.7) \
+            + passes(splat.one_pass, world, medium, view, SIZE, numbers, discrete=1.7)
+    how = {"particles": walk.Discs(medium), "continuous": walk.Discs(medium, 0.0),
+           "explicit": explicit.Spheres(medium, np.array([1.33]), np.zeros((1, 1)))}[method]
+    return passes(walk.one_pass, world, how, view, SIZE, numbers, discrete=0.0 if method == "continuous" else np.inf)
+
+
+@pytest.mark.parametrize("method", ["particles", "splats", "mixed", "continuous", "explicit"])
+def test_a_white_room_is_white(tmp_path, method):
+    medium = hashed(of_depth(2.0, 400, phase=henyey_greenstein(0.6)))
+    mean, error = averaged(picture(room(tmp_path), method, medium, range(PASSES)).mean(axis=(1, 2, 3)))
+    assert error < 0.015
+    assert abs(mean - 1) < student(PASSES) * error
+
+
+def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
+    """Absorbing particles, of which a part are particles to the eye and a part are not."""
+    world = room(tmp_path)
+    kinds = of_depth(2.0, 20_000, albedo=0.7, phase=henyey_greenstein(0.6))
+    found = {}
+    for method in ("mixed", "continuous"):
+        found[method] = averaged([picture(world, method, hashed(kinds, seed=seed), [seed])[0].mean() for seed in range(PASSES)])
+    (mean, error), (expected, other) = found.values()
+    error = np.hypot(error, other)
+    assert error < 0.02 * expected and expected < 0.9
+    assert abs(mean - expected) < student(PASSES) * error
