@@ -242,6 +242,12 @@ def test_a_class_scatters_as_its_particles_do():
 # ---- graininess
 
 
+def test_the_exponential_integral_on_both_sides_of_its_seam():
+    x = np.concatenate([[0.0, 1e-12, 1 - 1e-9, 1.0, 1 + 1e-9], np.geomspace(1e-6, 600, 400)])
+    np.testing.assert_allclose(graininess._second(x), special.expn(2, x) * np.exp(x), rtol=1e-12)
+    assert graininess._second(1e5) == pytest.approx(1e-5, rel=3e-5)
+
+
 def test_paths_are_the_integrals_that_they_stand_for():
     for sigma in (0.0, 1e-9, 0.7, 30.0):
         for near, far in ((0.5, 2.0), (3.0, 3.001), (1.0, 60.0)):
