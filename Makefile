@@ -18,6 +18,7 @@ help:
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
+	@echo "make clean     remove build/ and compiled kernels: after a pull that changes kernels"
 	@echo "make docs      bring the tables of docs/asset-format.md up to date"
 
 bake: $(VENV)/.ready
@@ -96,5 +97,7 @@ lint: $(VENV)/.ready-test
 docs: $(VENV)/.ready
 	$(BIN)/python -m bakery.asset.tables docs/asset-format.md
 
+# compiled kernels too: numba does not see that a kernel of another file, which a kept one calls, has changed
 clean:
 	rm -rf build
+	find bakery renderers tests -name '*.nb[ci]' -delete

@@ -17,6 +17,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | one by one | | `disc_cells`, `discs_of_cell` |
 | closed meshes of files | `closed_mesh` | |
 | hashes | | `hashed` |
+| random streams, by name | `stream_key` (seed, a name of `bakery.rng.STREAMS`, its index) | |
 
 Lengths: mean free paths for tables of multiple scattering, mean radii for tiles, radii of the bounding sphere for grains.
 Importing this module loads numba and SciPy.
@@ -65,6 +66,7 @@ from bakery.physics.packing.instances import matrix as rotation_matrix
 from bakery.physics.packing.instances import mix as hashed
 from bakery.physics.shapes.files import triangles
 from bakery.physics.shapes.mending import mended
+from bakery.rng import key64 as stream_key
 
 __all__ = [
     "BOX",
@@ -107,6 +109,7 @@ __all__ = [
     "rotation_matrix",
     "segment_source",
     "stored_discs",
+    "stream_key",
     "surface_share",
     "tile_grid",
     "triangle_normal",

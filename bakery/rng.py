@@ -37,6 +37,10 @@ STREAMS = {
     "discrete.places": Stream(0x64706C63, ("class", "slab", "attempt")),
     "discrete.extra": Stream(0x65787472, ("class", "attempt")),
     "discrete.cells": Stream(0x63656C6C, ()),
+    "render.walk": Stream(0x7277616C, ("pass",)),
+    "render.splat": Stream(0x7273706C, ("pass",)),
+    "render.aims": Stream(0x7261696D, ()),
+    "render.detail": Stream(0x72646574, ()),
 }
 _WORD = 1 << 32
 
@@ -78,3 +82,9 @@ def generator(seed: int, name: str, *index: int) -> np.random.Generator:
 def key(seed: int, name: str, *index: int) -> np.ndarray:
     """Two 32-bit words for kernels that bring a counter-based generator of their own; see `sequence`."""
     return sequence(seed, name, *index).generate_state(2)
+
+
+def key64(seed: int, name: str, *index: int) -> np.uint64:
+    """The words of `key` as one of 64 bits, for kernels that hash it."""
+    high, low = key(seed, name, *index)
+    return np.uint64(high) << np.uint64(32) | np.uint64(low)

@@ -73,28 +73,26 @@ def depths(position, faces, low, pixel, width, height):
     low : (2,) lower left corner; pixel : edge of a pixel
     """
     index, depth = np.full(height * width, -1), np.full(height * width, -np.inf)
-    corners = np.array(position, float)
-    corners[:, :2] = (corners[:, :2] - low) / pixel - 0.5  # centres of pixels at whole numbers
-    x, y, z = corners.T.copy()
-    a, b, c = faces.T
-    area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
-    front = np.flatnonzero(area > 0)  # seen from inside: another one of a closed surface hides it
-    a, b, c = faces[front].T
-    first = np.maximum(np.ceil(np.minimum(np.minimum(y[a], y[b]), y[c]) - _ROUNDING), 0).astype(int)
-    last = np.minimum(np.floor(np.maximum(np.maximum(y[a], y[b]), y[c]) + _ROUNDING), height - 1).astype(int)
-    some = np.flatnonzero(last >= first)
-    front, first, lines, a, b, c = front[some], first[some], (last - first)[some] + 1, a[some], b[some], c[some]
-    u, v = (z[b] - z[a]) / area[front], (z[c] - z[a]) / area[front]
-    slope_x, slope_y = u * (y[c] - y[a]) - v * (y[b] - y[a]), v * (x[b] - x[a]) - u * (x[c] - x[a])
-    above = z[a] - x[a] * slope_x - y[a] * slope_y
+    corners = np.take(np.ascontiguousarray(position.T, float), faces.T, axis=1)  # (axis, corner, face)
+    for k in (0, 1):
+        corners[k] = (corners[k] - low[k]) / pixel - 0.5  # centres of pixels at whole numbers
+    (xa, xb, xc), (ya, yb, yc), _ = corners
+    area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
+    first = np.maximum(np.ceil(corners[1].min(axis=0) - _ROUNDING), 0).astype(int)
+    last = np.minimum(np.floor(corners[1].max(axis=0) + _ROUNDING), height - 1).astype(int)
+    front = np.flatnonzero((area > 0) & (last >= first))  # seen from inside: another one of a closed surface hides it
+    x, y, z = np.take(corners, front, axis=2)
+    first, lines, area = first[front], last[front] - first[front] + 1, area[front]
+    u, v = (z[1] - z[0]) / area, (z[2] - z[0]) / area
+    slope_x, slope_y = u * (y[2] - y[0]) - v * (y[1] - y[0]), v * (x[1] - x[0]) - u * (x[2] - x[0])
+    above = z[0] - x[0] * slope_x - y[0] * slope_y
     edges = []
-    for p, q in ((a, b), (b, c), (c, a)):
+    for p, q in ((0, 1), (1, 2), (2, 0)):
         up = y[q] - y[p]
         lean = np.divide(x[q] - x[p], up, out=np.zeros_like(up), where=up != 0)
         edges.append((np.where(up < 0, x[p], -np.inf), y[p], lean, np.maximum))
         edges.append((np.where(up > 0, x[p], np.inf), y[p], lean, np.minimum))
-    widest = np.maximum(np.maximum(x[a], x[b]), x[c]) - np.minimum(np.minimum(x[a], x[b]), x[c])
-    for some in blocks(lines * (widest.astype(int) + 1)):
+    for some in blocks(lines * (np.ptp(x, axis=0).astype(int) + 1)):
         face, row = runs(first[some], lines[some])
         face += some.start
         left, right = np.zeros(len(face)), np.full(len(face), width - 1.0)
@@ -110,22 +108,23 @@ def depths(position, faces, low, pixel, width, height):
 
 def smooth_normals(position, faces, crease):
     """Unit normals (F, 3 corners, 3): means over the faces around a corner that meet its own at a cosine above `crease`."""
-    flat = np.cross(position[faces[:, 1]] - position[faces[:, 0]], position[faces[:, 2]] - position[faces[:, 0]])
-    area = np.sqrt((flat**2).sum(axis=1))  # twice: large faces weigh more
+    flat = np.cross(position[faces[:, 1]] - position[faces[:, 0]], position[faces[:, 2]] - position[faces[:, 0]]).T.copy()
+    area = np.sqrt((flat**2).sum(axis=0))  # twice: large faces weigh more
     corner = np.asarray(faces).reshape(-1)
-    around = np.argsort(corner, kind="stable")  # corners by vertex
+    around = np.argsort(corner, kind="stable") // 3  # faces by vertex
     count = np.bincount(corner, minlength=len(position))
     start = np.cumsum(count) - count
-    total = np.zeros((len(corner), 3))
+    total = np.zeros((3, len(corner)))
     for some in blocks(count[corner]):
         own, at = runs(start[corner[some]], count[corner[some]])
-        own, other = (own + some.start) // 3, around[at] // 3
-        meets = (flat[own] * flat[other]).sum(axis=1) >= crease * area[own] * area[other]
-        weight = np.where(meets | (own == other), 1.0, 0.0)
+        own, other = (own + some.start) // 3, around[at]
+        near = np.take(flat, other, axis=1)
+        x, y, z = near * np.take(flat, own, axis=1)
+        near[:, (x + y + z < crease * area[own] * area[other]) & (own != other)] = 0
         first = np.cumsum(count[corner[some]]) - count[corner[some]]
-        total[some] = np.add.reduceat(flat[other] * weight[:, None], first)
-    length = np.sqrt((total**2).sum(axis=1, keepdims=True))
-    return (total / np.where(length > 0, length, 1.0)).reshape(-1, 3, 3)
+        total[:, some] = np.add.reduceat(near, first, axis=1)
+    length = np.sqrt((total**2).sum(axis=0))
+    return (total / np.where(length > 0, length, 1.0)).T.reshape(-1, 3, 3)
 
 
 def surfaces(index, depth, position, faces, normals, low, pixel):

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import base64
 import io
+import struct
+import zlib
 from collections.abc import Sequence
 
 import matplotlib
@@ -21,7 +23,8 @@ _BOTH = ("open_group", "close_group", "draw_path", "draw_markers", "draw_path_co
          "draw_text")
 _POINT = 1 / 72  # inch
 _NO_DATE = {"Date": None, "Creator": None}
-_RUNS = 3  # zlib's strategy for runs of equal pixels: a third of the time, a twentieth more bytes
+_QUICK = 1  # zlib's level: the others win a tenth of the bytes for twice the time or more
+_RGB, _RGBA, _UP = 2, 6, 2  # of a PNG: what pixels hold, and the filter that writes differences to the row above
 
 
 class Canvas(FigureCanvasAgg):
@@ -40,8 +43,8 @@ class Canvas(FigureCanvasAgg):
     def drawn(self) -> dict[str, bytes]:
         """The figure in each form."""
         self.figure.draw(self._drawing)
-        found = {"png": _png(np.asarray(self._drawing.buffer_rgba())[..., :3], dpi=(self.figure.dpi, self.figure.dpi))}
-        return found | {"svg": self._svg.text()} if self._svg else found
+        files = {"png": _png(np.asarray(self._drawing.buffer_rgba())[..., :3], self.figure.dpi)}
+        return files | {"svg": self._svg.text()} if self._svg else files
 
 
 class _Svg(RendererSVG):
@@ -96,7 +99,7 @@ def measure_once(axes) -> None:
     """Has what stands outside of axes (ticks, labels, titles) measured in the first of the two passes of a layout only."""
     for spine in axes.spines.values():
         spine.set_in_layout(False)  # as far out as the ticks, and measured with all of them anew
-    if axes.get_aspect() != "auto" or axes.name == "polar":
+    if axes.get_aspect() != "auto":
         return  # such axes do not fill their place
     measured, outside = axes.get_tightbbox, []
 
@@ -115,9 +118,17 @@ def _twice(first, second):
     return both
 
 
-def _png(pixels, **settings) -> bytes:
-    from PIL import Image
-
-    out = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(out, "PNG", compress_type=_RUNS, **settings)
-    return out.getvalue()
+def _png(pixels, dpi: float = 72.0) -> bytes:
+    """Pixels (H, W, 3 or 4) uint8 as PNG (ISO 15948).  PIL, which tries five filters a row, takes twice as long."""
+    high, wide, channels = pixels.shape
+    rows = pixels.reshape(high, wide * channels)
+    filtered = np.empty((high, 1 + rows.shape[1]), np.uint8)
+    filtered[:, 0] = _UP
+    filtered[0, 1:] = rows[0]
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
+    a_meter = round(dpi / 0.0254)
+    head = struct.pack(">IIBBBBB", wide, high, 8, _RGB if channels == 3 else _RGBA, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"pHYs", struct.pack(">IIB", a_meter, a_meter, 1)), (b"IDAT", zlib.compress(filtered, _QUICK)),
+              (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+                                           for kind, data in chunks)

@@ -27,6 +27,7 @@ _LOOK = {
     "grid.color": FAINT, "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": QUIET, "ytick.color": QUIET,
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK, "lines.linewidth": 1.5, "lines.solid_joinstyle": "round", "legend.frameon": False,
+    "lines.color": INK,  # else each line, ticks included, looks up the first colour of a cycle
     "legend.fontsize": 9, "path.simplify_threshold": 0.2, "svg.fonttype": "path",
 }
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from matplotlib.ticker import LogFormatterSciNotation, NullLocator
+from matplotlib.ticker import AutoLocator, LogFormatterSciNotation, MaxNLocator, NullLocator
 
 from bakery.draw.axes import power
 
 _FORMULA = re.compile(r"\$\\mathdefault\{(-?)(?:(\d+)\\times)?10\^\{(-?\d+)\}\}\$")
+
+_INTERVALS = 5  # of a linear axis, at most
 
 
 class Powers(LogFormatterSciNotation):
@@ -25,9 +27,10 @@ class Powers(LogFormatterSciNotation):
 
 
 def thin_out(figure) -> None:
-    """Has logarithmic axes write their powers as `Powers`, and show no ticks without numbers where two powers are written.
+    """Fewer ticks, of which each costs a picture as much as two lines of text: locators and formatters of a figure's own stay.
 
-    Formatters of a figure's own stay.  A tick costs a picture as much as a line of text.
+    Linear axes have six, where matplotlib takes up to ten.  Logarithmic ones write their powers as `Powers`, and show no ticks
+    without numbers where two powers are written.
     """
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
@@ -36,6 +39,8 @@ def thin_out(figure) -> None:
                 axis.set_major_formatter(Powers(labelOnlyBase=major.labelOnlyBase))
             if type(minor) is LogFormatterSciNotation:
                 axis.set_minor_formatter(Powers(labelOnlyBase=minor.labelOnlyBase))
+            if type(axis.get_major_locator()) is AutoLocator:
+                axis.set_major_locator(MaxNLocator(_INTERVALS, steps=(1, 2, 2.5, 5, 10)))
             if axis.get_scale() == "log":
                 low, high = np.log10(sorted(axis.get_view_interval()))
                 if np.floor(high) > np.ceil(low):  # at least two powers of ten are written

@@ -18,7 +18,7 @@ import bakery
 # benchmarks/plans.py --compiling, three quarters of what it says where two cores have ten processes
 SECONDS = {
     "beam.photons": 1.3, "beam.single": 0.68, "beam.table": 0.83, "beam.transport": 2.0,
-    "discrete._places": 0.5,
+    "discrete._places": 0.5, "discrete.region": 3.7,
     "goa._asymptotic": 2.2, "goa._edge": 6.6, "goa._field": 5.8, "goa._rays": 10.0, "goa._solve": 1.7, "goa._special": 1.4,
     "goa._surface": 1.7,
     "granular._packed": 4.6, "shapes._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7, "grains.bvh": 6.4,

@@ -29,11 +29,10 @@ ORDERS = 4  # of scattering that are told apart: 0, 1, 2, 3 and more
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def begin_streams(seed, number, first, states):
-    """Random streams (n,) uint64 of paths first, first + 1, ... in pass `number`; seed uint64."""
-    h = hashed(hashed(seed + _GOLDEN) ^ np.uint64(number))
+def begin_streams(key, first, states):
+    """Random streams (n,) uint64 of paths first, first + 1, ...; key uint64, of `bakery.kernels.stream_key`."""
     for i in range(len(states)):
-        states[i] = hashed(h ^ (np.uint64(first + i) * _GOLDEN))
+        states[i] = hashed(key ^ (np.uint64(first + i) * _GOLDEN))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

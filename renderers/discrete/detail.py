@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from bakery.kernels import phase_value, region_densities
+from bakery.kernels import phase_value, region_densities, stream_key
 from renderers import colour
 from renderers.discrete import _transport
 from renderers.discrete.threads import run
@@ -40,7 +40,7 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     rows, columns = (np.minimum(np.arange(0, side + stride, stride), side - 1) for side in (height, width))
     pixel = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
     states = np.empty(len(pixel), np.uint64)
-    _transport.begin_streams(np.uint64(seed), 0, 1 << 50, states)
+    _transport.begin_streams(stream_key(seed, "render.detail"), 0, states)
     origin, direction = world.camera_rays(np.full((len(pixel), 2), 0.5), pixel)
     begin, end = _inside(medium.discs.region, origin, direction, world.trace(origin, direction, np.full(len(pixel), np.inf)))
     numbers = np.empty((len(pixel), 6))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bakery.kernels import BOX, disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, turned_direction
+from bakery.kernels import BOX, disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, stream_key, turned_direction
 from renderers.discrete import _transport
 from renderers.discrete.threads import run
 
@@ -165,8 +165,8 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
     n = len(kind)
     seed, number, serial = streams
     own, states, pencils = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
-    _transport.draw(identity.copy(), own)  # the same in all passes
-    _transport.begin_streams(np.uint64(seed), number, (serial + 1) * CHUNK << 20, states)
+    _transport.draw(identity ^ stream_key(seed, "render.aims"), own)  # the same in all passes
+    _transport.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
     run(_pencils, n, medium, view.origin, view.area, view.axis, place, kind, pencils)
     who = np.repeat(np.arange(n), pencils)
     place, kind, own, m = place[who], kind[who], own[who], len(who)

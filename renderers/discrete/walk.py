@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bakery.kernels import NO_DISC
+from bakery.kernels import NO_DISC, stream_key
 from renderers.discrete import _transport
 from renderers.discrete.threads import run
 from renderers.mitsuba.world import LightSample
@@ -142,7 +142,7 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
 def _begin(medium, camera, width, pixel, number, seed, discrete):
     n, waves = len(pixel), len(medium.sigma_t)
     states = np.empty(n, np.uint64)
-    _transport.begin_streams(np.uint64(seed), number, int(pixel[0]), states)
+    _transport.begin_streams(stream_key(seed, "render.walk", number), int(pixel[0]), states)
     offset = np.empty((n, 2))
     _transport.draw(states, offset)
     direction = camera.corner + (pixel % width + offset[:, 0])[:, None] * camera.right \

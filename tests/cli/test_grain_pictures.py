@@ -16,7 +16,7 @@ from bakery.physics.medium.phase import integral, mean_cosine
 from bakery.physics.shapes.build import build
 from bakery.physics.shapes.files import triangles
 from bakery.report.figures import pictures
-from bakery.stages.grains.pictures import concise
+from bakery.stages.grains.pictures import _GAP, FIGURES, concise
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from tests.grain_assets import RADIUS, asset, component
@@ -71,19 +71,25 @@ def test_each_picture_with_its_data(call, undrawn, mix, tree, tmp_path):
 
 
 def test_dots_and_bars_are_the_values(tree):
+    from matplotlib.collections import LineCollection, PathCollection
     from matplotlib.figure import Figure
 
     found = {picture.name: picture for picture in pictures(tree)}
     figure = Figure()
     found["walks"].draw(figure)
-    axes = {axes.get_title(loc="left") or axes.get_title(): axes for axes in figure.axes}
-    bars, dots = (collection for collection in axes["λs (R)"].collections)
+    (axes,) = figure.axes
+    *_, bars = (collection for collection in axes.collections if isinstance(collection, LineCollection))
+    (dots,) = (collection for collection in axes.collections if isinstance(collection, PathCollection))
+    column, (low, high) = list(FIGURES).index("lambda_s"), FIGURES["lambda_s"][2]
+    left = column * (1 + _GAP)
+    inside = np.abs(dots.get_offsets()[:, 0] - left - 0.5) < 0.5 + _GAP / 2
     expected = [tree[f"grains/{name}/lambda_s"].data for name in ("glass", "salt")]
-    assert dots.get_offsets()[:, 0].tolist() == np.concatenate(expected).tolist()
+    np.testing.assert_allclose(low + (high - low) * (dots.get_offsets()[inside, 0] - left), np.concatenate(expected), atol=1e-12)
     errors = np.concatenate([tree[f"grains/{name}/lambda_s_error"].data for name in ("glass", "salt")])
-    np.testing.assert_allclose([np.ptp(bar.vertices[:, 0]) for bar in bars.get_paths()], 2 * errors, atol=1e-12)
-    assert len(axes["β"].collections[1].get_offsets()) == 2  # one for all wavelengths
-    texts = [text.get_text() for text in axes["λs (R)"].texts]
+    wide = np.array([np.ptp(bar.vertices[:, 0]) for bar in bars.get_paths()])[inside]
+    np.testing.assert_allclose((high - low) * wide, 2 * errors, atol=1e-12)
+    assert (np.abs(dots.get_offsets()[:, 0] - 0.5) <= 0.5).sum() == 2  # the hit probability: one for all wavelengths
+    texts = [text.get_text() for text in axes.texts]
     assert concise(expected[1][0], tree["grains/salt/lambda_s_error"].data[0]) in texts
     figure = Figure()
     found["extinction"].draw(figure)

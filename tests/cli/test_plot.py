@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 from xml.etree import ElementTree
@@ -10,6 +11,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from bakery.draw.canvas import _png
+from bakery.draw.lobe import INNER, polar
 from bakery.draw.picture import Picture, drawn
 from bakery.draw.style import colours, look
 from bakery.report.figures import pictures
@@ -189,13 +192,37 @@ def test_lobes_have_an_inner_and_an_outer_limit():
     theta = root["medium/theta"].data
     peaked = np.tile(1e7 * np.exp(-theta / 1e-3) + 0.1 + 1e-9 * theta, (2, 1))
     (axes,), caption = axes_of(with_member(root, "medium/phase", Dataset(peaked, "1/sr", "phase")), "lobe")
-    low, high = axes.get_ylim()
-    assert (low, high) == (-1.0, 0.0) and axes.get_rorigin() < low - 0.1 and "rises to 1e+07" in caption
+    (label,) = [text.get_text() for text in axes.texts if "peak cut" in text.get_text()]
+    assert label == "peak cut,\nto 1e+07" and "rises to 1e+07" in caption
+    assert {"10⁻¹", "10⁰"} < {text.get_text() for text in axes.texts}  # the circles
     for line in axes.lines:
-        assert low <= line.get_ydata().min() and line.get_ydata().max() <= high
+        radius = np.hypot(*line.get_xydata().T)
+        assert radius.min() > INNER and radius.max() == pytest.approx(1, abs=1e-12)
     zero = np.where(theta > 2, 0.0, peaked)  # no light at all goes to the inner circle
     (axes,), _ = axes_of(with_member(root, "medium/phase", Dataset(zero, "1/sr", "phase")), "lobe")
-    assert all(np.isfinite(line.get_ydata()).all() and line.get_ydata().min() == axes.get_ylim()[0] for line in axes.lines)
+    for line in axes.lines:
+        assert np.hypot(*line.get_xydata().T).min() == pytest.approx(INNER, abs=1e-12)
+
+
+def test_lobes_look_forward_to_the_right():
+    from matplotlib.figure import Figure
+
+    theta, value = np.linspace(0, np.pi, 181), np.full((1, 181), 1.0)
+    value[0, theta < 1] = 100.0
+    axes = Figure().subplots()
+    polar(axes, theta, value, (-1.0, 2.0), ["k"], ["x"])
+    x, y = axes.lines[0].get_xydata().T
+    radius = np.hypot(x, y)
+    assert np.allclose(radius[x > np.cos(0.9)], 1) and np.allclose(radius[x < 0], INNER + (1 - INNER) / 3)
+
+
+def test_a_png_holds_the_pixels():
+    from PIL import Image
+
+    for channels in (3, 4):
+        pixels = np.random.default_rng(1).integers(0, 256, (7, 5, channels), np.uint8)
+        with Image.open(io.BytesIO(_png(pixels, 128))) as image:
+            assert np.array_equal(np.asarray(image), pixels) and image.info["dpi"] == pytest.approx((128, 128), abs=0.01)
 
 
 def test_coefficients_have_ticks_and_no_empty_panel():

@@ -10,12 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scipy import integrate, special, stats
+from scipy import integrate, ndimage, special, stats
 from scipy.spatial import ConvexHull, cKDTree
 
 from bakery.physics.averages import Component
 from bakery.physics.discrete import classes, graininess, realise, statistics
 from bakery.physics.discrete.realise import Region
+from bakery.physics.shapes.build import build
 from bakery.physics.shapes.radial import icosphere
 from bakery.physics.sizes import Gamma, Lognormal, Population, Single, Table
 from bakery.physics.sizes.distributions import Part
@@ -179,6 +180,33 @@ def test_a_mesh_holds_its_particles():
     assert worse.value - 1 > 10 * worse.error
 
 
+@pytest.mark.parametrize("spec", [{"type": "rock", "seed": 3}, {"type": "superellipsoid", "exponents": [0.5, 0.5]}])
+def test_a_mesh_s_inside_is_that_of_its_winding(spec):
+    """Points anywhere and beside the surface, 1e-5 of the box away: the solid angle of the mesh is 4 pi inside and 0 outside."""
+    made, random = build(spec, 200), np.random.default_rng(4)
+    vertices = made.vertices - made.vertices.min(axis=0)
+    region = Region(tuple(vertices.max(axis=0)), None, vertices, made.faces)
+    corners = vertices[made.faces]
+    face = random.integers(len(corners), size=300)
+    across = np.cross(corners[face, 1] - corners[face, 0], corners[face, 2] - corners[face, 0])
+    across *= (1e-5 * random.choice([-1, 1], 300) / np.linalg.norm(across, axis=1))[:, None]
+    near = np.einsum("nc,ncd->nd", random.dirichlet((3, 3, 3), 300), corners[face]) + across
+    points = np.concatenate([random.random((700, 3)) * region.edge, near])
+    points = points[((points > 0) & (points < region.edge)).all(axis=1)]
+    a, b, c = np.moveaxis(corners[None] - points[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+    below = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
+    angle = 2 * np.arctan2((a * np.cross(b, c)).sum(-1), below).sum(axis=1)  # Van Oosterom & Strackee 1983
+    np.testing.assert_array_equal(region.at(points), np.abs(angle) > 2 * np.pi)
+
+
+def test_a_grid_is_linear_between_its_middles():
+    values = np.random.default_rng(5).random((5, 2, 3)).astype(np.float32)
+    region, points = Region((1.0, 2.0, 0.5), values), np.random.default_rng(6).random((2000, 3)) * (1.0, 2.0, 0.5)
+    at = (points / region.edge * values.shape - 0.5).T
+    np.testing.assert_allclose(region.at(points), ndimage.map_coordinates(values, at, float, order=1, mode="nearest"), atol=1e-14)
+
+
 def test_a_needle_of_a_grid_is_refused():
     needle = np.zeros((30, 30, 30), np.float32)
     needle[3, 4, 5] = 1
@@ -240,6 +268,12 @@ def test_a_class_scatters_as_its_particles_do():
 
 
 # ---- graininess
+
+
+def test_the_exponential_integral_on_both_sides_of_its_seam():
+    x = np.concatenate([[0.0, 1e-12, 1 - 1e-9, 1.0, 1 + 1e-9], np.geomspace(1e-6, 600, 400)])
+    np.testing.assert_allclose(graininess._second(x), special.expn(2, x) * np.exp(x), rtol=1e-12)
+    assert graininess._second(1e5) == pytest.approx(1e-5, rel=3e-5)
 
 
 def test_paths_are_the_integrals_that_they_stand_for():

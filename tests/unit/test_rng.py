@@ -11,6 +11,8 @@ import pytest
 from bakery import rng
 from tests.conftest import ROOT
 
+SOURCES = sorted([*(ROOT / "bakery").rglob("*.py"), *(ROOT / "renderers").rglob("*.py")])
+
 
 def test_words_are_unique_and_of_32_bits():
     words = [stream.word for stream in rng.STREAMS.values()]
@@ -57,12 +59,32 @@ def calls(tree):
 
 
 def test_nothing_else_makes_generators():
-    for path in sorted([*(ROOT / "bakery").rglob("*.py"), *(ROOT / "renderers").rglob("*.py")]):
+    for path in SOURCES:
         if path.name != "rng.py":
             made = {"default_rng", "SeedSequence", "Philox", "PCG64", "RandomState"} & set(calls(ast.parse(path.read_text())))
             assert not made, f"{path}: {made}; bakery.rng has every stream by name"
 
 
 def test_every_stream_is_drawn_from():
-    text = "".join(path.read_text() for path in (ROOT / "bakery").rglob("*.py") if path.name != "rng.py")
+    text = "".join(path.read_text() for path in SOURCES if path.name != "rng.py")
     assert not [name for name in rng.STREAMS if f'"{name}"' not in text]
+
+
+def test_keys_of_64_bits_hold_both_words():
+    high, low = rng.key(3, "render.walk", 5).tolist()
+    assert int(rng.key64(3, "render.walk", 5)) == high * 2**32 + low
+
+
+def test_renderers_begin_their_streams_by_name():
+    """Hashes are numbers of a stream's own; where one begins, its key is made of a name of the list, written there."""
+    begun = []
+    for path in sorted((ROOT / "renderers").rglob("*.py")):
+        for function in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)):
+            if "hashed" in calls(function):
+                assert function.name in ("begin_streams", "uniform"), f"{path}: {function.name} draws numbers from a hash"
+            for node in ast.walk(function):
+                if isinstance(node, ast.Call) and calls(node)[0] == "begin_streams":
+                    assert calls(node)[1] == "stream_key", f"{path}: {function.name} begins a stream without a name"
+                if isinstance(node, ast.Call) and calls(node)[0] == "stream_key":
+                    begun.append(node.args[1].value)
+    assert {name for name in rng.STREAMS if name.startswith("render.")} == set(begun) and len(begun) == len(set(begun))

@@ -24,8 +24,6 @@ BLOCK = 1 << 18  # candidates in a block: 3 MB of places
 _TOGETHER = 32  # blocks whose results are held at once
 LEAST_VOLUME = 1e-4  # share of the box below which rejection would throw nearly everything away
 _TRIES = 8
-_OBLIQUE = np.array([0.5257311, 0.3568221, 0.7721990])  # along no axis and no usual plane
-_OBLIQUE = _OBLIQUE / np.linalg.norm(_OBLIQUE)
 
 
 @dataclass(frozen=True)
@@ -61,33 +59,18 @@ class Region:
         return math.prod(self.edge) * share
 
     def at(self, place):
-        """Relative density (n,) at places (n, 3) m inside the box."""
-        if self.density is not None:
-            from scipy.ndimage import map_coordinates
+        """Relative density (n,) at places (n, 3) m inside the box; what renderers ask."""
+        from bakery.physics.discrete.region import densities
 
-            # one axis longer than the values on each side: what lies beyond the outer middles has their value
-            scale = np.array(self.density.shape) / np.array(self.edge)
-            return map_coordinates(self.density, (place * scale - 0.5).T, np.float64, order=1, mode="nearest")
-        if self.vertices is not None:
-            return self._inside(place)
-        return np.ones(len(place))
-
-    def _inside(self, place):
-        """1 where the first surface along a fixed oblique direction is seen from within."""
-        from bakery.physics.shapes.quality import double_normals
-
-        mesh, centre, scale = self._mesh
-        face, _ = mesh.first_hit((place - centre) / scale, np.broadcast_to(_OBLIQUE, place.shape))
-        inside = (double_normals(mesh.vertices, mesh.faces) @ _OBLIQUE > 0).astype(float)
-        return np.where(face >= 0, inside[face], 0.0)
+        return densities(self._compiled, place)
 
     @cached_property
-    def _mesh(self):
-        from bakery.physics.grains.bvh import Mesh
+    def _compiled(self):
+        from bakery.physics.discrete import region
 
-        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        centre, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-        return Mesh((self.vertices - centre) / scale, self.faces), centre, scale
+        if self.vertices is not None:
+            return region.mesh(self.vertices, self.faces)
+        return region.box(np.zeros(3), self.edge) if self.whole else region.grid(np.zeros(3), self.edge, self.density)
 
 
 class NoRoom(ValueError):

@@ -13,7 +13,7 @@ from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.stages.discrete.view import classes_of
 from bakery.store.tree import Group
 
-_SHOWN = 2500  # particles of a slab, about
+_SHOWN = 1600  # particles of a slab, about
 _COVER = 0.12  # of the picture that their discs cover, enlarged where they are smaller
 _FIELD, _PIXELS = math.radians(40), 640  # the camera for which grains are predicted
 _ANGLES = (10, 90, 170)  # degrees
@@ -26,7 +26,7 @@ def pictures(root: Group) -> Iterator[Picture]:
     if "position" in group.members and group["position"].data.size:
         yield slab(group)
         yield sizes(group)
-        if "cell_dispersion" in group.members:
+        if {"cell_dispersion", "cell_dispersion_error", "cell_edge", "cell_count", "cell_count_law"} <= group.members.keys():
             yield counts(group)
     if float(group["number_density"].data[0]) > 0:
         yield grains(group, root["wavelength"].data)

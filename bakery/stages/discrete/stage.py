@@ -147,10 +147,11 @@ def cost(recipe) -> Cost:
     of_classes = sum(len(each.radius) for each in settings["classes"])
     tables = 4.0 * expectation.angles * of_classes * len(settings["wavelength"])
     placing = (_PLACING if settings["region"].whole else _REJECTING) * stored
+    kernels = ("discrete._places", "mie._kernels") + ("grains.bvh", "discrete.region") * (not settings["region"].whole)
     return Cost(2 * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
                 _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
                 f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "
-                "while they are written" * (stored > 0), 0.5, kernels=("discrete._places", "mie._kernels"),
+                "while they are written" * (stored > 0), 0.5, kernels=kernels,
                 kind=recipe.discrete.method)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -30,6 +31,7 @@ FIGURES = {
 SURFACES = {"dielectric": "dielectric", "diffuse": "diffuse", "conductor": "metal"}
 _TINT = {"dielectric": (0.55, 0.66, 0.74), "diffuse": (0.66, 0.47, 0.30), "conductor": (0.50, 0.50, 0.53)}
 _GLOSS = {"dielectric": 0.55, "diffuse": 0.0, "conductor": 0.9}
+_GAP = 0.16  # between columns of the statistics, of their width
 _EXACT = 1e-9  # an error below this has no digits to show
 
 
@@ -95,45 +97,34 @@ def statistics(parts: Mapping[str, Group], um):
     tops = {name: _range(name, parts) for name in names}
     notes = [line for name, part in parts.items() for line in [_effort(name, part)] if line]
 
-    def draw(figure):
-        from matplotlib.transforms import ScaledTranslation
+    at = np.array([-(i + 1.0 * list(parts).index(name)) for i, (name, _, _) in enumerate(rows)])
 
-        panels = figure.subplots(1, len(names), sharey=True)
-        above = ScaledTranslation(0, 3.2 / 72, figure.dpi_scale_trans)
-        at = np.array([-(i + 1.0 * list(parts).index(name)) for i, (name, _, _) in enumerate(rows)])
-        for axes, figure_name in zip(np.atleast_1d(panels), names, strict=True):
+    def draw(figure):
+        axes = figure.subplots()
+        axes.set_axis_off()
+        foot = at[-1] - 0.6
+        axes.set(xlim=(0, len(names) + (len(names) - 1) * _GAP), ylim=(foot, 1.2))
+        _frames(axes, [tops[name] for name in names], foot, [y + 1.25 for y, (name, _, k) in zip(at, rows) if not k][1:])
+        dots = []
+        for column, figure_name in enumerate(names):
             symbol, words, _ = FIGURES[figure_name]
-            low, high = tops[figure_name]
-            shown = [(y, *_value(part, figure_name, k), INK if _common(part, figure_name) else ink[k])
-                     for y, (_, part, k) in zip(at, rows, strict=True) if not (k and _common(part, figure_name))]
-            shown = [row for row in shown if row[1] is not None]
-            places, value, error, tints = zip(*shown, strict=True)
-            axes.hlines(places, np.subtract(value, error), np.add(value, error), colors=tints, linewidth=1.1, zorder=3)
-            axes.scatter(value, places, s=18, c=tints, linewidths=0, zorder=4, clip_on=False)
-            for y, number, unsure, tint in shown:
-                axes.text(1.0, y, concise(number, unsure), transform=axes.get_yaxis_transform() + above, ha="right", va="bottom",
-                          fontsize=7.6, color=tint, zorder=5)
-            for name in list(parts)[1:]:
-                first = min(i for i, row in enumerate(rows) if row[0] == name)
-                axes.axhline(at[first] + 1.25, color=QUIET, linewidth=0.6)
-            axes.set_xlim(low, high)
-            axes.set_xticks([low, 0.5 * (low + high), high], [f"{x:g}" for x in (low, 0.5 * (low + high), high)])
-            axes.set_title(symbol, fontsize=10, pad=17)
-            axes.text(0, 1.01, words, transform=axes.transAxes, fontsize=7.8, color=QUIET, ha="left", va="bottom")
-            axes.tick_params(axis="y", length=0)
-            axes.spines["left"].set_visible(False)
-            axes.grid(axis="y", visible=False)
-        first, *others = np.atleast_1d(panels)
-        for axes in others:
-            axes.yaxis.set_visible(False)  # nothing of it would be seen, and it takes as long as if
-        first.set_yticks(at, [f"{um[k]:g} µm" for _, _, k in rows])
-        first.set_ylim(at[-1] - 0.5, 1.2)
+            left, (low, high) = column * (1 + _GAP), tops[figure_name]
+            _write(axes, left, 1.2, symbol, (0, 26), fontsize=10, fontweight="bold", va="bottom")
+            _write(axes, left, 1.2, textwrap.fill(words, 16), (0, 24), fontsize=7.8, color=QUIET, va="top")
+            for y, (_, part, k) in zip(at, rows, strict=True):
+                (value, error), common = _value(part, figure_name, k), _common(part, figure_name)
+                if value is None or (k and common):
+                    continue
+                tint = INK if common else ink[k]
+                dots.append((left + (value - low) / (high - low), error / (high - low), y, tint))
+                _write(axes, left + 1, y, concise(value, error), (0, 3.2), fontsize=7.6, color=tint, ha="right", va="bottom")
+        place, error, height, tints = zip(*dots, strict=True)
+        axes.hlines(height, np.subtract(place, error), np.add(place, error), colors=tints, linewidth=1.1, zorder=3)
+        axes.scatter(place, height, s=18, c=tints, linewidths=0, zorder=4, clip_on=False)
         for y, (name, _, k) in zip(at, rows, strict=True):
             if k == 0:
-                first.annotate(name, (0, y + 0.72), xycoords=("axes fraction", "data"), xytext=(-4, 0),
-                               textcoords="offset points", ha="right", va="center", fontsize=9.5, fontweight="bold")
-        for label, (_, _, k) in zip(first.get_yticklabels(), rows, strict=True):
-            label.set_color(ink[k] if len(um) > 1 else INK)
+                _write(axes, 0, y + 0.72, name, (-4, 0), fontsize=9.5, fontweight="bold", ha="right", va="center")
+            _write(axes, 0, y, f"{um[k]:g} µm", (-4, 0), color=ink[k] if len(um) > 1 else INK, ha="right", va="center")
         if notes:
             figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8.2, color=QUIET)
 
@@ -143,6 +134,32 @@ def statistics(parts: Mapping[str, Group], um):
                    + "  ".join(f"{note}." for note in notes), size, draw, _columns(parts, names, um))
 
 
+def _frames(axes, ranges: Sequence[tuple[float, float]], foot: float, between: Sequence[float]) -> None:
+    """The columns of `statistics`: scales at their feet, lines up from these, and across between components.
+
+    One axes for all: a column with axes of its own would take as long as all that is drawn in it.
+    """
+    from matplotlib.collections import LineCollection
+
+    lines, scales = [], []
+    for column, (low, high) in enumerate(ranges):
+        left = column * (1 + _GAP)
+        lines += [[(left + share, foot), (left + share, 1.2)] for share in (0.0, 0.5, 1.0)]
+        scales += [[(left, y), (left + 1, y)] for y in (foot, *between)]
+        for share, value in ((0.0, low), (1.0, high)):
+            _write(axes, left + share, foot, f"{value:g}", (0, -4), ha="center", va="top")
+    axes.add_collection(LineCollection(lines, colors=FAINT, linewidths=0.7, zorder=1))
+    axes.add_collection(LineCollection(scales, colors=QUIET, linewidths=0.8, zorder=2, clip_on=False))
+
+
+def _write(axes, x: float, y: float, text: str, points: tuple[float, float], **style) -> None:
+    """Text at a place of the axes, moved by points."""
+    from matplotlib.transforms import ScaledTranslation
+
+    moved = axes.transData + ScaledTranslation(points[0] / 72, points[1] / 72, axes.get_figure(root=False).dpi_scale_trans)
+    axes.text(x, y, text, transform=moved, parse_math=False, **style)
+
+
 def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
     """The phase functions of all components, one a row: over the angle with their errors, and as lobes."""
     views = {name: Group({"theta": theta} | {key: part[key] for key in ("phase", "phase_error") if key in part.members})
@@ -150,12 +167,11 @@ def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
     notes = [note for name, part in parts.items() for note in [_of_bins(name, part, theta)] if note]
 
     def draw(figure):
-        grid = figure.add_gridspec(len(views), 2, width_ratios=(1.9, 1))
-        for row, (name, view) in enumerate(views.items()):
-            wide, polar = figure.add_subplot(grid[row, 0]), figure.add_subplot(grid[row, 1], projection="polar")
+        rows = figure.subplots(len(views), 2, width_ratios=(1.6, 1), squeeze=False)
+        for (wide, lobe), (name, view) in zip(rows, views.items(), strict=True):
             over_angles(wide, view, um)
             wide.set_title(name)
-            around(polar, view, um)
+            around(lobe, view, um)
         legend_beside(figure, wide)
         if notes:
             figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8.2, color=QUIET)

@@ -13,12 +13,12 @@ from bakery.draw.axes import (
     plain_numbers,
     positive,
     positive_axis,
-    power,
     sentences,
     wavelength_axis,
 )
+from bakery.draw.lobe import polar
 from bakery.draw.picture import Picture
-from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET, colours
+from bakery.draw.style import INK, NEUTRAL, QUIET, colours
 from bakery.draw.table import Table
 from bakery.physics.medium.phase import evaluate
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
@@ -26,7 +26,7 @@ from bakery.stages.optics import methods
 from bakery.store.tree import Dataset, Group
 
 _BESIDE = np.radians(2)  # a lobe shows what lies beyond, a narrower forward peak is cut
-_LOBE_DECADES, _HOLE = 5, 0.15  # most decades of a lobe; its inner circle, in shares of what is outside of it
+_LOBE_DECADES = 5  # most decades of a lobe
 MOST_COLUMNS = 11  # of a table, side by side
 _SEEN = 0.02  # a relative error below this is thinner than a line on a scale of decades
 
@@ -141,36 +141,22 @@ def lobe(medium: Group, um) -> Picture:
     bottom, top, cut = _limits(medium)
 
     def draw(figure):
-        axes = figure.add_subplot(projection="polar")
+        axes = figure.subplots()
         around(axes, medium, um)
-        axes.set_title("Phase function (1/sr), logarithmic radius", pad=24)
+        axes.set_title("Phase function (1/sr), logarithmic radius")
         legend_beside(figure, axes)
 
     said = "The same phase function around the particle; light travels to the right, 0° is straight on."
     said += f"  The inner circle stands for {10**bottom:g} and less" + (
-        f", the outer one for {10**top:g} and more: the forward peak rises to {medium['phase'].data.max():.2g}." if cut else ".")
+        f", the outer one for {10**top:g} and more: the forward peak rises to {medium['phase'].data.max():.3g}." if cut else ".")
     return Picture("lobe", "Lobe", said, (6.4, 5.2), draw, by_angle(medium, um, "phase at {:g} um [1/sr]", medium["phase"].data))
 
 
 def around(axes, medium: Group, um) -> None:
-    """The phase functions on polar axes; light travels to the right."""
+    """The phase functions as lobes; light travels to the right."""
     theta, phase = medium["theta"].data, medium["phase"].data
     bottom, top, cut = _limits(medium)
-    for row, colour, label in zip(phase, colours(um), labels(um), strict=True):
-        radius = np.log10(np.clip(row, 10**bottom, 10**top))
-        axes.plot(np.concatenate([theta, 2 * np.pi - theta[::-1]]), np.concatenate([radius, radius[::-1]]), color=colour,
-                  label=label, linewidth=1.3)
-    decades = np.arange(bottom, top + 1)
-    axes.set_rlim(bottom, top)
-    axes.set_rorigin(bottom - _HOLE * (top - bottom))
-    axes.set_rgrids(decades, [power(d) for d in decades], angle=112, color=QUIET, fontsize=8)
-    axes.set_thetagrids(range(0, 360, 45), [f"{min(a, 360 - a)}°" for a in range(0, 360, 45)])
-    axes.spines["polar"].set_color(FAINT)
-    axes.spines["inner"].set_color(QUIET)
-    axes.text(-0.14, 0.0, "light →", transform=axes.transAxes, fontsize=9)
-    if cut:
-        axes.annotate(f"peak cut, to {phase.max():.2g}", (0, top), xytext=(-6, 5), textcoords="offset points", ha="right",
-                      fontsize=8, color=QUIET, annotation_clip=False)
+    polar(axes, theta, phase, (bottom, top), colours(um), labels(um), f"peak cut,\nto {phase.max():.3g}" if cut else "")
 
 
 def _limits(medium: Group) -> tuple[float, float, bool]:

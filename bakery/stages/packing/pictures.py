@@ -68,7 +68,7 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     from_sun = seen @ to_sun.T
     shadow_low = (from_sun[:, :2] - radius[:, None]).min(0)
     shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
-    shadow_pixel = (shadow_high - shadow_low).max() / (1.2 * pixels)
+    shadow_pixel = (shadow_high - shadow_low).max() / pixels
     size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
     _, shadow = _spheres.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1]))
 
