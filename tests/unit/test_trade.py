@@ -429,6 +429,8 @@ def test_a_recipe_that_changes_meanwhile_is_told(tmp_path):
 def test_a_process_that_dies_is_one_setting_that_failed(tmp_path, monkeypatch):
     """Settings with two orders end their process by signal 9; memory is that of the run, whatever ran before it."""
     only(monkeypatch, (2, 0, 1), (2, 1, 0), (0, 1, 1))
+    monkeypatch.setattr(times, "least_repeats", lambda seconds: 2)
+    monkeypatch.setattr(times, "MOST", 2)
     task = replace(job(tmp_path, "tests.traded:working"), presets={"final": {}})
     sweeper = Sweeper(task, 60.0, Progress(), Worker)
     try:
