@@ -35,13 +35,14 @@ def listed(discs):
 
 @njit
 def gathered(discs, place, kind):
-    room, filled, identity = kernels.mesh_scratch(), 0, np.empty(len(kind), np.uint64)
+    room, filled, identity = kernels.mesh_scratch(), np.int64(0), np.empty(len(kind), np.uint64)
     for level in range(len(discs.reach)):
         low_high = kernels.disc_cells(discs, level)
         for i in range(low_high[0], low_high[3] + 1):
             for j in range(low_high[1], low_high[4] + 1):
                 for k in range(low_high[2], low_high[5] + 1):
-                    filled, _ = kernels.discs_of_cell(discs, level, i, j, k, 0, place, kind, identity, filled, room)
+                    filled, _ = kernels.discs_of_cell(discs, level, i, j, k, np.int64(0), place, kind, identity,
+                                                      filled, room)
     return filled
 
 
