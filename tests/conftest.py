@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+# Before NumPy comes: two workers with two threads of BLAS each wait for each other, in `eigvalsh` 10 times as long as they work
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 ROOT = Path(__file__).resolve().parents[1]
 
 MILK = """\

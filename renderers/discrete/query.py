@@ -110,9 +110,9 @@ def _in_sphere(medium, radius, x, y, z, kinds, place, kind, identity, room):
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
                 for k in range(low[2], high[2] + 1):
-                    rest = 0
+                    rest = np.int64(0)  # of this type from the start: numba would compile the callee for literals too
                     while rest >= 0:
-                        filled, rest = discs_of_cell(discs, level, i, j, k, rest, place, kind, identity, 0, room)
+                        filled, rest = discs_of_cell(discs, level, i, j, k, rest, place, kind, identity, np.int64(0), room)
                         for p in range(filled):
                             u, v, w = place[p, 0] - x, place[p, 1] - y, place[p, 2] - z
                             if u * u + v * v + w * w < radius * radius and n < len(kinds):

@@ -140,7 +140,7 @@ def _blocks_in_view(discs, level, bounds, origin, sides, farthest):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(discs, level, blocks, state, bounds, place, kind, identity):
     """Fills place, kind and identity with the particles of blocks from `state` on, which is moved on; how many they are."""
-    room, filled = mesh_scratch(), 0
+    room, filled = mesh_scratch(), np.int64(0)  # a literal 0 would be compiled for as well
     while state[0] < len(blocks):
         cell = state[1]
         i = blocks[state[0], 0] + cell // (_BLOCK * _BLOCK)

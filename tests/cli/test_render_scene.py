@@ -205,8 +205,9 @@ def test_parameters_of_a_mitsuba_scene(call, place):
     assert rgb(place / "street.exr")[0, 0] == pytest.approx([2, 2, 2], rel=1e-3)
 
 
-def test_a_recipe_in_place_of_the_asset(call, assets, place):
-    """Baked beside the scene under its own name; the picture is that of the asset."""
+def test_a_recipe_in_place_of_the_asset(call, assets, place, monkeypatch):
+    """Baked beside the scene under its own name, of stages that are kept; the picture is that of the asset."""
+    monkeypatch.setenv("BAKERY_CACHE", str(assets / "cache"))
     (place / "fog.yaml").write_text((assets / "fog.yaml").read_text().replace("name: fog", "name: own"))
     (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "recipe: fog.yaml"))
     assert call("render", place / "s.yaml", "-o", place / "own.png")[0] == 0

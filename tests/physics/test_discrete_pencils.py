@@ -35,7 +35,7 @@ def listed(discs):
 
 @njit
 def gathered(discs, place, kind):
-    room, filled, identity = kernels.mesh_scratch(), 0, np.empty(len(kind), np.uint64)
+    room, filled, identity = kernels.mesh_scratch(), np.int64(0), np.empty(len(kind), np.uint64)
     for level in range(len(discs.reach)):
         low_high = kernels.disc_cells(discs, level)
         for i in range(low_high[0], low_high[3] + 1):

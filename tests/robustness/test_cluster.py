@@ -135,7 +135,7 @@ def test_a_scheduler_that_dies(tmp_path):
     recipe = tmp_path / "slab.yaml"
     recipe.write_text("bakery: 1\nname: slab\nwavelengths: [0.5 um]\ntolerance: 10%\n"
                       "medium: {albedo: 0.9, mean_free_path: 1 mm, phase: {type: hg, g: 0.5}}\n"
-                      "beam: {photons: 10000}\n")
+                      "multiple_scattering: {sources: [point]}\n")
     # the second stage's blocks end the scheduler
     code = ("import sys\nfrom bakery.run import dask\nfrom bakery.cli import status_of\nfrom tests.robustness import blocks\n"
             "whole = dask.Cluster.map\n"
@@ -148,6 +148,6 @@ def test_a_scheduler_that_dies(tmp_path):
         done = subprocess.run(call, text=True, capture_output=True, env=environment, timeout=120)
     # what the finished stage took, and, on a slow machine, what the other is expected to take, what takes long
     lines = [line for line in done.stderr.splitlines()
-             if not line.startswith(("medium: ", "beam: ")) and not line.endswith(" so far")]
+             if not line.startswith(("medium: ", "multiple: ")) and not line.endswith(" so far")]
     assert done.returncode == 3 and len(lines) == 1 and "the scheduler of the cluster is gone" in lines[0], done.stderr
     assert not (tmp_path / "a.h5").exists() and len(list((tmp_path / "cache").glob("medium-*.h5"))) == 1

@@ -47,7 +47,7 @@ def test_kill_at_random_moments(drops, tmp_path, undisturbed):
     expected, seconds = undisturbed
     output = tmp_path / "out.h5"
     moments = random.Random(1)
-    for turn in range(4):
+    for turn in range(2):
         process = start(drops, output, "--force")
         time.sleep(moments.uniform(0.05, 1.1) * min(seconds, 6.0))
         process.kill()

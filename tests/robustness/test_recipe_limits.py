@@ -9,6 +9,7 @@ import copy
 import json
 import math
 import typing
+from functools import cache
 
 import numpy as np
 import pytest
@@ -206,6 +207,25 @@ def variants(values: dict):
                     yield path, [value, *here[1:]]
 
 
+@cache
+def tried() -> dict[str, list]:
+    """Base -> its variants, without those that change a key beside the same values as in a base before it."""
+    seen, found = set(), {}
+    for base, values in BASES.items():
+        found[base] = []
+        for path, value in distinct(variants(values)):
+            beside = HEAD | values
+            for step in path[:-1]:
+                beside = beside[step]
+            plain = {key: other for key, other in beside.items() if not isinstance(other, dict | list)}
+            where = base if path[0] in ("wavelengths", "tolerance") else plain  # these two go into every stage
+            key = json.dumps([[step for step in path if isinstance(step, str)], value, where])
+            if key not in seen:
+                seen.add(key)
+                found[base].append((path, value))
+    return found
+
+
 def planned(path):
     """The plan of a recipe, or None where it is refused with a place; warnings of NumPy are errors here."""
     try:
@@ -238,7 +258,7 @@ def test_bases_hold_every_key(folder):
 @pytest.mark.parametrize("base", BASES)
 def test_smallest_largest_and_empty(folder, base):
     assert planned(recipe_in(folder, BASES[base])) is not None
-    for path, value in distinct(variants(BASES[base])):
+    for path, value in tried()[base]:
         planned(recipe_in(folder, changed(BASES[base], path, value)))
 
 
@@ -254,7 +274,7 @@ def test_media_bake_at_their_ends(folder, base):
     assert baked
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(data=st.data())
 def test_two_ends_at_once(folder, data):
     """As where sigma_s and sigma_a are both as large as numbers go."""

@@ -66,7 +66,9 @@ def imports(path) -> tuple[str, ...]:
 
 
 def _imports(path, node):
-    for inner in ast.iter_child_nodes(node):
+    waiting = list(ast.iter_child_nodes(node))
+    while waiting:
+        inner = waiting.pop()
         if isinstance(inner, ast.If) and getattr(inner.test, "id", "") == "TYPE_CHECKING":
             continue
         if isinstance(inner, ast.Import):
@@ -77,7 +79,7 @@ def _imports(path, node):
         elif isinstance(inner, ast.Constant) and isinstance(inner.value, str) and (place := LATER.fullmatch(inner.value)):
             yield place[1]
         else:
-            yield from _imports(path, inner)
+            waiting.extend(ast.iter_child_nodes(inner))
 
 
 def below(name: str, allowed) -> bool:

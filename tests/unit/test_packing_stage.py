@@ -124,7 +124,7 @@ def test_a_tile_holds_what_the_contract_says(bake, call):
 
 @pytest.mark.parametrize("inside, count", [
     ("fraction: 0.3, count: 1", 1), ("fraction: 0.4, count: 2", 2), ("fraction: 0.4, count: 3, cell: [1, 1, 2]", 3),
-    ("fraction: 0.001, count: 8", 8),
+    ("fraction: 0.01, count: 8", 8),
 ])
 def test_few_spheres(bake, inside, count):
     tile = bake(inside).packing

@@ -25,8 +25,8 @@ name: haze
 wavelengths: [0.61, 0.465]
 tolerance: 10%
 medium: {albedo: [0.9, 0.5], mean_free_path: 1 mm, phase: {type: isotropic}}
-multiple_scattering: {sources: [point], tolerance: 10%}
-beam: {photons: 20000}
+multiple_scattering: {sources: [point], extent: 4, tolerance: 10%}
+beam: {depth: 2, photons: 5000, tolerance: 30%}
 """
 TILE = "bakery: 1\nname: tile\ntolerance: 10%\npacking: {fraction: 0.3, count: 30}\n"
 

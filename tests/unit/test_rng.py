@@ -59,9 +59,11 @@ def calls(tree):
 
 
 def test_nothing_else_makes_generators():
+    makers = "default_rng", "SeedSequence", "Philox", "PCG64", "RandomState"
     for path in SOURCES:
-        if path.name != "rng.py":
-            made = {"default_rng", "SeedSequence", "Philox", "PCG64", "RandomState"} & set(calls(ast.parse(path.read_text())))
+        text = path.read_text()
+        if path.name != "rng.py" and any(maker in text for maker in makers):
+            made = set(makers) & set(calls(ast.parse(text)))
             assert not made, f"{path}: {made}; bakery.rng has every stream by name"
 
 

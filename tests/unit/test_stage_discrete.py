@@ -100,8 +100,9 @@ def test_each_particle_has_its_class(asset):
     assert (np.abs(off) < 5.4).all()
 
 
-def test_workers_do_not_decide(recipe):
-    path = recipe("{count: 400000, box: [1 m, 1 m, 2 m], grid: {file: rho.npy}}")
+def test_workers_do_not_decide(recipe, monkeypatch):
+    monkeypatch.setattr("bakery.physics.discrete.realise.BLOCK", 1 << 14)  # several blocks of fewer particles
+    path = recipe("{count: 50000, box: [1 m, 1 m, 2 m], grid: {file: rho.npy}}")
     np.save(path.with_name("rho.npy"), np.array([0.5, 1, 0, 0.2]).reshape(2, 2, 1))
     hashes = set()
     for jobs in (1, 3):

@@ -103,7 +103,7 @@ def _inside(region, x, y, z, room):
     """Whether the first surface along a fixed oblique direction is seen from within."""
     o = (np.array((x, y, z)) - region.centre) / region.scale
     dx, dy, dz = 0.5257311, 0.3568221, 0.7721990  # along no axis and no usual plane
-    at, _ = nearest_triangle(region.nodes, region.children, region.blocks, o[0], o[1], o[2], dx, dy, dz, -1, room)
+    at, _ = nearest_triangle(region.nodes, region.children, region.blocks, o[0], o[1], o[2], dx, dy, dz, np.int64(-1), room)
     if at < 0:
         return 0.0
     nx, ny, nz = triangle_normal(region.blocks, at)

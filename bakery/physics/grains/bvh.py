@@ -276,7 +276,7 @@ def _rays(nodes, children, blocks, names, origin, direction, face, distance):
     room = scratch()
     for i in range(len(origin)):
         place, t = nearest(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1],
-                           direction[i, 2], -1, room)
+                           direction[i, 2], np.int64(-1), room)
         face[i], distance[i] = names[place] if place >= 0 else -1, t
 
 

@@ -152,7 +152,7 @@ def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, 
     """Follow `ray` (6,) (place on the unit sphere, direction) through a mesh; what became of it, and meetings."""
     dx, dy, dz = ray[3], ray[4], ray[5]
     ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
-    within, place, count = False, -1, 0
+    within, place, count = False, np.int64(-1), 0
     while True:
         place, t = nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, place, room)
         if place < 0:

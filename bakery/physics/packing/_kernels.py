@@ -201,7 +201,7 @@ def insert(st, begin, uniform):
     while i < st.sphere.shape[0] and trial < uniform.shape[0]:
         x, y, z = uniform[trial, 0] * st.cell[0], uniform[trial, 1] * st.cell[1], uniform[trial, 2] * st.cell[2]
         trial += 1
-        if touching(st, i, x, y, z, st.bubble[i, 3], none, 0) == 0:
+        if touching(st, i, x, y, z, st.bubble[i, 3], none, np.int64(0)) == 0:
             st.bubble[i, 0], st.bubble[i, 1], st.bubble[i, 2] = x, y, z
             enter(st, i)
             i += 1
