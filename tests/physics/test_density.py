@@ -33,16 +33,16 @@ def test_height_against_quadrature():
     """Rays up, down, through `base`, and as good as level; 1e-12 is rounding in the recurrences, 1.6e-13 was seen."""
     fog = Height(1.7, 2.0, 6.0, (0.0, 1.0, 0.5))
     up = np.array(fog.up)
-    rng, origin, direction = rays(1, 32, 10.0)
-    level = slice(0, 12)  # slopes from 1e-18, where the exponential is a constant, to 1e-1
+    rng, origin, direction = rays(1, 20, 10.0)
+    level = slice(0, 8)  # slopes from 1e-18, where the exponential is a constant, to 1e-1
     direction[level] -= (direction[level] @ up)[:, None] * up
-    direction[level] += (10.0 ** rng.uniform(-18, -1, 12) * rng.choice([-1, 1], 12))[:, None] * up
+    direction[level] += (10.0 ** rng.uniform(-18, -1, 8) * rng.choice([-1, 1], 8))[:, None] * up
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    distance = 10 ** rng.uniform(-3, 2.5, 32)
+    distance = 10 ** rng.uniform(-3, 2.5, 20)
     found = fog.integrals(origin, direction, distance)
     for o, d, z, row in zip(origin, direction, distance, found):
         start, slope = float(o @ up) - 2.0, float(d @ up)
-        parts = sorted({*np.linspace(0, z, 9), *([-start / slope] if slope and 0 < -start / slope < z else [])})
+        parts = sorted({*np.linspace(0, z, 6), *([-start / slope] if slope and 0 < -start / slope < z else [])})
         for n in range(3):
             exact = mpmath.quad(lambda t: 1.7 * mpmath.exp(-max(start + slope * t, 0) / 6) * (z - t) ** n, parts)
             assert row[n] == pytest.approx(float(exact), rel=1e-12)

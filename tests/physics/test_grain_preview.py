@@ -43,7 +43,7 @@ def pixels(path):
 
 def test_two_panels_and_a_report(beads, tmp_path):
     seen = []
-    report = preview(beads, tmp_path / "x.png", width=64, spp=4, progress=lambda fraction, noise: seen.append(fraction))
+    report = preview(beads, tmp_path / "x.png", width=64, spp=2, progress=lambda fraction, noise: seen.append(fraction))
     png, exr = pixels(tmp_path / "x.png"), pixels(tmp_path / "x.exr")
     assert png.shape == exr.shape == (40 + 56, 2 * 64 + 1, 3) and np.isfinite(exr).all()
     assert [panel["shows"] for panel in report["panels"]] == ["grains", "medium"] and report["width"] == png.shape[1]
@@ -55,7 +55,7 @@ def test_two_panels_and_a_report(beads, tmp_path):
     assert report["block_edge"] == pytest.approx(40 / opened.medium.sigma_t.max()) and 50 < report["block_edge"] / RADIUS < 200
     words = " ".join(describe(report))
     assert "clay, glass" in words and "500 um" in words and "40 mean free paths" in words
-    preview(beads, tmp_path / "again.exr", width=64, spp=4)
+    preview(beads, tmp_path / "again.exr", width=64, spp=2)
     np.testing.assert_array_equal(pixels(tmp_path / "again.exr"), exr)
     clay = exr[14:26, 14:24].reshape(-1, 3).mean(axis=0)  # the box stands on the left
     assert clay[0] > 1.3 * clay[1] > 1.6 * clay[2]

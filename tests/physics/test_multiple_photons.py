@@ -10,7 +10,7 @@ import pytest
 
 from bakery.physics.medium import analytic
 from bakery.physics.medium import phase as phases
-from bakery.physics.multiple import along, build, counted, frame, legendre, lookup, solution, tally
+from bakery.physics.multiple import along, build, counted, frame, legendre, lookup, solution, tally, uniform
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 
 
@@ -19,7 +19,7 @@ def henyey_greenstein(g):
     return theta, values[0]
 
 
-@pytest.fixture(scope="module", params=[(0.9, 0.7), (0.9, 0.0)], ids=["g 0.7", "g 0"])
+@pytest.fixture(scope="module", params=[(0.9, 0.5), (0.9, 0.0)], ids=["g 0.5", "g 0"])
 def both(request):
     """Tables of photons and the solution of the same medium."""
     albedo, g = request.param
@@ -52,10 +52,10 @@ def test_standard_errors_are_those_of_the_noise(both, kind):
 
 
 def test_beams_are_summed_as_finely_as_lobes_turn():
-    """Along a beam against a rule of many points, for lobes of g = 0.9; pieces that leave the turn out miss 14 %."""
-    solved = solution.solve(0.95, legendre.moments(*henyey_greenstein(0.9), 140), most=64)
+    """Along a beam against a rule of many points, for lobes of g = 0.8; pieces that leave the turn out miss 5 % or more."""
+    solved = solution.solve(0.95, legendre.moments(*henyey_greenstein(0.8), 140), most=48)
     points = lookup.ready(build.table(solved, POINT, extent=12.0, tolerance=0.05))
-    rho, z, length, polar, azimuth = 0.205, 0.13, 2.0, np.linspace(0.05, 3.0, 40), np.array([0.3, 1.5, 2.8])
+    rho, z, length, polar, azimuth = 0.205, 0.13, 2.0, np.linspace(0.05, 3.0, 20), np.array([0.3, 1.5, 2.8])
     found = along.lobes(points, length, np.array([rho]), np.array([z]), polar, azimuth)[0]
     # the same directions from +z and the azimuth of the position
     axis = math.atan2(rho, z)
@@ -64,11 +64,11 @@ def test_beams_are_summed_as_finely_as_lobes_turn():
     phi = np.arctan2(np.sin(polar)[:, None] * np.sin(azimuth), ahead * math.sin(axis) - side * math.cos(axis))
     first, last = math.asinh(-z / rho), math.asinh((length - z) / rho)
     exact = np.zeros_like(theta)
-    for x, weight in zip(*np.polynomial.legendre.leggauss(300), strict=True):
+    for x, weight in zip(*np.polynomial.legendre.leggauss(200), strict=True):
         t = (first + last + (last - first) * x) / 2
         s = z + rho * math.sinh(t)
         exact += weight * (last - first) / 2 * rho * math.cosh(t) * math.exp(-s) * lookup.point(points, rho, z - s, theta, phi)
-    # pieces: 0.05 % at worst; the rule of 300 points 1e-5
+    # pieces: 0.05 % at worst; the rule of 200 points far less
     assert np.abs(found - exact).max() < 2e-3 * exact.max()
     alone = [lookup._beam(points, 0.0, length, rho, z, math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a),
                           *lookup.scratch(points)) for a, b in zip(theta.ravel(), phi.ravel())]
@@ -78,7 +78,7 @@ def test_beams_are_summed_as_finely_as_lobes_turn():
 
 
 def test_more_photons_are_followed_until_the_tolerance_is_reached(monkeypatch):
-    medium = 0.8, *henyey_greenstein(-0.5)
+    medium = 0.8, *henyey_greenstein(-0.3)
     monkeypatch.setattr(counted, "_FIRST", 1e5)
     rough, fine = (counted.build(*medium, extent=10.0, tolerance=tolerance, photons=60_000) for tolerance in (0.3, 1e-3))
     assert rough.photons < 20_000 and rough.tables[POINT].error_with_solver <= 0.3
@@ -116,7 +116,9 @@ def test_light_is_kept():
     assert far.mean() == pytest.approx(exact, abs=5 * far.std(ddof=1) / math.sqrt(32) + 0.05 * exact)
 
 
-def test_peaks_that_no_table_resolves_are_broadened_and_keep_their_light():
+def test_peaks_that_no_table_resolves_are_broadened_and_keep_their_light(monkeypatch):
+    monkeypatch.setattr(uniform, "_ORDERS", (2e-3, 12))  # a coarse table is enough here
+    monkeypatch.setattr(tally, "_BINS", 24)
     theta, phase = henyey_greenstein(-0.999)
     wide, broad = tally.broadened(theta, phase, 0.1)
     assert phases.integral(wide, broad) == pytest.approx(1, rel=1e-12)

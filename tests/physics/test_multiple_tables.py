@@ -254,7 +254,8 @@ def test_at_the_ends_of_a_segment_lobes_are_those_of_the_solver(solved, tables, 
 
 
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])
-@pytest.mark.parametrize(("albedo", "g", "extent", "errors"), [(0.98, 0.7, 30.0, (0.004, 0.010)), (0.9, 0.7, 12.0, (0.02, 0.04))])
+@pytest.mark.parametrize(("albedo", "g", "extent", "errors"), [
+    (0.98, 0.5, 30.0, (8e-4, 1.3e-3)), (0.9, 0.5, 12.0, (0.004, 0.007))])
 def test_beyond_the_extent_lobes_go_on(kind, albedo, g, extent, errors):
     solved = solution.solve(albedo, legendre.henyey_greenstein(g, 60))
     made = build.table(solved, kind, extent=extent)
@@ -275,8 +276,8 @@ def test_short_segments_become_points(ready):
 def test_energy(solved, ready, kind, exact):
     # albedo^3 / (1 - albedo), times what first collides within the segment
     def total(r):
-        x, gauss = np.polynomial.legendre.leggauss(24)
-        s, weight = np.polynomial.legendre.leggauss(24)
+        x, gauss = np.polynomial.legendre.leggauss(16)
+        s, weight = np.polynomial.legendre.leggauss(12)
         out = 0.0
         for low, high in ((0, 0.3), (0.3, 0.6), (0.6, 0.8), (0.8, 1), (1, 1.1), (1.1, 1.4)):  # of u: through the extent
             u = (high - low) / 2 * s[:, None] + (high + low) / 2
@@ -289,8 +290,8 @@ def test_energy(solved, ready, kind, exact):
             dv = [(b - a) / (2 * e) for a, b in zip(frame.position(kind, r.length, r.extent, u, v - e),
                                                    frame.position(kind, r.length, r.extent, u, v + e), strict=True)]
             volume = 2 * math.pi * rho * np.abs(du[0] * dv[1] - du[1] * dv[0])
-            lobes = lookup.lobes(r, rho.ravel(), z.ravel(), np.arccos(x), (np.arange(24) + 0.5) * math.pi / 24)
-            light = (gauss[:, None] * lobes).sum(axis=(1, 2)).reshape(rho.shape) * 2 * math.pi / 24
+            lobes = lookup.lobes(r, rho.ravel(), z.ravel(), np.arccos(x), (np.arange(12) + 0.5) * math.pi / 12)
+            light = (gauss[:, None] * lobes).sum(axis=(1, 2)).reshape(rho.shape) * 2 * math.pi / 12
             out += ((high - low) / 2 * weight[:, None] * volume * light).sum() / 48
         return out
 
@@ -313,7 +314,7 @@ def test_without_scattering_the_table_is_empty():
 
 
 @pytest.mark.parametrize(("albedo", "g", "extent", "error"), [
-    (0.01, 0.7, 32.0, 3e-3), (0.9999, 0.3, 200.0, 2e-3), (1.0, 0.0, 200.0, 1e-3), (1.0, 0.7, 1.0, 3e-3), (0.8, -0.5, 10.0, 3e-3)])
+    (0.01, 0.5, 32.0, 3e-3), (0.9999, 0.3, 200.0, 2e-3), (1.0, 0.0, 200.0, 1e-3), (1.0, 0.5, 1.0, 3e-3), (0.8, -0.4, 10.0, 3e-3)])
 def test_extremes(albedo, g, extent, error):
     solved = solution.solve(albedo, legendre.henyey_greenstein(g, 100))
     made = [build.table(solved, kind, extent=extent) for kind in (POINT, SEGMENT)]

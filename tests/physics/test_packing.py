@@ -151,7 +151,7 @@ def test_it_moves_as_a_literal_simulation_does(radii, cell, rate, start):
     assert np.abs(spheres.sphere[:, 3:6] - (theirs[1][order] - drift)).max() < 1e-6
 
 
-def test_a_million_collisions_without_drift():
+def test_many_collisions_without_drift():
     spheres = spheres_at(0.5, np.ones(200), 1)
     spheres.grow(0.5, 0.2, 1e6)
     spheres._prepare(spheres.scale)
@@ -160,7 +160,7 @@ def test_a_million_collisions_without_drift():
     spheres.clock[_kernels.SCALE] = spheres.scale
     _kernels.predict_all(spheres.state)
     done = spheres.collisions
-    assert _kernels.run(spheres.state, np.inf, done + 1_000_000, 10**9) == _kernels.WINDOW  # the clock never set back
+    assert _kernels.run(spheres.state, np.inf, done + 300_000, 10**9) == _kernels.WINDOW  # the clock never set back
     assert abs(spheres.clock[_kernels.NEAREST]) < 1e-12 and spheres.clock[_kernels.FARTHEST] < 1e-12
     assert spheres.settle() == pytest.approx(before, rel=1e-10)
     assert structure.smallest_gap(spheres.sphere[:, :3], spheres.sphere[:, 6] * spheres.scale, spheres.cell) > -1e-12
@@ -173,7 +173,7 @@ CUBE = (1, 1, 1)
 CASES = [
     (0.001, np.ones(50), CUBE), (0.1, np.ones(200), CUBE), (0.45, np.ones(200), (3, 1, 1)), (0.5, np.ones(300), CUBE),
     (0.6, np.ones(300), (1, 1.7, 0.6)), (0.64, np.ones(300), CUBE), (0.3, np.ones(40), (1, 1, 20)),
-    (0.63, lognormal(1.35, 300), CUBE), (0.55, lognormal(2.0, 300), CUBE), (0.45, species([0.99, 0.01], [1, 10], 500), CUBE),
+    (0.63, lognormal(1.35, 300), CUBE), (0.55, lognormal(2.0, 300), CUBE), (0.45, species([0.99, 0.01], [1, 10], 200), CUBE),
     (0.02, species([0.9, 0.1], [1, 12], 100), CUBE), (0.2, np.ones(2), CUBE), (0.5, np.ones(3), CUBE),
     (0.5, np.ones(8), (1, 2, 1)), (0.5, np.ones(1), CUBE), (0.3, [5.0, 1, 1, 1], CUBE)]
 
@@ -294,9 +294,9 @@ def test_unknown_schedule():
 
 def test_the_cost_model_knows_the_collisions():
     for fraction, name in ((0.3, "final"), (0.5, "draft"), (0.6, "preview"), (0.63, "preview"), (0.64, "final")):
-        tile = pack(fraction, np.ones(300), seed=3, schedule=name)
+        tile = pack(fraction, np.ones(200), seed=3, schedule=name)
         plan = packing._schedule(name, fraction)
-        assert tile.attempts > 1 or 0.6 < tile.collisions / 300 / packing._collisions(fraction, plan, 300) < 1.6
+        assert tile.attempts > 1 or 0.6 < tile.collisions / 200 / packing._collisions(fraction, plan, 200) < 1.6
     assert predicted(0.6, 4000) == pytest.approx(4 * predicted(0.6, 1000), rel=0.1)
     assert predicted(0.64, 1000) > predicted(0.6, 1000, schedule="draft")
 

@@ -30,7 +30,7 @@ def uniform(count, seed=3):
 
 def walked(surface, mu=0.0, radius=1.0, seed=1, **options):
     mu = np.broadcast_to(np.atleast_1d(np.asarray(mu, float)), max(np.size(mu), surface.channels.shape[1])).copy()
-    options = {"tolerance": 2e-3, "asked": ("g", "lambda_s"), "edges": EDGES} | options
+    options = {"tolerance": 4e-3, "asked": ("g", "lambda_s"), "edges": EDGES} | options
     return measure(None, surface, mu, seed=seed, tracer=BallWalker(surface, mu, radius), **options)
 
 
@@ -110,7 +110,7 @@ def reflected(alpha, fresnel_of):
     """
     x, w = np.polynomial.legendre.leggauss(48)
     c, w = 0.25 * (x + 1) ** 2, 0.5 * w * (x + 1)  # cosine of incidence t^2
-    xi, phi = (np.arange(400) + 0.5) / 400, np.pi * (np.arange(100) + 0.5) / 100
+    xi, phi = (np.arange(200) + 0.5) / 200, np.pi * (np.arange(60) + 0.5) / 60
     tan = alpha * np.sqrt(xi / (1 - xi))
     mz = (1 / np.sqrt(1 + tan**2))[:, None]
     mx = tan[:, None] * mz * np.cos(phi)
@@ -128,10 +128,11 @@ def reflected(alpha, fresnel_of):
     return albedo, cosine / albedo
 
 
-def table(cosine, function):
-    """Through a fine table, good to 2e-5."""
+def table(function):
+    """A function of the cosine, through a fine table that is good to 2e-5."""
     x = np.linspace(0, 1, 2001)
-    return np.interp(cosine, x, [function(c) for c in x])
+    values = [function(c) for c in x]
+    return lambda cosine: np.interp(cosine, x, values)
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.4, 1.0])
@@ -139,8 +140,8 @@ def table(cosine, function):
 def test_rough_balls_reflect_as_facets_do(kind, alpha):
     """Glass that absorbs all that enters has one reflection too."""
     surface, of = {"mirror": (conductor(np.inf, alpha), lambda c: 1.0),
-                   "metal": (conductor(1.5 + 2j, alpha), lambda c: table(c, lambda x: fresnel_conductor(x, 1.5, 2.0))),
-                   "glass": (dielectric(1.5, alpha), lambda c: table(c, lambda x: fresnel(x, 1.5)[0]))}[kind]
+                   "metal": (conductor(1.5 + 2j, alpha), table(lambda x: fresnel_conductor(x, 1.5, 2.0))),
+                   "glass": (dielectric(1.5, alpha), table(lambda x: fresnel(x, 1.5)[0]))}[kind]
     found = walked(surface, 1e6 if kind == "glass" else 0.0, tolerance=5e-3, asked=("g",))
     albedo, g = reflected(alpha, of)
     assert abs(found.albedo[0] - albedo) < ODDS * np.hypot(found.albedo_error[0], 2e-4 * albedo)

@@ -210,7 +210,7 @@ def test_against_every_pair(fog, options, narrow):
     assert rms(found.reshape(-1, 3)[some], expected) < 0.01
 
 
-@pytest.mark.parametrize("size", [(1, 1), (7, 120), (65, 40)])
+@pytest.mark.parametrize("size", [(1, 1), (7, 60), (37, 22)])
 @pytest.mark.parametrize("pixel", [1e-9, 1e-3, 0.1, 100.0])
 @pytest.mark.parametrize("cut_off", [None, 0.5])
 def test_a_constant_stays(fog, size, pixel, cut_off):
@@ -341,8 +341,8 @@ def test_extremes(tmp_path, spread):
         square = np.trapezoid(2 * math.pi * x**3 * fog.look(0, 40.0, x), np.log(x))
         assert square == pytest.approx(2 / 3 * math.radians(spread) ** 2 * 40 / -math.expm1(-4), rel=0.05)
     image, z, angle, column, _ = scene(12, 16)
-    for tau in (1e-8, 1e-3, 1.0, 30.0, 1e3):
-        for lever in (0.0, 1e-9, 30.0, 1e9):
+    for tau in (1e-8, 1.0, 1e3):
+        for lever in (0.0, 1e-9, 1e9):
             deep = column / column.max() * tau / fog.sigma_t.max()
             for options in ({}, {"outside": "black"}, {"energy": "lost"}, {"cut_off": 2.0}):
                 found = screen.fogged(image, z, angle, deep, lever, fog, **options)

@@ -200,7 +200,7 @@ def test_chords_against_brute_force():
         centers = rng.random((6, 3)) * cell
     m = np.array([3, 4, 2])
     grid = cells(centers, radii, cell, m)[:2]
-    shifts = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 3, indexing="ij"), -1).reshape(-1, 3) * cell
+    shifts = np.stack(np.meshgrid(*[np.arange(-k, k + 1) for k in (4, 4, 8)], indexing="ij"), -1).reshape(-1, 3) * cell
     images, sizes = (centers[:, None] + shifts).reshape(-1, 3), np.repeat(radii, len(shifts))
     for _ in range(200):
         o, d = rng.random(3) * cell, rng.standard_normal(3)
@@ -283,8 +283,9 @@ def test_mean_chord_is_four_volumes_over_surface(radii, edge):
     assert abs(found.mean - wrong) > 5 * found.mean_error
 
 
-def test_errors_of_chords_are_those_of_repeats():
+def test_errors_of_chords_are_those_of_repeats(monkeypatch):
     """16 repeats with other streams scatter as their errors say: chi-square of 15 in 2.5 .. 50, odds of a false alarm 2e-5."""
+    monkeypatch.setattr(structure, "_LINES", 1 << 12)  # of a task, of which there are eight at least
     radii = np.ones(60)
     centers, cell = inserted(radii, 9.0, 8)
     runs = [structure.chord_lengths(centers, radii, cell, 0.2, lambda i, k=k: np.random.default_rng([k, i]), most=1 << 18)
@@ -363,7 +364,7 @@ def inserted(radii, edge: float, seed: int):
 # ---- what growth and collisions make of it
 
 
-@pytest.mark.parametrize("fraction, second_moment", [(0.1, 0.973), (0.3, 0.943), (0.5, 0.929), (0.63, 0.967)])
+@pytest.mark.parametrize("fraction, second_moment", [(0.1, 0.973), (0.5, 0.929), (0.63, 0.967)])
 def test_packed_tiles(fraction, second_moment):
     """Four tiles of 500: g2 of the fluid within its stated errors, the second moment of chords (packings of 2000 by other code).
 

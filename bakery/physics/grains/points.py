@@ -6,11 +6,14 @@ means of independent replicates is their error.  Direction numbers: Joe & Kuo 20
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numba import njit
 
 DIMENSIONS, BITS = 4, 32
 _PRIMITIVE = ((0, 0, ()), (1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))  # degree, coefficients, first direction numbers
+_PLACE = np.arange(BITS, dtype=np.uint64)[::-1]  # of digit 0, 1, ... in the word
 
 
 def directions():
@@ -28,16 +31,18 @@ def directions():
     return table
 
 
+@cache
+def _digits():
+    """Digits (4, 32, 32) of the direction numbers, 0.0 or 1.0: [d, k, bit] is digit k, the first of which is in bit 31."""
+    return (directions()[:, None, :] >> _PLACE[:, None] & np.uint64(1)).astype(float)
+
+
 def scrambled(rng):
     """Direction numbers (4, 32) and shifts (4,) of one replicate, from a numpy Generator."""
-    table, shift = directions(), rng.integers(0, 1 << 32, DIMENSIONS, np.uint64)
-    place = np.arange(BITS, dtype=np.uint64)[::-1]  # of digit 0, 1, ... in the word
-    for d in range(DIMENSIONS):
-        digits = ((table[d][None, :] >> place[:, None]) & np.uint64(1)).astype(np.int64)
-        lower = np.tril(rng.integers(0, 2, (BITS, BITS)), -1) + np.eye(BITS, dtype=np.int64)
-        mixed = (lower[:, :, None] * digits[None, :, :]).sum(1) % 2
-        table[d] = (mixed.astype(np.uint64) << place[:, None]).sum(0, dtype=np.uint64)
-    return table, shift
+    shift = rng.integers(0, 1 << 32, DIMENSIONS, np.uint64)
+    lower = np.tril([rng.integers(0, 2, (BITS, BITS)) for _ in range(DIMENSIONS)], -1) + np.eye(BITS)
+    mixed = (lower @ _digits()).astype(np.uint64) & np.uint64(1)  # sums of at most 32 ones: exact
+    return (mixed << _PLACE[:, None]).sum(1, dtype=np.uint64), shift
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
