@@ -18,6 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).resolve().parents[1]
 
+
+def slow(*values):
+    """A case of a parametrised test that `make soak` runs, beside quicker ones that see the same."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 MILK = """\
 bakery: 1
 name: {name}

@@ -15,6 +15,7 @@ from bakery import kernels
 from bakery.physics.discrete import graininess
 from renderers import colour
 from renderers.discrete import detail, explicit, splat, walk
+from tests.conftest import slow
 from tests.physics.particles import (
     CUBE,
     ODDS,
@@ -62,7 +63,7 @@ WORLDS = {
 }
 
 
-@pytest.mark.parametrize("where", WORLDS)
+@pytest.mark.parametrize("where", ["sun and sky", "camera inside", slow("light behind"), slow("lamp inside")])
 def test_splat_and_walk_are_two_ways_to_one_picture(where):
     """The first order of the same realisation, pixel by pixel: discs larger than pixels, and pixels larger than discs."""
     world, eye = WORLDS[where]
@@ -70,7 +71,7 @@ def test_splat_and_walk_are_two_ways_to_one_picture(where):
     medium, fine, coarse = kept(*few()), camera(size, *eye), camera((8, 8), *eye)
     walked = blocks(passes(walk.one_pass, world, walk.Discs(medium), fine, size, range(12), order=1), (8, 8))
     large = blocks(passes(splat.one_pass, world, medium, fine, size, range(12), order=1), (8, 8))
-    small = blocks(grouped(passes(splat.one_pass, world, medium, coarse, (8, 8), range(480), order=1), 12), (8, 8))
+    small = blocks(grouped(passes(splat.one_pass, world, medium, coarse, (8, 8), range(360), order=1), 12), (8, 8))
     assert same(walked, large) > ODDS and same(walked, small) > ODDS
     assert same(walked, 1.15 * small) < ODDS, "nothing would be seen"
 
@@ -164,7 +165,7 @@ def held_against_campbell(numbers):
 
 def test_mean_and_graininess_of_a_pixel_are_campbell_s():
     """From 1e2 to 1e5 particles; error against their number with slope -1/2."""
-    held_against_campbell({100: 300, 1000: 60, 10_000: 16, 100_000: 4})
+    held_against_campbell({100: 200, 1000: 40, 10_000: 12, 100_000: 3})
 
 
 @pytest.mark.slow
@@ -202,7 +203,7 @@ def test_level_of_detail_keeps_mean_and_tolerance():
     depth = detail.depths(world, hashed(kinds), view, *size, tolerance, 0)
     assert np.all((depth > 0.4) & (depth < 0.9))
     lost, kept_mean = [], []
-    for seed in range(24):
+    for seed in range(12):
         medium = hashed(kinds, seed=seed)
         near = passes(splat.one_pass, world, medium, view, size, [0], order=1, discrete=depth)[0, ..., 0]
         whole = passes(splat.one_pass, world, medium, view, size, [0], order=1)[0, ..., 0]
@@ -213,11 +214,11 @@ def test_level_of_detail_keeps_mean_and_tolerance():
     lost = np.array(lost)
     mean, _ = closed_form(view, size, 0.05)
     deviation = np.sqrt(lost.var(axis=0, ddof=1).mean()) / mean.mean()
-    # 24 x 576 pixels: their deviation is known to 1 %
-    assert 0.5 * tolerance < deviation < 1.06 * tolerance
+    # 12 x 576 pixels: their deviation is known to 1.3 %
+    assert 0.5 * tolerance < deviation < 1.08 * tolerance
     average, error = averaged(kept_mean)
-    assert error < 0.02 * mean.mean()
-    assert abs(average - mean.mean()) < student(24) * error
+    assert error < 0.03 * mean.mean()
+    assert abs(average - mean.mean()) < student(12) * error
     assert not detail.depths(world, hashed(kinds), view, *size, 10.0, 0).any()
     assert np.isinf(detail.depths(world, hashed(kinds), view, *size, 1e-4, 0)).all()
 
@@ -335,7 +336,7 @@ def white(medium, view, size, method, world=None):
     return passes(walk.one_pass, world, how, view, size, range(16), discrete=0.0 if method == "continuous" else np.inf)
 
 
-@pytest.mark.parametrize("depth, number", [(1e-6, 500), (3.0, 500), (20.0, 20_000)])
+@pytest.mark.parametrize("depth, number", [(1e-6, 500), (3.0, 500), slow(20.0, 20_000)])
 @pytest.mark.parametrize("method", ["splat", "particles", "continuous", "explicit"])
 def test_a_white_world_is_white(method, depth, number):
     """Nothing is absorbed, and the sky is 1: so is the picture."""

@@ -12,7 +12,7 @@ from renderers.discrete import explicit, splat, walk
 from renderers.mitsuba.world import World
 from tests.physics.particles import averaged, hashed, henyey_greenstein, of_depth, passes, student
 
-SIZE, PASSES = (12, 16), 12
+SIZE, PASSES = (9, 12), 12
 ROOM = """<scene version="3.0.0">
 <shape type="cube"><boolean name="flip_normals" value="true"/>
 <transform name="to_world"><scale value="2"/><translate x="0.5" y="0.5" z="0.5"/></transform>
@@ -22,7 +22,7 @@ ROOM = """<scene version="3.0.0">
 <bsdf type="dielectric"/></shape>
 <sensor type="perspective"><float name="fov" value="60"/>
 <transform name="to_world"><lookat origin="0.5, -1.2, 0.5" target="0.5, 0.5, 0.5" up="0, 0, 1"/></transform>
-<film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor>
+<film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="9"/></film></sensor>
 </scene>
 """
 
@@ -51,7 +51,7 @@ def picture(world, method, medium, numbers):
 def test_a_white_room_is_white(tmp_path, method):
     medium = hashed(of_depth(2.0, 20_000, phase=henyey_greenstein(0.6)))
     mean, error = averaged(picture(room(tmp_path), method, medium, range(PASSES)).mean(axis=(1, 2, 3)))
-    assert error < 0.02
+    assert error < 0.025
     assert abs(mean - 1) < student(PASSES) * error
 
 
@@ -64,5 +64,5 @@ def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
         found[method] = averaged([picture(world, method, hashed(kinds, seed=seed), [seed])[0].mean() for seed in range(PASSES)])
     (mean, error), (expected, other) = found.values()
     error = np.hypot(error, other)
-    assert error < 0.02 * expected and expected < 0.9
+    assert error < 0.035 * expected and expected < 0.9
     assert abs(mean - expected) < student(PASSES) * error

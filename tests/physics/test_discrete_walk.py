@@ -14,6 +14,7 @@ import pytest
 from bakery import kernels
 from bakery.kernels import NO_DISC, stream_key
 from renderers.discrete import _transport
+from tests.conftest import slow
 from tests.physics import particles
 from tests.physics.particles import SIGMAS, averaged, student
 
@@ -88,7 +89,7 @@ def test_the_continuous_cube(depth, g):
     assert np.all(np.abs(shares[:, 0] - CASES[depth, g]) < SIGMAS * np.hypot(error / math.sqrt(2), 1e-3))
 
 
-@pytest.mark.parametrize("number", [3000, 30_000])
+@pytest.mark.parametrize("number", [slow(3000), 30_000])
 @pytest.mark.parametrize("depth, g", CASES)
 def test_the_cube_of_particles(depth, g, number):
     """Means of 16 realisations, of 1,500 paths each: their error is 0.004 at most, estimated from their scatter."""

@@ -12,6 +12,7 @@ from bakery.physics.medium import analytic
 from bakery.physics.medium import phase as phases
 from bakery.physics.multiple import along, build, counted, frame, legendre, lookup, solution, tally, uniform
 from bakery.physics.multiple.kinds import POINT, SEGMENT
+from tests.conftest import slow
 
 
 def henyey_greenstein(g):
@@ -19,7 +20,7 @@ def henyey_greenstein(g):
     return theta, values[0]
 
 
-@pytest.fixture(scope="module", params=[(0.9, 0.5), (0.9, 0.0)], ids=["g 0.5", "g 0"])
+@pytest.fixture(scope="module", params=[slow((0.9, 0.5)), (0.9, 0.0)], ids=["g 0.5", "g 0"])
 def both(request):
     """Tables of photons and the solution of the same medium."""
     albedo, g = request.param

@@ -11,6 +11,7 @@ from numba import njit
 from bakery.physics.medium import _kernels, analytic, phase
 from bakery.physics.multiple import build, fourier, legendre, peaks, photons, point
 from bakery.physics.multiple.kinds import POINT
+from tests.conftest import slow
 
 BLOCKS = 32
 
@@ -186,7 +187,7 @@ def test_the_error_covers_what_the_orders_cut():
         assert (true < 4 * solved.error(r, angle) + 1e-5).all() and true.max() < 0.03
 
 
-@pytest.mark.parametrize(("made", "turned"), [(hg(0.99), True), (droplets(), False)], ids=["hg", "droplets"])
+@pytest.mark.parametrize(("made", "turned"), [(hg(0.99), True), slow(droplets(), False)], ids=["hg", "droplets"])
 def test_photons_that_follow_the_undivided_phase_function(made, turned):
     """Values and integrals in cells, deviations in standard errors from 32 blocks, with 0.3 % for the solver.
 

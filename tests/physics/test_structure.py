@@ -10,6 +10,7 @@ import pytest
 
 from bakery.physics.packing import structure, theory
 from bakery.physics.packing.radii import lognormal, room, species
+from tests.conftest import slow
 
 CORNERS = np.array([[0, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0.5]])
 
@@ -364,7 +365,7 @@ def inserted(radii, edge: float, seed: int):
 # ---- what growth and collisions make of it
 
 
-@pytest.mark.parametrize("fraction, second_moment", [(0.1, 0.973), (0.5, 0.929), (0.63, 0.967)])
+@pytest.mark.parametrize("fraction, second_moment", [(0.1, 0.973), slow(0.5, 0.929), (0.63, 0.967)])
 def test_packed_tiles(fraction, second_moment):
     """Four tiles of 500: g2 of the fluid within its stated errors, the second moment of chords (packings of 2000 by other code).
 

@@ -17,7 +17,7 @@ from bakery.asset import read_checked
 from bakery.asset.verify import _broken
 from bakery.recipe import load
 from bakery.stages import all_stages
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 from tests.regression import golden
 
 HERE = ROOT / "tests" / "regression"
@@ -43,8 +43,11 @@ def held(case: str) -> dict:
     return json.loads((FOLDER / f"{case}.json").read_text())
 
 
-# the recipes of the scenes of particles take seconds each; motes, snow_storm and glass_spheres are of their kind
-@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * case.endswith("_particles")) for case in CASES])
+# the recipes of the scenes of particles take seconds each; motes and snow_storm are of their kind
+LONG = {"glass_spheres"} | {case for case in CASES if case.endswith("_particles")}
+
+
+@pytest.mark.parametrize("case", [slow(case) if case in LONG else case for case in CASES])
 def test_golden_values(case, tmp_path, request):
     new = baked(case, tmp_path / "a.h5")
     if case in SHIPPED:

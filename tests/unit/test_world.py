@@ -7,6 +7,7 @@ import pytest
 
 from bakery.errors import UsageError
 from renderers.mitsuba.world import FAR, World
+from tests.conftest import slow
 
 DEPTH = 5  # surfaces
 
@@ -76,7 +77,7 @@ def estimated(pictures):
     return blocks.mean(axis=0), blocks.std(axis=0, ddof=1) / len(blocks) ** 0.5
 
 
-@pytest.mark.parametrize("lights", LIGHTS)
+@pytest.mark.parametrize("lights", [lights if lights in ("many", "sky") else slow(lights) for lights in LIGHTS])
 def test_pictures_are_those_of_mitsuba(tmp_path, lights):
     """In 5 standard errors of 16 passes each: 18 numbers of 30 degrees of freedom, false alarm in 1 of 2,000 runs."""
     import mitsuba as mi
