@@ -208,7 +208,7 @@ def _chances(medium, how, view, direction, far, own):
     area = medium.discs.square.max(axis=1) * math.pi
     typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
     pixel = far**2 * view.area * (direction @ view.axis) ** 3
-    return np.where(pixel > _TOGETHER * typical, own.T, np.nan)
+    return np.ascontiguousarray(np.where(pixel > _TOGETHER * typical, own.T, np.nan))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

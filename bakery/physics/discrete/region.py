@@ -46,7 +46,7 @@ def box(lo, hi) -> Region:
 
 def grid(lo, hi, values) -> Region:
     """Relative densities (X, Y, Z), 0 to 1, in a box: trilinear between the middles of voxels, constant in the outer halves."""
-    return _region(lo, hi, GRID, np.ascontiguousarray(values, np.float32))
+    return _region(lo, hi, GRID, values)
 
 
 def mesh(vertices, faces, resolution=64) -> Region:
@@ -67,6 +67,7 @@ def mesh(vertices, faces, resolution=64) -> Region:
 def _region(lo, hi, kind, values, centre=(0.0, 0.0, 0.0), scale=1.0, tree=None):
     nodes, children, blocks, *_ = tree or _NO_TREE
     lo, hi = np.array(lo, float), np.array(hi, float)
+    values = np.require(values, np.float32, "CW")  # one kind of array: kernels are compiled once
     return Region(lo, hi, kind, values, np.array(centre, float), float(scale), nodes, children, blocks)
 
 
