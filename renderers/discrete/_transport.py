@@ -150,12 +150,12 @@ def transmit(medium, ox, oy, oz, dx, dy, dz, far, discrete, sx, sy, sz, states, 
     sx, sy, sz : particle left out;  open : (L,) uint8, for own use
     """
     sigma, region = medium.sigma_t, medium.discs.region
-    for w in range(len(passed)):
-        passed[w], open[w] = 1.0, 1
+    open[:] = 1
     if discrete > 0:
         open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, room)
-        for w in range(len(passed)):
-            passed[w] = open[w]
+    for w in range(len(passed)):
+        passed[w] = open[w]
+    absorbed(medium, ox, oy, oz, dx, dy, dz, far, passed)
     if not discrete < far:
         return
     t, end = through_box(region, ox, oy, oz, dx, dy, dz, discrete, far)
@@ -301,7 +301,7 @@ def light_alone(medium, kind, origin, direction, weight, states, chance, lit, di
             column = in_box(medium.discs.region, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]),
                             np.float64(lit[i, 1]), np.float64(lit[i, 2]), distance[i])
             for w in range(waves):
-                passed[w] = 1.0 if chance[i] < math.exp(-medium.sigma_t[w] * column) else 0.0
+                passed[w] = math.exp(-medium.host[w] * column) if chance[i] < math.exp(-medium.sigma_t[w] * column) else 0.0
         else:
             transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]), np.float64(lit[i, 1]),
                      np.float64(lit[i, 2]), distance[i], np.inf, origin[i, 0], origin[i, 1], origin[i, 2], states, i, passed,
@@ -316,6 +316,23 @@ def in_box(region, ox, oy, oz, dx, dy, dz, far):
     """Length (m) of a ray up to `far` within the region's box."""
     begin, end = through_box(region, ox, oy, oz, dx, dy, dz, 0.0, far)
     return max(end - begin, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def absorbed(medium, ox, oy, oz, dx, dy, dz, far, weight):
+    """What the host of the particles leaves of a ray up to `far`: weight (L,) becomes less."""
+    if medium.host.max() > 0:
+        length = in_box(medium.discs.region, ox, oy, oz, dx, dy, dz, far)
+        for w in range(len(weight)):
+            weight[w] *= math.exp(-medium.host[w] * length)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def absorb(medium, origin, direction, distance, weight, begin, end):
+    """`absorbed` of rays begin to end, each up to its distance (n,) m."""
+    for i in range(begin, end):
+        absorbed(medium, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2], distance[i],
+                 weight[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

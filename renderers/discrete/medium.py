@@ -21,6 +21,7 @@ class Medium(NamedTuple):
     albedo : (K + 1, L)
     v, steps : (A,), (A - 1,), as `bakery.kernels.phase_layout` has them
     phase : (K + 1, L, A) 1/sr;  cdf : the same, cumulated
+    host : (L,) 1/m, absorption in the region's box besides that of particles
     to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB
     """
 
@@ -32,6 +33,7 @@ class Medium(NamedTuple):
     steps: np.ndarray
     phase: np.ndarray
     cdf: np.ndarray
+    host: np.ndarray
     to_rgb: np.ndarray
     to_waves: np.ndarray
 
@@ -45,6 +47,7 @@ class Classes(NamedTuple):
     radius : (K,) m
     component : (K,) number of the component of each
     peak : (L,) share of the extinction of all that the forward peak was, which was taken out
+    host : (L,) 1/m, absorption of what is between the particles
     """
 
     density: np.ndarray
@@ -55,6 +58,7 @@ class Classes(NamedTuple):
     radius: np.ndarray
     component: np.ndarray
     peak: np.ndarray
+    host: np.ndarray
 
     @property
     def sigma_t(self):
@@ -67,7 +71,8 @@ def classes_of(group) -> Classes:
     baked = group.classes()
     return Classes(float(group.number_density[0]) * baked.share, baked.extinction * _SQUARE_METRES,
                    baked.scattering * _SQUARE_METRES, np.asarray(baked.theta, float), np.asarray(baked.phase, float),
-                   baked.radius * _METRES, baked.component, np.zeros(len(baked.extinction)))
+                   baked.radius * _METRES, baked.component, np.zeros(len(baked.extinction)),
+                   np.asarray(group.host_absorption, float))
 
 
 def in_bands(classes, bands) -> Classes:
@@ -78,7 +83,8 @@ def in_bands(classes, bands) -> Classes:
     scattering = bands @ classes.scattering
     phase = np.einsum("cl,lk,lka->cka", bands, classes.scattering, classes.phase) / np.maximum(scattering, 1e-300)[..., None]
     phase[scattering <= 0] = 1 / (4 * math.pi)
-    return classes._replace(extinction=bands @ classes.extinction, scattering=scattering, phase=phase, peak=np.zeros(len(bands)))
+    return classes._replace(extinction=bands @ classes.extinction, scattering=scattering, phase=phase, peak=np.zeros(len(bands)),
+                            host=bands @ classes.host)
 
 
 def without_peak(classes, angle) -> Classes:
@@ -126,4 +132,4 @@ def medium(classes, discs_of, to_rgb, to_waves) -> tuple[Medium, np.ndarray]:
     albedo = np.concatenate([(scattering / np.maximum(extinction, 1e-300)).T, (sigma_s / np.maximum(sigma_t, 1e-300))[None]])
     return Medium(discs_of(extinction, density, order), density, sigma_t, np.clip(albedo, 0.0, 1.0), v, steps,
                   np.array([[one[2] for one in row] for row in layouts]), np.array([[one[3] for one in row] for row in layouts]),
-                  np.ascontiguousarray(to_rgb, float), np.ascontiguousarray(to_waves, float)), order
+                  np.ascontiguousarray(classes.host, float), np.ascontiguousarray(to_rgb, float), np.ascontiguousarray(to_waves, float)), order

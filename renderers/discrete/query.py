@@ -154,6 +154,7 @@ def _scatter(medium, extinction, scattering, radius, place, direction, weight, s
             _value(medium, scattering, kinds, n, min(0.5 * (u * u + v * v + w * w), 2.0), values)
             balance = 1.0 if single[i] else light_density[i] / (light_density[i] + values[0] / total)
             _transmittance(medium, extinction, radius, x, y, z, lx, ly, lz, distance[i], passed, room)
+            _transport.absorbed(medium, x, y, z, lx, ly, lz, distance[i], passed)
             for w in range(waves):
                 values[w] *= weight[i, w] * passed[w] * balance / volume
             _transport.to_rgb(medium, values, radiance[i], added)

@@ -283,6 +283,8 @@ def _visible(medium, origin, direction, far, place, chance, weight, seen, begin,
     """What others' discs, or chance, leave of pencils: weights become 0 where they are stopped; seen: whether any is left."""
     room, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
     for i in range(begin, end):
+        _transport.absorbed(medium, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1], direction[i, 2], far[i],
+                            weight[i])
         if chance[i] >= 0:
             seen[i] = False
             column = _transport.in_box(medium.discs.region, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],

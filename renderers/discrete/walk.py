@@ -156,8 +156,9 @@ def _begin(medium, camera, width, pixel, number, seed, discrete):
 def _bounce(world, method, paths, by_order, by_light):
     """Paths after their next scattering or surface, those that go on."""
     far = world.trace(paths.origin, paths.direction, np.full(len(paths), np.inf))
-    kind, _, place = method.collide(paths, far)
+    kind, distance, place = method.collide(paths, far)
     met = kind != NO_DISC
+    run(_transport.absorb, len(paths), method.medium, paths.origin, paths.direction, np.where(met, distance, far), paths.weight)
     parts = [_among_particles(world, method, paths.of(met), kind[met], place[met], by_order, by_light),
              _at_surfaces(world, method, paths.of(~met), by_order, by_light)]
     together = Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))

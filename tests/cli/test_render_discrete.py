@@ -113,7 +113,8 @@ def test_procedural_in_a_box_of_the_scene(call, place):
     assert report["particles"] == pytest.approx(400) and picture(found, "order1.").any()
     away = "discrete.where={box: {lo: [500, 0, 0] um, hi: [580, 80, 80] um}}"
     report, found = rendered(call, place, "away", away, "film={width: 8, height: 6}")
-    assert report["particles"] == 200 and not picture(found, "order1.").any() and picture(found, "order0.").any()
+    # out of sight: hardly a path finds it by way of the floor
+    assert report["particles"] == 200 and picture(found, "order1.").sum() < 0.02 * picture(found, "order0.").sum()
 
 
 def test_particles_fall(call, place):

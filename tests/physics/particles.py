@@ -24,14 +24,14 @@ def henyey_greenstein(g):
     return f / kernels.phase_integral(THETA, f)
 
 
-def classes(density, extinction, albedo=1.0, phase=None) -> Classes:
+def classes(density, extinction, albedo=1.0, phase=None, host=0.0) -> Classes:
     """K classes: density (K,) 1/m^3, extinction (L, K) m^2, phase (A,) of all or (L, K, A)."""
     extinction = np.atleast_2d(np.asarray(extinction, float))
     phase = henyey_greenstein(0.0) if phase is None else phase
     waves, count = extinction.shape
     return Classes(np.atleast_1d(np.asarray(density, float)), extinction, albedo * extinction, THETA,
                    np.broadcast_to(phase, (waves, count, len(THETA))).copy(), np.full(count, 1e-3), np.zeros(count, np.uint8),
-                   np.zeros(waves))
+                   np.zeros(waves), np.full(waves, float(host)))
 
 
 def of_depth(optical_depth, number, volume=1.0, waves=1, **more):

@@ -120,10 +120,13 @@ def along(view, size, function):
     return out
 
 
-def closed_form(view, size, depth=DEPTH):
-    """Mean of single scattering by the isotropic cube that a lamp lights from above, and its variance times N (Campbell)."""
+def closed_form(view, size, depth=DEPTH, host=0.0):
+    """Mean of single scattering by the isotropic cube that a lamp lights from above, and its variance times N (Campbell).
+
+    host : 1/m, what absorbs between the particles
+    """
     def seen(point, way):
-        return np.exp(-depth * (way + 1 - point[:, 2]))
+        return np.exp(-(depth + host) * (way + 1 - point[:, 2]))
 
     angle = view.angle(*size) ** 2
     mean = depth / (4 * math.pi) * along(view, size, seen)
@@ -171,6 +174,26 @@ def test_mean_and_graininess_of_a_pixel_are_campbell_s():
 @pytest.mark.slow
 def test_mean_and_graininess_of_a_pixel_are_campbell_s_for_many():
     held_against_campbell({10_000: 100, 100_000: 30, 1_000_000: 10, 10_000_000: 4})
+
+
+def test_the_host_absorbs():
+    """Between particles, on the way to them and from them, and where there is none."""
+    size, host, kinds = (SIDE, SIDE), np.array([0.7]), of_depth(DEPTH, 10_000, host=0.7)
+    view, lamp = camera(size, fov=13), Sky(sun=(0, 0, -1))
+    expected = closed_form(view, size, DEPTH, host[0])[0].mean()
+    for how in (splat, walk):
+        made = []
+        for seed in range(12):
+            medium = hashed(kinds, seed=seed)
+            what = medium if how is splat else walk.Discs(medium, 0.0)
+            far = np.inf if how is splat else 0.0
+            made.append(passes(how.one_pass, lamp, what, view, size, [seed], order=1, discrete=far).mean())
+        mean, error = averaged(made)
+        assert error < 0.15 * expected and abs(mean - expected) < student(12) * error
+        assert how is walk or error < 0.03 * expected
+    unscattered = passes(walk.one_pass, Sky(above=1.0, below=1.0), walk.Discs(hashed(of_depth(1e-6, 50, host=0.7))), view, size,
+                         range(4)).mean(axis=(0, 3))
+    assert np.allclose(unscattered, np.exp(-0.7 * along(view, size, lambda point, way: np.ones(len(point)))), rtol=0.02)
 
 
 @pytest.mark.parametrize("number", [1000, 10_000])

@@ -40,6 +40,7 @@ OUTPUTS = (
            whole=True),
     Output("theta", "(B,)", "rad", "angle between the directions of travel, from 0 (forward) to pi", within=(0, math.pi)),
     Output("host", "(L,)", "1", "real index of the host"),
+    Output("host_absorption", "(L,)", "1/m", "absorption coefficient of the host, by the share of volume that it fills"),
     Output("mean_extinction", "(L,)", "um^2", "mean extinction cross section of the particles that are there", True),
     Output("mean_extinction_error", "(L,)", "um^2", "standard deviation of mean_extinction over realisations", True),
     Output("law_extinction", "(L,)", "um^2", "mean extinction cross section by the law: shares of classes times their means"),
@@ -124,7 +125,16 @@ def _settings(recipe) -> dict:
             "classes": by_component, "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
             "number_density": density, "fraction": [float(c.fraction) for c in recipe.particles.components],
             "index": [(np.asarray(c.material.n, float), np.asarray(c.material.k, float)) for c in recipe.particles.components],
+            "host_absorption": _host_absorption(recipe.particles, density, volumes, arguments["wavelength"]),
             "medium_density": _per_volume(recipe.particles, volumes)}
+
+
+def _host_absorption(particles, number, volumes, wavelength):
+    """(L,) 1/m, as stage `medium` counts it."""
+    from bakery.physics.medium import mixing
+
+    filled = mixing.volume_fraction([float(c.fraction) for c in particles.components], volumes, number)
+    return np.maximum(1 - filled, 0.0) * mixing.bulk_absorption(particles.host.k, wavelength)
 
 
 def inputs(recipe, upstream) -> dict:
@@ -173,6 +183,7 @@ def compute(inputs: dict, context) -> Result:
     members: dict = dict(datasets(OUTPUTS, {
         "method": np.array([METHODS.index(inputs["method"])], np.uint8), "number_density": [inputs["number_density"]],
         "box": np.array(region.edge, float), "volume": [region.volume], "theta": theta, "host": inputs["host"],
+        "host_absorption": inputs["host_absorption"],
         "key": rng.key(inputs["seed"], "discrete.cells").astype(np.uint32)}))
     if region.density is not None:
         members |= datasets(OUTPUTS, {"density": region.density})
@@ -349,7 +360,7 @@ def _check_places(group: Group) -> Iterable[str]:
 
 STAGE = Stage(
     name="discrete",
-    version=1,
+    version=2,
     title="separate particles, and what each does to light",
     reads=("wavelengths", "seed", "discrete", "phase", "particles"),
     needs=("optics", "medium"),
