@@ -22,7 +22,8 @@ METHODS = ("stored", "procedural")
 UNASKED, MOST = 10**8, 10**9  # particles that are stored without being asked for, and at all
 # datasets of the group, beside which its components stand
 TAKEN = ("method", "number", "number_density", "box", "volume", "key", "position", "radius", "component", "density",
-         "mesh_vertices", "mesh_faces", "theta", "host", "host_absorption", "mean_extinction", "mean_extinction_error", "law_extinction",
+         "mesh_vertices", "mesh_faces", "theta", "host", "host_absorption", "mean_extinction", "mean_extinction_error",
+         "law_extinction",
          "cell_dispersion", "cell_dispersion_error", "cell_edge", "cell_count", "cell_count_law", "class_dispersion",
          "class_dispersion_error")
 REACHED = 0.03  # what a class's averages take no trouble to meet better: their errors hardly add up
