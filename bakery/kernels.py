@@ -8,6 +8,8 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | tables of multiple scattering | `asset.multiple.point.tables()` | `multiple_scratch`, `point_source`, `segment_source` |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
+| its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
+| types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
@@ -48,6 +50,10 @@ from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresne
 from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._packed import flight as flight_to_sphere
+from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere
+from bakery.physics.granular.aggregate import scratch as aggregate_scratch
+from bakery.physics.granular.exemplars import Exemplars
+from bakery.physics.granular.exemplars import layout as exemplars
 from bakery.physics.medium._kernels import evaluated as phase_value
 from bakery.physics.medium._kernels import layout as phase_layout
 from bakery.physics.medium._kernels import sampled as phase_sample
@@ -69,8 +75,12 @@ from bakery.physics.shapes.mending import mended
 __all__ = [
     "BOX",
     "NO_DISC",
+    "Aggregate",
+    "Exemplars",
     "Mesh",
     "Region",
+    "aggregate",
+    "aggregate_scratch",
     "at_surface",
     "closed_mesh",
     "conductor",
@@ -80,7 +90,10 @@ __all__ = [
     "disc_cells",
     "disc_order",
     "discs_of_cell",
+    "enclosing_sphere",
+    "exemplars",
     "first_disc",
+    "first_sphere",
     "flight_to_sphere",
     "fresnel",
     "fresnel_conductor",
