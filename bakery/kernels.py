@@ -9,9 +9,11 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
+| voxels with triangles | | `mark_voxels` |
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
+| their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
@@ -42,14 +44,25 @@ from bakery.physics.discrete.region import densities as region_densities
 from bakery.physics.discrete.region import grid as region_grid
 from bakery.physics.discrete.region import mesh as region_mesh
 from bakery.physics.goa import amplitudes as goa_amplitudes
+from bakery.physics.grains._walk import _frame as surface_frame
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.bvh import nearest as nearest_triangle
 from bakery.physics.grains.bvh import normal as triangle_normal
 from bakery.physics.grains.bvh import scratch as mesh_scratch
-from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
+from bakery.physics.grains.surface import (
+    CONDUCTOR,
+    DIELECTRIC,
+    DIFFUSE,
+    conductor,
+    dielectric,
+    diffuse,
+    fresnel,
+    fresnel_conductor,
+)
 from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._packed import flight as flight_to_sphere
+from bakery.physics.granular._voxels import mark as mark_voxels
 from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere
 from bakery.physics.granular.aggregate import scratch as aggregate_scratch
 from bakery.physics.granular.exemplars import Exemplars
@@ -74,6 +87,9 @@ from bakery.physics.shapes.mending import mended
 
 __all__ = [
     "BOX",
+    "CONDUCTOR",
+    "DIELECTRIC",
+    "DIFFUSE",
     "NO_DISC",
     "Aggregate",
     "Exemplars",
@@ -100,6 +116,7 @@ __all__ = [
     "goa_amplitudes",
     "hashed",
     "instance",
+    "mark_voxels",
     "mesh_scratch",
     "mie_amplitudes",
     "multiple_scratch",
@@ -120,6 +137,7 @@ __all__ = [
     "rotation_matrix",
     "segment_source",
     "stored_discs",
+    "surface_frame",
     "surface_share",
     "tile_grid",
     "triangle_normal",

@@ -57,8 +57,11 @@ def meets(a, b, c, half):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mark(voxels, low, edge, vertices, faces, reach, bits):
-    """Sets `bits` in voxels whose box, `reach` larger on all sides, a triangle meets."""
+def mark(voxels, low, edge, vertices, faces, reach, bits):
+    """Sets `bits` (uint8) in voxels (X, Y, Z) whose box, `reach` larger on all sides, a triangle meets.
+
+    low, edge : (3,) corner of the first voxel, edges of each;  vertices (V, 3), faces (F, 3) int64
+    """
     half, first, last = np.empty(3), np.empty(3, np.int64), np.empty(3, np.int64)
     a, b, c, middle = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for axis in range(3):
@@ -91,8 +94,8 @@ def classified(shape, low, edge, vertices, faces, tree, middle, scale, reach):
     Between partial voxels of a column the class stays, so that few middles are looked at.
     """
     voxels = np.zeros(shape, np.uint8)
-    _mark(voxels, low, edge, vertices, faces, reach, np.uint8(NEAR))
-    _mark(voxels, low, edge, vertices, faces, 0.0, np.uint8(PARTIAL | NEAR))
+    mark(voxels, low, edge, vertices, faces, reach, np.uint8(NEAR))
+    mark(voxels, low, edge, vertices, faces, 0.0, np.uint8(PARTIAL | NEAR))
     room = scratch()
     for i in range(shape[0]):
         for j in range(shape[1]):

@@ -1,0 +1,169 @@
+"""Loops of paths among explicit grains: from one need of lights or surfaces of the scene to the next."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import DIFFUSE, at_surface, surface_frame, surface_share
+from renderers.granular._grains import UNKNOWN, next_surface, scratch
+from renderers.wavefront import roulette, to_rgb, uniform
+
+LEAVES, TRACE, LIGHT, DEAD = range(4)  # what a path needs next: a surface of the scene or the light beyond; distance to that
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _crosses(grains, occupied, p, d, t):
+    """Whether a way of length t from p along d, both ends among the voxels, passes voxels with surfaces of the scene."""
+    if occupied.size == 0:
+        return False
+    low, edge = grains.aggregate.low, grains.aggregate.edge
+    a, b, c = (min(max(math.floor((p[0] - low[0]) / edge[0]), 0), occupied.shape[0] - 1),
+               min(max(math.floor((p[1] - low[1]) / edge[1]), 0), occupied.shape[1] - 1),
+               min(max(math.floor((p[2] - low[2]) / edge[2]), 0), occupied.shape[2] - 1))
+    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
+    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
+    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
+    while 0 <= a < occupied.shape[0] and 0 <= b < occupied.shape[1] and 0 <= c < occupied.shape[2]:
+        if occupied[a, b, c]:
+            return True
+        if min(wall_x, min(wall_y, wall_z)) > t:
+            return False
+        if wall_x <= wall_y and wall_x <= wall_z:
+            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
+        elif wall_y <= wall_z:
+            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
+        else:
+            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(grains, occupied, origin, direction, weight, states, met, place, far, order, bounces, single, normal, kind, status,
+            alive, begin, end):
+    """Takes paths begin to end on, through all surfaces that only reflect and refract, until they need something of the scene.
+
+    Parameters
+    ----------
+    occupied : (X, Y, Z) uint8, voxels of the aggregate with surfaces of the scene; empty where there are none
+    origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,);  all changed
+    met, place : (n, 4), (n,) sphere and triangle that each starts on (`next_surface`); changed
+    far : (n,) m, to the first surface of the scene, nan where it is not known; changed.  Known where met is UNKNOWN
+    order : (n,) grains met;  bounces : (n,);  single : (n,) whether light sampling cannot take the direction; changed
+    normal, kind : (n, 3), (n,) become normal and type of grain where a path needs LIGHT
+    status : (n,) becomes what it needs;  alive : (n,) bool, for own use
+    """
+    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    unit = grains.unit
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = origin[i, k] / unit, direction[i, k]
+        while True:
+            for k in range(4):
+                now[k] = met[i, k]
+            at[0] = place[i]
+            known = not math.isnan(far[i])
+            t = next_surface(grains, p, d, far[i] / unit if known else np.inf, now, at, n, room)
+            if t == np.inf:
+                status[i] = LEAVES
+                break
+            if not known and _crosses(grains, occupied, p, d, t):
+                status[i] = TRACE
+                break
+            which = at[1]
+            if met[i, 0] < 0 or met[i, 0] != now[0] or met[i, 1] != now[1] or met[i, 2] != now[2] or met[i, 3] != now[3]:
+                order[i] += 1
+            bounces[i] += 1
+            far[i], place[i] = np.nan, at[0]
+            for k in range(3):
+                p[k] += t * d[k]
+            for k in range(4):
+                met[i, k] = now[k]
+            sx, sy, sz, tx, ty, tz = surface_frame(n[0], n[1], n[2])
+            x, y = -(d[0] * sx + d[1] * sy + d[2] * sz), -(d[0] * tx + d[1] * ty + d[2] * tz)
+            z = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
+            if z < 0.0:
+                for w in range(weight.shape[1]):
+                    weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
+            matter, index, roughness = int(grains.exemplars.table[which, 0]), grains.exemplars.table[which, 1], \
+                grains.exemplars.table[which, 2]
+            if matter == DIFFUSE:
+                if z <= 0.0:  # a path within what is opaque: the camera's or a lamp's, which stands in a grain
+                    status[i] = DEAD
+                    break
+                status[i], kind[i] = LIGHT, which
+                for k in range(3):
+                    normal[i, k] = n[k]
+                break
+            x, y, z, share, cosine = at_surface(matter, index, roughness, x, y, z, uniform(states, i), uniform(states, i),
+                                                uniform(states, i))
+            for w in range(weight.shape[1]):
+                weight[i, w] *= share * surface_share(matter, grains.channels[which], w, cosine)
+            over = 1.0 / math.sqrt(x * x + y * y + z * z)
+            x, y, z = x * over, y * over, z * over
+            d[0], d[1], d[2] = x * sx + y * tx + z * n[0], x * sy + y * ty + z * n[1], x * sz + y * tz + z * n[2]
+            single[i] = True
+            roulette(weight, states, bounces, alive, i, i + 1)
+            if not alive[i]:
+                status[i] = DEAD
+                break
+        for k in range(3):
+            origin[i, k], direction[i, k] = p[k] * unit, d[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light(grains, colours, origin, weight, met, place, normal, kind, lit, distance, radiance, density, single, added, begin, end):
+    """What sampled lights send by way of matt grains: added (n, 3) linear sRGB.
+
+    lit, distance, radiance, density, single : of the samples, (n, 3), (n,) m, (n, 3), (n,) 1/sr, (n,)
+    """
+    room, p, d, n, values = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(weight.shape[1])
+    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    for i in range(begin, end):
+        added[i] = 0.0
+        cosine = lit[i, 0] * normal[i, 0] + lit[i, 1] * normal[i, 1] + lit[i, 2] * normal[i, 2]
+        if cosine <= 0.0 or not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            continue
+        for k in range(3):
+            p[k], d[k] = origin[i, k] / grains.unit, lit[i, k]
+        for k in range(4):
+            now[k] = met[i, k]
+        at[0] = place[i]
+        if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf:
+            continue
+        balance = 1.0 if single[i] else density[i] / (density[i] + cosine / math.pi)
+        for w in range(len(values)):
+            values[w] = weight[i, w] * surface_share(DIFFUSE, grains.channels[kind[i]], w, 1.0) * balance * cosine / math.pi
+        to_rgb(colours, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scatter(grains, direction, weight, states, bounces, normal, kind, density, alive, begin, end):
+    """New directions of paths at matt grains, their densities (n,) 1/sr, and whether they go on."""
+    for i in range(begin, end):
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
+        x, y, z, _, _ = at_surface(DIFFUSE, 1.0, 0.0, 0.0, 0.0, 1.0, uniform(states, i), uniform(states, i), 0.0)
+        direction[i, 0], direction[i, 1], direction[i, 2] = (x * sx + y * tx + z * nx, x * sy + y * ty + z * ny,
+                                                             x * sz + y * tz + z * nz)
+        density[i] = z / math.pi
+        for w in range(weight.shape[1]):
+            weight[i, w] *= surface_share(DIFFUSE, grains.channels[kind[i]], w, 1.0)
+        roulette(weight, states, bounces, alive, i, i + 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def shadowed(grains, point, lit, distance, radiance, begin, end):
+    """Takes away the radiance (n, 3) of lights that grains hide from points (n, 3) m."""
+    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    for i in range(begin, end):
+        if radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0:
+            for k in range(3):
+                p[k], d[k] = point[i, k] / grains.unit, lit[i, k]
+            now[0] = UNKNOWN
+            if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf:
+                radiance[i] = 0.0

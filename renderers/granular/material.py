@@ -1,0 +1,99 @@
+"""What an asset and a scene say of the grains, laid out for the loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery import kernels
+from renderers import colour
+from renderers.granular._grains import Grains
+from renderers.granular.paths import Colours, Place
+
+SEED = 0  # of the hash that places grains: the same in all pictures of a scene
+
+
+def mesh_of(scene):
+    """Vertices (V, 3) m and triangles (F, 3) of the mesh that the scene names.
+
+    Raises UsageError, with the key, where it is no closed mesh: what is wrong, and where.
+    """
+    where = scene.values.granular.where
+    path = scene.file(where.mesh)
+    try:
+        vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
+    except ValueError as fault:
+        raise scene.wrong("granular.where.mesh", fault) from None
+    return where.unit * vertices, faces
+
+
+def place_of(asset, world, vertices, faces) -> Place:
+    """The asset's grains in a mesh, vertices (V, 3) m, and the surfaces of `world` among them."""
+    waves = np.asarray(asset.wavelength, float)
+    colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+    grains = grains_of(asset, vertices, faces)
+    return Place(grains, occupied_by(world, grains), colours)
+
+
+def grains_of(asset, vertices, faces) -> Grains:
+    """The asset's grains in a mesh, vertices (V, 3) m."""
+    group, middle = asset.grains, len(asset.wavelength) // 2
+    unit = float(np.sum(np.asarray(group.radius) * np.asarray(group.radius_share)))
+    types = [_Grain(one, middle) for one in group.exemplars.values()]
+    parts = [group[name] for name in group.exemplars]
+    return Grains(kernels.aggregate(*_tile(asset), vertices / unit, faces), unit, np.uint64(SEED),
+                  kernels.cumulated_shares([float(part.weight[0]) for part in parts]), kernels.exemplars(types),
+                  np.array([_channels(one.surface, len(asset.wavelength)) for one in group.exemplars.values()]),
+                  np.array([unit * np.asarray(part.interior, float) for part in parts]))
+
+
+class _Grain:
+    """What `bakery.kernels.exemplars` takes of an exemplar; its index is that at one wavelength."""
+
+    def __init__(self, exemplar, wavelength):
+        surface = exemplar.surface
+        if surface["type"] == "dielectric":
+            self.surface = kernels.dielectric(surface["index"][wavelength], surface["roughness"])
+        elif surface["type"] == "diffuse":
+            self.surface = kernels.diffuse(surface["reflectance"])
+        else:
+            self.surface = kernels.conductor(_complex(surface), surface["roughness"])
+        self.mesh = None if exemplar.ball else kernels.Mesh(exemplar.vertices, exemplar.faces)
+        self.radius = 1.0
+
+
+def _complex(surface):
+    return np.array(surface["n"], float) + 1j * np.array(surface["k"], float)
+
+
+def _channels(surface, waves):
+    """(2, L), as `bakery.kernels.surface_share` takes them."""
+    if surface["type"] == "dielectric":
+        return np.zeros((2, waves))
+    made = kernels.diffuse(surface["reflectance"]) if surface["type"] == "diffuse" else kernels.conductor(_complex(surface))
+    return np.array(np.broadcast_to(made.channels, (2, waves)))
+
+
+def _tile(asset):
+    """Centres, radii and cell: the least dense tile that is as dense as the medium, widened until it is just that."""
+    packing, wished = asset.packing, float(asset.medium.fraction)
+    tiles = [packing] if "centers" in packing else [one for one in packing.values() if "centers" in one]
+    dense = [one for one in tiles if float(one.fraction) >= wished * (1 - 1e-9)]
+    tile = min(dense, key=lambda one: float(one.fraction)) if dense else max(tiles, key=lambda one: float(one.fraction))
+    wider = max(float(tile.fraction) / wished, 1.0) ** (1 / 3)
+    return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
+
+
+def occupied_by(world, grains):
+    """Voxels (X, Y, Z) uint8 of the aggregate that surfaces of the scene pass through; empty where there are none."""
+    aggregate = grains.aggregate
+    voxels = np.zeros(aggregate.voxels.shape, np.uint8)
+    triangles, boxes = (one / grains.unit for one in world.extents())
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    kernels.mark_voxels(voxels, aggregate.low, aggregate.edge, np.ascontiguousarray(triangles.reshape(-1, 3)), faces,
+                        1e-6 * float(aggregate.edge.max()), np.uint8(1))
+    for low, high in boxes:
+        first, last = ((np.floor((corner - aggregate.low) / aggregate.edge + shift)).astype(int)
+                       for corner, shift in ((low, -1e-6), (high, 1e-6)))
+        if np.all(last >= 0):
+            voxels[tuple(slice(max(a, 0), b + 1) for a, b in zip(first, last))] = 1
+    return voxels if voxels.any() else np.zeros((0, 0, 0), np.uint8)
