@@ -15,11 +15,11 @@ LEAVES, TRACE, LIGHT, DEAD = range(4)  # what a path needs next: a surface of th
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _crosses(grains, occupied, p, d, t):
+def crosses(aggregate, occupied, p, d, t):
     """Whether a way of length t from p along d, both ends among the voxels, passes voxels with surfaces of the scene."""
     if occupied.size == 0:
         return False
-    low, edge = grains.aggregate.low, grains.aggregate.edge
+    low, edge = aggregate.low, aggregate.edge
     a, b, c = (min(max(math.floor((p[0] - low[0]) / edge[0]), 0), occupied.shape[0] - 1),
                min(max(math.floor((p[1] - low[1]) / edge[1]), 0), occupied.shape[1] - 1),
                min(max(math.floor((p[2] - low[2]) / edge[2]), 0), occupied.shape[2] - 1))
@@ -70,7 +70,7 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
             if t == np.inf:
                 status[i] = LEAVES
                 break
-            if not known and _crosses(grains, occupied, p, d, t):
+            if not known and crosses(grains.aggregate, occupied, p, d, t):
                 status[i] = TRACE
                 break
             which = at[1]
@@ -156,14 +156,12 @@ def scatter(grains, direction, weight, states, bounces, normal, kind, density, a
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shadowed(grains, point, lit, distance, radiance, begin, end):
-    """Takes away the radiance (n, 3) of lights that grains hide from points (n, 3) m."""
+def open_share(grains, point, lit, distance, share, begin, end):
+    """Share (n, L), 0 or 1, of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m."""
     room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
     now, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
-        if radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0:
-            for k in range(3):
-                p[k], d[k] = point[i, k] / grains.unit, lit[i, k]
-            now[0] = UNKNOWN
-            if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf:
-                radiance[i] = 0.0
+        for k in range(3):
+            p[k], d[k] = point[i, k] / grains.unit, lit[i, k]
+        now[0] = UNKNOWN
+        share[i] = 0.0 if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf else 1.0

@@ -7,9 +7,11 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.granular._grains import Grains
-from renderers.granular.paths import Colours, Place
+from renderers.granular._medium import Medium
+from renderers.granular.paths import Colours
 
 SEED = 0  # of the hash that places grains: the same in all pictures of a scene
+_SELDOM = 1 / 64  # chance of a light sample far inside of a medium, where hardly any light gets to straight
 
 
 def mesh_of(scene):
@@ -26,12 +28,20 @@ def mesh_of(scene):
     return where.unit * vertices, faces
 
 
-def place_of(asset, world, vertices, faces) -> Place:
-    """The asset's grains in a mesh, vertices (V, 3) m, and the surfaces of `world` among them."""
+def colours_of(asset) -> Colours:
+    """From and to the asset's wavelengths."""
     waves = np.asarray(asset.wavelength, float)
-    colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
-    grains = grains_of(asset, vertices, faces)
-    return Place(grains, occupied_by(world, grains), colours)
+    return Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+
+
+def medium_of(asset, aggregate, unit) -> Medium:
+    """The asset's effective medium in the mesh of an aggregate."""
+    group = asset.medium
+    sigma_t, theta = unit * np.array(group.sigma_t, float), np.asarray(group.theta, float)
+    layouts = [kernels.phase_layout(theta, row) for row in np.asarray(group.phase, float)]
+    chance = np.maximum(np.exp(-sigma_t.min() * kernels.depth_in_mesh(aggregate)), _SELDOM).astype(np.float32)
+    return Medium(aggregate, unit, sigma_t, np.array(group.albedo, float), layouts[0][0], layouts[0][1],
+                  np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]), chance)
 
 
 def grains_of(asset, vertices, faces) -> Grains:
@@ -83,11 +93,10 @@ def _tile(asset):
     return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
 
 
-def occupied_by(world, grains):
-    """Voxels (X, Y, Z) uint8 of the aggregate that surfaces of the scene pass through; empty where there are none."""
-    aggregate = grains.aggregate
+def occupied_by(world, aggregate, unit):
+    """Voxels (X, Y, Z) uint8 of an aggregate that surfaces of the scene pass through; empty where there are none."""
     voxels = np.zeros(aggregate.voxels.shape, np.uint8)
-    triangles, boxes = (one / grains.unit for one in world.extents())
+    triangles, boxes = (one / unit for one in world.extents())
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     kernels.mark_voxels(voxels, aggregate.low, aggregate.edge, np.ascontiguousarray(triangles.reshape(-1, 3)), faces,
                         1e-6 * float(aggregate.edge.max()), np.uint8(1))

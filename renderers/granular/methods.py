@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.granular import material, paths
+from renderers.granular import material, medium, paths
 from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
@@ -27,17 +27,28 @@ class Method(NamedTuple):
 
 def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
-    vertices, faces = material.mesh_of(job.scene)
-    place = material.place_of(job.asset, world, vertices, faces)
+    asset, (vertices, faces) = job.asset, material.mesh_of(job.scene)
+    grains = material.grains_of(asset, vertices, faces)
+    aggregate, unit, name = grains.aggregate, grains.unit, job.scene.values.granular.method
+    around = material.occupied_by(world, aggregate, unit), material.colours_of(asset)
+    if name == "ept":
+        how, reasons = paths.Explicit(grains, *around), _reasons(asset)
+    else:
+        how, reasons = medium.Continuous(material.medium_of(asset, aggregate, unit), *around), [
+            "the medium that stands for the grains: no grain is to be seen"]
+    return Method((Part(name, _pass(world, how, seed)),), reasons, {"grains": _expected(aggregate, vertices / unit, faces)})
+
+
+def _pass(world, how, seed):
+    """A pass as `Part` takes it: its number -> layers."""
     lights, (height, width) = world.light_names, world.size
 
     def one(number):
-        by_order, by_light = paths.one_pass(world, place, world.camera, height, width, number, seed, lights=len(lights))
+        by_order, by_light = paths.one_pass(world, how, world.camera, height, width, number, seed, lights=len(lights))
         return {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
             | {f"light.{name}": image for name, image in zip(lights, by_light)}
 
-    expected = _expected(place.grains.aggregate, vertices / place.grains.unit, faces)
-    return Method((Part("ept", one),), _reasons(job.asset), {"grains": expected})
+    return one
 
 
 def _reasons(asset):

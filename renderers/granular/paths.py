@@ -14,7 +14,7 @@ import numpy as np
 
 from renderers import wavefront
 from renderers.granular import _paths
-from renderers.granular._grains import UNKNOWN, Grains
+from renderers.granular._grains import UNKNOWN
 from renderers.mitsuba.world import LightSample
 from renderers.threads import run
 
@@ -28,12 +28,37 @@ class Colours(NamedTuple):
     to_waves: np.ndarray
 
 
-class Place(NamedTuple):
-    """grains : in one mesh;  occupied : (X, Y, Z) uint8, its voxels with surfaces of the scene, empty where there are none"""
+class Explicit:
+    """Paths from grain to grain.
 
-    grains: Grains
-    occupied: np.ndarray
-    colours: Colours
+    grains : `Grains` of one mesh;  occupied : (X, Y, Z) uint8, its voxels with surfaces of the scene, empty where there are none
+    colours : `Colours`
+    """
+
+    def __init__(self, grains, occupied, colours):
+        self.grains, self.occupied, self.colours = grains, occupied, colours
+
+    def advance(self, paths):
+        """Takes paths on until they need something: what (n,), and normal and type of grain of those that need LIGHT."""
+        n = len(paths)
+        normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
+        run(_paths.advance, n, self.grains, self.occupied, paths.origin, paths.direction, paths.weight, paths.states, paths.met,
+            paths.place, paths.far, paths.order, paths.bounces, paths.single, normal, kind, status, alive)
+        return status, (normal, kind)
+
+    def lit(self, paths, found, sample, added):
+        """What light samples send by way of matt grains, added (n, 3); found : as `advance` gives it, of these paths."""
+        run(_paths.light, len(paths), self.grains, self.colours, paths.origin, paths.weight, paths.met, paths.place, *found,
+            *sample[:5], added)
+
+    def scattered(self, paths, found, alive):
+        """Turns paths at matt grains; alive (n,) becomes whether they go on."""
+        run(_paths.scatter, len(paths), self.grains, paths.direction, paths.weight, paths.states, paths.bounces, *found,
+            paths.density, alive)
+
+    def open(self, point, direction, distance, share):
+        """Share (n, L) of light that gets from points along directions to a distance."""
+        run(_paths.open_share, len(point), self.grains, point, direction, distance, share)
 
 
 @dataclass
@@ -68,13 +93,13 @@ class Paths:
         return len(self.pixel)
 
 
-def one_pass(world, place, camera, height, width, number, seed, *, lights):
+def one_pass(world, method, camera, height, width, number, seed, *, lights):
     """One camera path for each pixel.
 
     Parameters
     ----------
     world : `renderers.mitsuba.world.World`
-    place : `Place`
+    method : `Explicit`, or another one with its methods
     camera : `renderers.camera.Camera`
     number, seed : of the pass: its random numbers
     lights : number of lights
@@ -86,9 +111,9 @@ def one_pass(world, place, camera, height, width, number, seed, *, lights):
     pixels = height * width
     by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     for first in range(0, pixels, _ALL):
-        paths = _begin(len(place.colours.to_waves), camera, width, np.arange(first, min(first + _ALL, pixels)), number, seed)
+        paths = _begin(len(method.colours.to_waves), camera, width, np.arange(first, min(first + _ALL, pixels)), number, seed)
         while len(paths):
-            paths = _on(world, place, paths, by_order, by_light)
+            paths = _on(world, method, paths, by_order, by_light)
     return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
 
 
@@ -104,42 +129,37 @@ def _begin(waves, camera, width, pixel, number, seed):
                  np.full(n, -1), np.full(n, np.nan), np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64))
 
 
-def _on(world, place, paths, by_order, by_light):
-    """Paths after what each needed next, those that go on; on return a path's `far` is known where it has to be."""
-    n = len(paths)
+def _on(world, method, paths, by_order, by_light):
+    """Paths after what each needed next, those that go on."""
     start = np.flatnonzero((paths.met[:, 0] == UNKNOWN) & np.isnan(paths.far))
     paths.far[start] = world.trace(paths.origin[start], paths.direction[start], np.inf)
-    normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
-    run(_paths.advance, n, place.grains, place.occupied, paths.origin, paths.direction, paths.weight, paths.states, paths.met,
-        paths.place, paths.far, paths.order, paths.bounces, paths.single, normal, kind, status, alive)
-    blocked = paths.of(status == _paths.TRACE)
-    blocked.far[:] = world.trace(blocked.origin, blocked.direction, np.inf)
+    status, found = method.advance(paths)
+    near = paths.of(status == _paths.TRACE)
+    near.far[:] = world.trace(near.origin, near.direction, np.inf)
     lit = status == _paths.LIGHT
-    parts = [blocked, _at_grains(world, place, paths.of(lit), normal[lit], kind[lit], by_order, by_light),
-             _at_surfaces(world, place, paths.of(status == _paths.LEAVES), by_order, by_light)]
+    parts = [near, _at_grains(world, method, paths.of(lit), [one[lit] for one in found], by_order, by_light),
+             _at_surfaces(world, method, paths.of(status == _paths.LEAVES), by_order, by_light)]
     return Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))
 
 
-def _at_grains(world, place, paths, normal, kind, by_order, by_light):
-    """Paths that go on from matt grains, after light from there has been added."""
+def _at_grains(world, method, paths, found, by_order, by_light):
+    """Paths that go on from where light samples are taken, after those have been added."""
     n = len(paths)
     if n == 0:
         return paths
     numbers, added, alive = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, bool)
     wavefront.draw(paths.states, numbers)
     sample = world.lights(paths.origin, numbers)
-    run(_paths.light, n, place.grains, place.colours, paths.origin, paths.weight, paths.met, paths.place, normal, kind,
-        *sample[:5], added)
+    method.lit(paths, found, sample, added)
     wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
     paths.single[:] = False
-    run(_paths.scatter, n, place.grains, paths.direction, paths.weight, paths.states, paths.bounces, normal, kind, paths.density,
-        alive)
+    method.scattered(paths, found, alive)
     return paths.of(alive)
 
 
-def _at_surfaces(world, place, paths, by_order, by_light):
+def _at_surfaces(world, method, paths, by_order, by_light):
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    n, colours = len(paths), place.colours
+    n, colours = len(paths), method.colours
     if n == 0:
         return paths
     numbers, added = np.empty((n, 6)), np.empty((n, 3))
@@ -152,10 +172,7 @@ def _at_surfaces(world, place, paths, by_order, by_light):
     if m == 0:
         return paths
     paths.bounces += 1
-    sample = LightSample(*(values[hit] for values in shading.light))
-    run(_paths.shadowed, m, place.grains, shading.point[hit], sample.direction, sample.distance, sample.radiance)
-    wavefront.emitted(colours, paths.weight, paths.order, sample.radiance, added[:m])
-    wavefront.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
+    _lit_surfaces(method, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), by_order, by_light)
     run(wavefront.reflect, m, colours, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.met[:], paths.place[:], paths.far[:] = UNKNOWN, -1, np.nan
@@ -163,3 +180,15 @@ def _at_surfaces(world, place, paths, by_order, by_light):
     alive = np.empty(m, bool)
     run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
     return paths.of(alive)
+
+
+def _lit_surfaces(method, paths, point, sample, by_order, by_light):
+    """Adds what light samples send by way of surfaces of the scene, through what is between the grains."""
+    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
+    if not len(bright):
+        return
+    paths, sample = paths.of(bright), LightSample(*(values[bright] for values in sample))
+    share, added = np.empty(paths.weight.shape), np.empty((len(bright), 3))
+    method.open(point[bright], sample.direction, sample.distance, share)
+    wavefront.emitted(method.colours, paths.weight * share, paths.order, sample.radiance, added)
+    wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)

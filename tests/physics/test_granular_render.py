@@ -36,10 +36,13 @@ def grains(kinds, mesh, spheres=None, unit=1.0, waves=3, absorption=0.0, weights
                   np.full((len(kinds), waves), absorption))
 
 
+COLOURS = paths.Colours(np.eye(3), np.eye(3))  # three wavelengths that are R, G and B
+NOTHING = np.zeros((0, 0, 0), np.uint8)
+
+
 def place(found, world=None):
-    """`Place` of the grains, with three wavelengths that are R, G and B."""
-    none = np.zeros((0, 0, 0), np.uint8)
-    return paths.Place(found, none if world is None else material.occupied_by(world, found), paths.Colours(np.eye(3), np.eye(3)))
+    """The method of the grains."""
+    return paths.Explicit(found, NOTHING if world is None else material.occupied_by(world, found.aggregate, found.unit), COLOURS)
 
 
 def passes(world, where, view, size, numbers):

@@ -13,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.bvh import Mesh, nearest, normal
 from bakery.physics.grains.bvh import scratch as mesh_scratch
 from bakery.physics.granular._packed import flight
-from bakery.physics.granular._voxels import CLASS, NEAR, PARTIAL, classified, inside
+from bakery.physics.granular._voxels import CLASS, INSIDE, NEAR, PARTIAL, classified, inside
 from bakery.physics.packing._cells import cells, counts
 
 _LARGEST, _ACROSS = 4.0, 128  # edge of a voxel: at least so many largest radii; at most so many along the mesh
+_BEYOND = 1.01  # of the mesh's half diagonal
 _ROOM = 1e-6  # of the largest radius: how far beyond the farthest sphere the voxels reach
 
 
@@ -169,3 +170,60 @@ def first_sphere(aggregate, p, d, begin, end, left, met, room):
             wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
         if not (0 <= a < voxels.shape[0] and 0 <= b < voxels.shape[1] and 0 <= c < voxels.shape[2]):
             return np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def boundary(aggregate, p, d, place, room):
+    """The mesh along unit d (3,) from p (3,), which lies on its triangle `place`, or -1: distance, triangle, whether outward.
+
+    The distance is inf where the mesh lies behind.  Outward: the ray is inside up to there.
+    """
+    nodes, children, blocks = aggregate.tree
+    middle, scale = aggregate.middle, aggregate.scale
+    x, y, z = (p[0] - middle[0]) / scale, (p[1] - middle[1]) / scale, (p[2] - middle[2]) / scale
+    ahead, square = 0.0, x * x + y * y + z * z
+    if square > _BEYOND * _BEYOND:  # the tree's boxes hold for rays from near the mesh
+        along = -(x * d[0] + y * d[1] + z * d[2])
+        u, v, w = x + along * d[0], y + along * d[1], z + along * d[2]
+        half = _BEYOND * _BEYOND - (u * u + v * v + w * w)
+        if along <= 0.0 or half <= 0.0:
+            return np.inf, -1, False
+        ahead = along - math.sqrt(half)
+        x, y, z = x + ahead * d[0], y + ahead * d[1], z + ahead * d[2]
+    place, t = nearest(nodes, children, blocks, x, y, z, d[0], d[1], d[2], place, room[0])
+    if place < 0:
+        return np.inf, -1, False
+    x, y, z = normal(blocks, place)
+    return (ahead + t) * scale, place, x * d[0] + y * d[1] + z * d[2] > 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def deep(aggregate, p, d, t):
+    """Whether all voxels on the way of length t from p (3,) along d (3,) are inside of the mesh; False where it is not known."""
+    low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
+    a, b, c = (math.floor((p[0] - low[0]) / edge[0]), math.floor((p[1] - low[1]) / edge[1]),
+               math.floor((p[2] - low[2]) / edge[2]))
+    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
+    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
+    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
+    while 0 <= a < voxels.shape[0] and 0 <= b < voxels.shape[1] and 0 <= c < voxels.shape[2]:
+        if voxels[a, b, c] & CLASS != INSIDE:
+            return False
+        if min(wall_x, min(wall_y, wall_z)) > t:
+            return True
+        if wall_x <= wall_y and wall_x <= wall_z:
+            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
+        elif wall_y <= wall_z:
+            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
+        else:
+            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
+    return False
+
+
+def depth(aggregate):
+    """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside."""
+    from scipy.ndimage import distance_transform_edt
+
+    padded = np.pad(aggregate.voxels & CLASS == INSIDE, 1)
+    between = distance_transform_edt(padded, sampling=aggregate.edge)[1:-1, 1:-1, 1:-1]
+    return np.maximum(between - np.linalg.norm(aggregate.edge), 0.0)  # of middles: half a diagonal each
