@@ -22,6 +22,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | one by one | | `disc_cells`, `discs_of_cell` |
 | closed meshes of files | `closed_mesh` | |
 | hashes | | `hashed` |
+| tuples of arrays, uncounted | | `lent` |
 
 Lengths: mean free paths for tables of multiple scattering, mean radii for tiles, radii of the bounding sphere for grains.
 Importing this module loads numba and SciPy.
@@ -62,6 +63,7 @@ from bakery.physics.grains.surface import (
 )
 from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import turned as at_surface
+from bakery.physics.granular._lent import lent
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.granular._voxels import mark as mark_voxels
 from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere
@@ -122,6 +124,7 @@ __all__ = [
     "goa_amplitudes",
     "hashed",
     "instance",
+    "lent",
     "mark_voxels",
     "mesh_boundary",
     "mesh_scratch",

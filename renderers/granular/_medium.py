@@ -12,6 +12,7 @@ from bakery.kernels import (
     Aggregate,
     aggregate_scratch,
     deep_in_mesh,
+    lent,
     mesh_boundary,
     phase_sample,
     phase_value,
@@ -123,6 +124,7 @@ def advance(medium, occupied, origin, direction, weight, states, met, place, far
     density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there
     A path that needs LIGHT has come to a scattering, and `scatter` takes it on.
     """
+    medium = lent(medium)
     room, p, q, d = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
     values, before = np.empty(weight.shape[1]), np.empty(weight.shape[1])
     unit = medium.unit
@@ -203,6 +205,7 @@ def _passed(medium, p, d, far, q, passed, room):
 @njit(cache=True, nogil=True, error_model="numpy")
 def light(medium, colours, origin, direction, weight, lit, distance, radiance, density, single, added, begin, end):
     """What sampled lights send by way of scatterings: added (n, 3) linear sRGB; parameters as those of `_paths.light`."""
+    medium = lent(medium)
     room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
     values, passed = np.empty(weight.shape[1]), np.empty(weight.shape[1])
     for i in range(begin, end):
@@ -225,6 +228,7 @@ def light(medium, colours, origin, direction, weight, lit, distance, radiance, d
 @njit(cache=True, nogil=True, error_model="numpy")
 def scatter(medium, origin, direction, weight, states, bounces, density, alive, begin, end):
     """New directions of paths at scatterings, their densities (as `advance`), and whether they go on."""
+    medium = lent(medium)
     p, d, values = np.empty(3), np.empty(3), np.empty(weight.shape[1])
     for i in range(begin, end):
         for k in range(3):
@@ -238,6 +242,7 @@ def scatter(medium, origin, direction, weight, states, bounces, density, alive, 
 @njit(cache=True, nogil=True, error_model="numpy")
 def open_share(medium, point, lit, distance, share, begin, end):
     """Share (n, L) of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m."""
+    medium = lent(medium)
     room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
     for i in range(begin, end):
         for k in range(3):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from bakery.kernels import DIFFUSE, at_surface, surface_frame, surface_share
+from bakery.kernels import DIFFUSE, at_surface, lent, surface_frame, surface_share
 from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.wavefront import roulette, to_rgb, uniform
 
@@ -55,6 +55,7 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
     normal, kind : (n, 3), (n,) become normal and type of grain where a path needs LIGHT
     status : (n,) becomes what it needs;  alive : (n,) bool, for own use
     """
+    grains = lent(grains)
     room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
     now, at = np.empty(4, np.int64), np.empty(2, np.int64)
     unit = grains.unit
@@ -120,6 +121,7 @@ def light(grains, colours, origin, weight, met, place, normal, kind, lit, distan
 
     lit, distance, radiance, density, single : of the samples, (n, 3), (n,) m, (n, 3), (n,) 1/sr, (n,)
     """
+    grains = lent(grains)
     room, p, d, n, values = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(weight.shape[1])
     now, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
@@ -143,6 +145,7 @@ def light(grains, colours, origin, weight, met, place, normal, kind, lit, distan
 @njit(cache=True, nogil=True, error_model="numpy")
 def scatter(grains, direction, weight, states, bounces, normal, kind, density, alive, begin, end):
     """New directions of paths at matt grains, their densities (n,) 1/sr, and whether they go on."""
+    grains = lent(grains)
     for i in range(begin, end):
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
         sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
@@ -158,6 +161,7 @@ def scatter(grains, direction, weight, states, bounces, normal, kind, density, a
 @njit(cache=True, nogil=True, error_model="numpy")
 def open_share(grains, point, lit, distance, share, begin, end):
     """Share (n, L), 0 or 1, of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m."""
+    grains = lent(grains)
     room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
     now, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):

@@ -56,6 +56,7 @@ def listed(centers, radii, cell, vertices, faces):
 @njit
 def all_spheres(aggregate, origin, direction, far, count, met, distance):
     """The first spheres along rays, one after the other, each left behind at its exit."""
+    aggregate = kernels.lent(aggregate)
     room, left, o, d = kernels.aggregate_scratch(), np.empty(4, np.int64), np.empty(3), np.empty(3)
     for n in range(len(origin)):
         o[:], d[:] = origin[n], direction[n]
