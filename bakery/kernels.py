@@ -14,7 +14,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
-| their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame` |
+| their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame`, `surface_density` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
@@ -62,6 +62,7 @@ from bakery.physics.grains.surface import (
     fresnel_conductor,
 )
 from bakery.physics.grains.surface import left as surface_share
+from bakery.physics.grains.surface import towards as surface_density
 from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._lent import lent
 from bakery.physics.granular._packed import flight as flight_to_sphere
@@ -147,6 +148,7 @@ __all__ = [
     "rotation_matrix",
     "segment_source",
     "stored_discs",
+    "surface_density",
     "surface_frame",
     "surface_share",
     "tile_grid",

@@ -29,6 +29,7 @@ class Grains(NamedTuple):
     aggregate : of the spheres;  seed (uint64), shares (T,) : `bakery.kernels.instance` makes grains of them
     exemplars : the T types of grain
     channels : (T, 2, L) of their surfaces;  absorption : (T, L) 1/unit, of their inside
+    chance : (X, Y, Z) float32, with which a meeting with a rough or matt surface in each voxel samples a light
     """
 
     aggregate: kernels.Aggregate
@@ -38,6 +39,7 @@ class Grains(NamedTuple):
     exemplars: kernels.Exemplars
     channels: np.ndarray
     absorption: np.ndarray
+    chance: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

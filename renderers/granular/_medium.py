@@ -19,7 +19,7 @@ from bakery.kernels import (
     turned_direction,
 )
 from renderers.granular._grains import NOWHERE
-from renderers.granular._paths import DEAD, LEAVES, LIGHT, TRACE, crosses
+from renderers.granular._paths import DEAD, LEAVES, LIGHT, TRACE, chance_at, crosses
 from renderers.wavefront import roulette, to_rgb, uniform
 
 
@@ -106,16 +106,6 @@ def _scattered(medium, d, weight, states, i, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _chance(medium, p):
-    """With which a scattering at p samples a light."""
-    low, edge, chance = medium.aggregate.low, medium.aggregate.edge, medium.chance
-    a, b, c = (min(max(math.floor((p[0] - low[0]) / edge[0]), 0), chance.shape[0] - 1),
-               min(max(math.floor((p[1] - low[1]) / edge[1]), 0), chance.shape[1] - 1),
-               min(max(math.floor((p[2] - low[2]) / edge[2]), 0), chance.shape[2] - 1))
-    return chance[a, b, c]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def advance(medium, occupied, origin, direction, weight, states, met, place, far, density, order, bounces, single, status, alive,
             begin, end):
     """Takes paths begin to end on until they need something of the scene; parameters as those of `_paths.advance`.
@@ -148,7 +138,7 @@ def advance(medium, occupied, origin, direction, weight, states, met, place, far
                 order[i] += 1
                 bounces[i] += 1
                 met[i, 0], place[i], far[i], single[i] = NOWHERE, -1, np.nan, False
-                chance = _chance(medium, p)
+                chance = chance_at(medium.aggregate, medium.chance, p)
                 if uniform(states, i) < chance:
                     status[i] = LIGHT
                 else:
@@ -216,7 +206,7 @@ def light(medium, colours, origin, direction, weight, lit, distance, radiance, d
         for k in range(3):
             p[k], d[k] = origin[i, k] / medium.unit, lit[i, k]
             square += (d[k] - direction[i, k]) ** 2
-        chance = _chance(medium, p)
+        chance = chance_at(medium.aggregate, medium.chance, p)
         ahead = _mixture(medium, weight, i, min(0.5 * square, 2.0), values)
         balance = 1.0 if single[i] else density[i] / (density[i] + ahead / chance)
         _passed(medium, p, d, distance[i] / medium.unit, q, passed, room)
@@ -233,7 +223,7 @@ def scatter(medium, origin, direction, weight, states, bounces, density, alive, 
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = origin[i, k] / medium.unit, direction[i, k]
-        density[i] = _scattered(medium, d, weight, states, i, values) / _chance(medium, p)
+        density[i] = _scattered(medium, d, weight, states, i, values) / chance_at(medium.aggregate, medium.chance, p)
         for k in range(3):
             direction[i, k] = d[k]
         roulette(weight, states, bounces, alive, i, i + 1)

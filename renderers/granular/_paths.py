@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from bakery.kernels import DIFFUSE, at_surface, lent, surface_frame, surface_share
+from bakery.kernels import DIELECTRIC, DIFFUSE, at_surface, lent, surface_density, surface_frame, surface_share
 from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.wavefront import roulette, to_rgb, uniform
 
@@ -41,8 +41,58 @@ def crosses(aggregate, occupied, p, d, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(grains, occupied, origin, direction, weight, states, met, place, far, order, bounces, single, normal, kind, status,
-            alive, begin, end):
+def chance_at(aggregate, chance, p):
+    """Value at p (3,) of chances (X, Y, Z) in the voxels of an aggregate."""
+    low, edge = aggregate.low, aggregate.edge
+    a, b, c = (min(max(math.floor((p[0] - low[0]) / edge[0]), 0), chance.shape[0] - 1),
+               min(max(math.floor((p[1] - low[1]) / edge[1]), 0), chance.shape[1] - 1),
+               min(max(math.floor((p[2] - low[2]) / edge[2]), 0), chance.shape[2] - 1))
+    return chance[a, b, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_rough(grains, which):
+    """Whether directions at a type of grain have a density."""
+    return grains.exemplars.table[which, 0] == DIFFUSE or grains.exemplars.table[which, 2] > 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _local(nx, ny, nz, dx, dy, dz, out):
+    """Where a ray along d comes from, and the direction out (3,), in the frame of a normal."""
+    sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
+    return (-(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz),
+            out[0] * sx + out[1] * sy + out[2] * sz, out[0] * tx + out[1] * ty + out[2] * tz,
+            out[0] * nx + out[1] * ny + out[2] * nz)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turn(grains, which, n, d, weight, states, i, chance):
+    """Turns d (3,) at a surface with outward normal n (3,), and changes the weights.
+
+    Returns the density (1/sr) of the new direction over the chance of a light sample, and whether light samples cannot take it:
+    those of smooth surfaces, and those into a grain.
+    """
+    matter, index, roughness, _ = grains.exemplars.table[which]
+    kind = int(matter)
+    sx, sy, sz, tx, ty, tz = surface_frame(n[0], n[1], n[2])
+    x, y = -(d[0] * sx + d[1] * sy + d[2] * sz), -(d[0] * tx + d[1] * ty + d[2] * tz)
+    z = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
+    ox, oy, oz, share, cosine = at_surface(kind, index, roughness, x, y, z, uniform(states, i), uniform(states, i),
+                                           uniform(states, i))
+    for w in range(weight.shape[1]):
+        weight[i, w] *= share * surface_share(kind, grains.channels[which], w, cosine)
+    over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)  # keeps rounding from growing over many reflections
+    ox, oy, oz = ox * over, oy * over, oz * over
+    d[0], d[1], d[2] = ox * sx + oy * tx + oz * n[0], ox * sy + oy * ty + oz * n[1], ox * sz + oy * tz + oz * n[2]
+    density = 0.0
+    if oz > 0.0 and _is_rough(grains, which):
+        density, _, _ = surface_density(kind, index, roughness, x, y, z, ox, oy, oz)
+    return density / chance, density == 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(grains, occupied, origin, direction, weight, states, met, place, far, order, bounces, single, density, normal, kind,
+            status, alive, begin, end):
     """Takes paths begin to end on, through all surfaces that only reflect and refract, until they need something of the scene.
 
     Parameters
@@ -52,6 +102,7 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
     met, place : (n, 4), (n,) sphere and triangle that each starts on (`next_surface`); changed
     far : (n,) m, to the first surface of the scene, nan where it is not known; changed.  Known where met is UNKNOWN
     order : (n,) grains met;  bounces : (n,);  single : (n,) whether light sampling cannot take the direction; changed
+    density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there; changed
     normal, kind : (n, 3), (n,) become normal and type of grain where a path needs LIGHT
     status : (n,) becomes what it needs;  alive : (n,) bool, for own use
     """
@@ -83,30 +134,22 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
                 p[k] += t * d[k]
             for k in range(4):
                 met[i, k] = now[k]
-            sx, sy, sz, tx, ty, tz = surface_frame(n[0], n[1], n[2])
-            x, y = -(d[0] * sx + d[1] * sy + d[2] * sz), -(d[0] * tx + d[1] * ty + d[2] * tz)
-            z = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
-            if z < 0.0:
-                for w in range(weight.shape[1]):
-                    weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
-            matter, index, roughness = int(grains.exemplars.table[which, 0]), grains.exemplars.table[which, 1], \
-                grains.exemplars.table[which, 2]
-            if matter == DIFFUSE:
-                if z <= 0.0:  # a path within what is opaque: the camera's or a lamp's, which stands in a grain
+            along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
+            if along > 0.0:
+                if grains.exemplars.table[which, 0] != DIELECTRIC:  # a camera or a lamp stands in what is opaque
                     status[i] = DEAD
                     break
-                status[i], kind[i] = LIGHT, which
-                for k in range(3):
-                    normal[i, k] = n[k]
-                break
-            x, y, z, share, cosine = at_surface(matter, index, roughness, x, y, z, uniform(states, i), uniform(states, i),
-                                                uniform(states, i))
-            for w in range(weight.shape[1]):
-                weight[i, w] *= share * surface_share(matter, grains.channels[which], w, cosine)
-            over = 1.0 / math.sqrt(x * x + y * y + z * z)
-            x, y, z = x * over, y * over, z * over
-            d[0], d[1], d[2] = x * sx + y * tx + z * n[0], x * sy + y * ty + z * n[1], x * sz + y * tz + z * n[2]
-            single[i] = True
+                for w in range(weight.shape[1]):
+                    weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
+            chance = 1.0
+            if _is_rough(grains, which):
+                chance = chance_at(grains.aggregate, grains.chance, p)
+                if uniform(states, i) < chance:
+                    status[i], kind[i] = LIGHT, which
+                    for k in range(3):
+                        normal[i, k] = n[k]
+                    break
+            density[i], single[i] = _turn(grains, which, n, d, weight, states, i, chance)
             roulette(weight, states, bounces, alive, i, i + 1)
             if not alive[i]:
                 status[i] = DEAD
@@ -116,8 +159,9 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(grains, colours, origin, weight, met, place, normal, kind, lit, distance, radiance, density, single, added, begin, end):
-    """What sampled lights send by way of matt grains: added (n, 3) linear sRGB.
+def light(grains, colours, origin, direction, weight, met, place, normal, kind, lit, distance, radiance, density, single, added,
+          begin, end):
+    """What sampled lights send by way of rough and matt grains: added (n, 3) linear sRGB.
 
     lit, distance, radiance, density, single : of the samples, (n, 3), (n,) m, (n, 3), (n,) 1/sr, (n,)
     """
@@ -126,35 +170,42 @@ def light(grains, colours, origin, weight, met, place, normal, kind, lit, distan
     now, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
         added[i] = 0.0
-        cosine = lit[i, 0] * normal[i, 0] + lit[i, 1] * normal[i, 1] + lit[i, 2] * normal[i, 2]
-        if cosine <= 0.0 or not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
-            continue
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
         for k in range(3):
             p[k], d[k] = origin[i, k] / grains.unit, lit[i, k]
+        # light that goes into a grain meets its other side
+        if d[0] * nx + d[1] * ny + d[2] * nz <= 0.0 or not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            continue
+        which = kind[i]
+        matter, index, roughness, _ = grains.exemplars.table[which]
+        x, y, z, ox, oy, oz = _local(nx, ny, nz, direction[i, 0], direction[i, 1], direction[i, 2], d)
+        likely, share, cosine = surface_density(int(matter), index, roughness, x, y, z, ox, oy, oz)
+        if likely == 0.0:
+            continue
         for k in range(4):
             now[k] = met[i, k]
         at[0] = place[i]
         if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf:
             continue
-        balance = 1.0 if single[i] else density[i] / (density[i] + cosine / math.pi)
+        chance = chance_at(grains.aggregate, grains.chance, p)
+        balance = 1.0 if single[i] else density[i] / (density[i] + likely / chance)
+        share *= likely * balance / chance
         for w in range(len(values)):
-            values[w] = weight[i, w] * surface_share(DIFFUSE, grains.channels[kind[i]], w, 1.0) * balance * cosine / math.pi
+            values[w] = weight[i, w] * share * surface_share(int(matter), grains.channels[which], w, cosine)
         to_rgb(colours, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scatter(grains, direction, weight, states, bounces, normal, kind, density, alive, begin, end):
-    """New directions of paths at matt grains, their densities (n,) 1/sr, and whether they go on."""
+def scatter(grains, origin, direction, weight, states, bounces, normal, kind, density, single, alive, begin, end):
+    """New directions of paths at rough and matt grains, their densities (as `advance`), and whether they go on."""
     grains = lent(grains)
+    p, d, n = np.empty(3), np.empty(3), np.empty(3)
     for i in range(begin, end):
-        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
-        sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
-        x, y, z, _, _ = at_surface(DIFFUSE, 1.0, 0.0, 0.0, 0.0, 1.0, uniform(states, i), uniform(states, i), 0.0)
-        direction[i, 0], direction[i, 1], direction[i, 2] = (x * sx + y * tx + z * nx, x * sy + y * ty + z * ny,
-                                                             x * sz + y * tz + z * nz)
-        density[i] = z / math.pi
-        for w in range(weight.shape[1]):
-            weight[i, w] *= surface_share(DIFFUSE, grains.channels[kind[i]], w, 1.0)
+        for k in range(3):
+            p[k], d[k], n[k] = origin[i, k] / grains.unit, direction[i, k], normal[i, k]
+        density[i], single[i] = _turn(grains, kind[i], n, d, weight, states, i, chance_at(grains.aggregate, grains.chance, p))
+        for k in range(3):
+            direction[i, k] = d[k]
         roulette(weight, states, bounces, alive, i, i + 1)
 
 

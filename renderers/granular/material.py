@@ -11,7 +11,7 @@ from renderers.granular._medium import Medium
 from renderers.granular.paths import Colours
 
 SEED = 0  # of the hash that places grains: the same in all pictures of a scene
-_SELDOM = 1 / 64  # chance of a light sample far inside of a medium, where hardly any light gets to straight
+_SELDOM = 1 / 64  # chance of a light sample
 
 
 def mesh_of(scene):
@@ -39,9 +39,13 @@ def medium_of(asset, aggregate, unit) -> Medium:
     group = asset.medium
     sigma_t, theta = unit * np.array(group.sigma_t, float), np.asarray(group.theta, float)
     layouts = [kernels.phase_layout(theta, row) for row in np.asarray(group.phase, float)]
-    chance = np.maximum(np.exp(-sigma_t.min() * kernels.depth_in_mesh(aggregate)), _SELDOM).astype(np.float32)
     return Medium(aggregate, unit, sigma_t, np.array(group.albedo, float), layouts[0][0], layouts[0][1],
-                  np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]), chance)
+                  np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]), seldom(aggregate, sigma_t.min()))
+
+
+def seldom(aggregate, sigma_t):
+    """Chance (X, Y, Z) of a light sample in each voxel, less far inside, where hardly any light gets to; sigma_t in 1/unit."""
+    return np.maximum(np.exp(-sigma_t * kernels.depth_in_mesh(aggregate)), _SELDOM).astype(np.float32)
 
 
 def grains_of(asset, vertices, faces) -> Grains:
@@ -50,10 +54,12 @@ def grains_of(asset, vertices, faces) -> Grains:
     unit = float(np.sum(np.asarray(group.radius) * np.asarray(group.radius_share)))
     types = [_Grain(one, middle) for one in group.exemplars.values()]
     parts = [group[name] for name in group.exemplars]
-    return Grains(kernels.aggregate(*_tile(asset), vertices / unit, faces), unit, np.uint64(SEED),
+    aggregate = kernels.aggregate(*_tile(asset), vertices / unit, faces)
+    return Grains(aggregate, unit, np.uint64(SEED),
                   kernels.cumulated_shares([float(part.weight[0]) for part in parts]), kernels.exemplars(types),
                   np.array([_channels(one.surface, len(asset.wavelength)) for one in group.exemplars.values()]),
-                  np.array([unit * np.asarray(part.interior, float) for part in parts]))
+                  np.array([unit * np.asarray(part.interior, float) for part in parts]),
+                  seldom(aggregate, unit * float(np.min(asset.medium.sigma_t))))
 
 
 class _Grain:

@@ -31,6 +31,7 @@ class Continuous:
 
     def scattered(self, paths, found, alive):
         """Turns paths at scatterings; alive (n,) becomes whether they go on."""
+        paths.single[:] = False
         run(_medium.scatter, len(paths), self.medium, paths.origin, paths.direction, paths.weight, paths.states, paths.bounces,
             paths.density, alive)
 

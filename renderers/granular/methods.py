@@ -56,8 +56,8 @@ def _reasons(asset):
     said = []
     if any(one["type"] == "dielectric" and len(set(one["index"])) > 1 for one in surfaces):
         said.append("grains refract all wavelengths as the middle one")
-    if any(one["type"] != "diffuse" for one in surfaces):
-        said.append("light reaches shiny and clear grains by chance: lights without extent do not show in them")
+    if any(one["type"] != "diffuse" and one["roughness"] == 0 for one in surfaces):
+        said.append("light reaches smooth grains by chance: lights without extent do not show in them")
     return said
 
 

@@ -43,18 +43,18 @@ class Explicit:
         n = len(paths)
         normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
         run(_paths.advance, n, self.grains, self.occupied, paths.origin, paths.direction, paths.weight, paths.states, paths.met,
-            paths.place, paths.far, paths.order, paths.bounces, paths.single, normal, kind, status, alive)
+            paths.place, paths.far, paths.order, paths.bounces, paths.single, paths.density, normal, kind, status, alive)
         return status, (normal, kind)
 
     def lit(self, paths, found, sample, added):
-        """What light samples send by way of matt grains, added (n, 3); found : as `advance` gives it, of these paths."""
-        run(_paths.light, len(paths), self.grains, self.colours, paths.origin, paths.weight, paths.met, paths.place, *found,
-            *sample[:5], added)
+        """What light samples send by way of rough and matt grains, added (n, 3); found : what `advance` found of these paths."""
+        run(_paths.light, len(paths), self.grains, self.colours, paths.origin, paths.direction, paths.weight, paths.met,
+            paths.place, *found, *sample[:5], added)
 
     def scattered(self, paths, found, alive):
-        """Turns paths at matt grains; alive (n,) becomes whether they go on."""
-        run(_paths.scatter, len(paths), self.grains, paths.direction, paths.weight, paths.states, paths.bounces, *found,
-            paths.density, alive)
+        """Turns paths at rough and matt grains; alive (n,) becomes whether they go on."""
+        run(_paths.scatter, len(paths), self.grains, paths.origin, paths.direction, paths.weight, paths.states, paths.bounces,
+            *found, paths.density, paths.single, alive)
 
     def open(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance."""
@@ -152,7 +152,6 @@ def _at_grains(world, method, paths, found, by_order, by_light):
     sample = world.lights(paths.origin, numbers)
     method.lit(paths, found, sample, added)
     wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
-    paths.single[:] = False
     method.scattered(paths, found, alive)
     return paths.of(alive)
 

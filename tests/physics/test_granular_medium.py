@@ -24,9 +24,9 @@ def continuous(sigma_t, albedo, g=0.0, world=None, mesh=MESH):
     """A medium of three wavelengths in the mesh; g (3,) or a number."""
     layouts = [kernels.phase_layout(THETA, henyey_greenstein(one)) for one in np.broadcast_to(g, 3)]
     aggregate, sigma_t = kernels.aggregate(*tile(0.5, 40), *mesh), np.array(np.broadcast_to(sigma_t, 3), float)
-    chance = np.maximum(np.exp(-sigma_t.min() * kernels.depth_in_mesh(aggregate)), 1 / 64).astype(np.float32)
-    found = Medium(aggregate, 1.0, sigma_t, np.array(np.broadcast_to(albedo, 3), float), layouts[0][0], layouts[0][1],
-                   np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]), chance)
+    phase, cdf = (np.array([one[k] for one in layouts]) for k in (2, 3))
+    found = Medium(aggregate, 1.0, sigma_t, np.array(np.broadcast_to(albedo, 3), float), layouts[0][0], layouts[0][1], phase, cdf,
+                   material.seldom(aggregate, sigma_t.min()))
     return medium.Continuous(found, NOTHING if world is None else material.occupied_by(world, aggregate, 1.0), COLOURS)
 
 

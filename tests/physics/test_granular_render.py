@@ -31,9 +31,10 @@ class Kind:
 def grains(kinds, mesh, spheres=None, unit=1.0, waves=3, absorption=0.0, weights=None):
     """`Grains` in a mesh in units; of each type the surface's own channels, and one absorption (1/unit) for all."""
     channels = np.array([np.broadcast_to(kind.surface.channels, (2, waves)) for kind in kinds])
-    return Grains(kernels.aggregate(*(spheres or tile()), *mesh), unit, np.uint64(3),
+    aggregate = kernels.aggregate(*(spheres or tile()), *mesh)
+    return Grains(aggregate, unit, np.uint64(3),
                   kernels.cumulated_shares(weights or np.ones(len(kinds))), kernels.exemplars(kinds), channels,
-                  np.full((len(kinds), waves), absorption))
+                  np.full((len(kinds), waves), absorption), material.seldom(aggregate, 0.4))
 
 
 COLOURS = paths.Colours(np.eye(3), np.eye(3))  # three wavelengths that are R, G and B
@@ -78,6 +79,19 @@ def test_absorption_takes_what_the_way_through_says():
     picture = passes(Sky(above=1, below=1), place(found), view, (16, 16), range(3))
     assert np.allclose(picture[..., 0], 1)
     assert np.allclose(picture[..., 2], picture[..., 1] ** 5) and picture.min() < 0.05
+
+
+def test_light_samples_may_be_seldom():
+    """Matt and rough grains in the sun: how often lights are sampled makes no difference to the mean."""
+    rough = kernels.conductor(complex(np.inf, 0), 0.5), kernels.dielectric(1.5, 0.5)
+    kinds = [Kind(kernels.diffuse(0.9)), Kind(rough[0], STONE), Kind(rough[1])]
+    view, found = camera((16, 16), (0.0, -25.0, 3.0), (0.0, 0.0, 0.0), 22), []
+    for chance in (1.0, 0.3):
+        where = grains(kinds, bumpy(6.0), tile(0.4, 40))
+        where.chance[:] = chance
+        found.append(blocks(passes(Sky((1, 1, -1), above=0.5), place(where), view, (16, 16), range(200, 300)), (4, 4)))
+    often, seldom = (one.reshape(10, 10, 4, 4).mean(axis=1) for one in found)
+    assert same(often, seldom) > ODDS and same(often, 1.2 * seldom) < ODDS
 
 
 def test_orders_are_grains():
@@ -134,6 +148,8 @@ SCENE = """<scene version="3.0.0">
 <bsdf type="diffuse" id="matt"><rgb name="reflectance" value="0.9 0.6 0.2"/></bsdf>
 <bsdf type="roughconductor" id="steel"><string name="distribution" value="ggx"/><float name="alpha" value="0.3"/>
   <rgb name="eta" value="0.2 0.9 1.1"/><rgb name="k" value="3.9 2.5 2.4"/></bsdf>
+<bsdf type="roughdielectric" id="frosted"><string name="distribution" value="ggx"/><float name="alpha" value="0.4"/>
+  <float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>
 MORE</scene>"""
 STEELY = kernels.conductor([0.2 + 3.9j, 0.9 + 2.5j, 1.1 + 2.4j], 0.3)
 
@@ -160,7 +176,8 @@ def explicit(folder, found, kinds, names, mesh):
     return len(met)
 
 
-CASES = {"glass": ([Kind(GLASS)], ["glass"]), "matt stones": ([Kind(kernels.diffuse([0.9, 0.6, 0.2]), STONE)], ["matt"]),
+CASES = {"glass": ([Kind(GLASS)], ["glass"]), "frosted": ([Kind(kernels.dielectric(1.5, 0.4), STONE)], ["frosted"]),
+         "matt stones": ([Kind(kernels.diffuse([0.9, 0.6, 0.2]), STONE)], ["matt"]),
          "mixture": ([Kind(GLASS, STONE), Kind(kernels.diffuse([0.9, 0.6, 0.2])), Kind(STEELY, radius=0.8)],
                      ["glass", "matt", "steel"])}
 
