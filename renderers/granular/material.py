@@ -91,11 +91,11 @@ def _channels(surface, waves):
 
 def _tile(asset):
     """Centres, radii and cell: the least dense tile that is as dense as the medium, widened until it is just that."""
-    packing, wished = asset.packing, float(asset.medium.fraction)
+    packing, wished = asset.packing, float(asset.medium.fraction[0])
     tiles = [packing] if "centers" in packing else [one for one in packing.values() if "centers" in one]
-    dense = [one for one in tiles if float(one.fraction) >= wished * (1 - 1e-9)]
-    tile = min(dense, key=lambda one: float(one.fraction)) if dense else max(tiles, key=lambda one: float(one.fraction))
-    wider = max(float(tile.fraction) / wished, 1.0) ** (1 / 3)
+    dense = [one for one in tiles if float(one.fraction[0]) >= wished * (1 - 1e-9)]
+    tile = min(dense, key=lambda one: float(one.fraction[0])) if dense else max(tiles, key=lambda one: float(one.fraction[0]))
+    wider = max(float(tile.fraction[0]) / wished, 1.0) ** (1 / 3)
     return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
 
 
