@@ -85,7 +85,7 @@ def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
     at[1] = which
     if table[which, 3] > 0.0:  # a ball: nobody sees how it is turned
         t = _ball(table[which, 3], x, y, z, dx, dy, dz, at[0], normal)
-        at[0] = 0
+        at[0] = 0 if t < np.inf else -1
         return t
     xx, xy, xz, yx, yy, yz, zx, zy, zz = rotation_matrix(turn[0], turn[1], turn[2], turn[3])
     low, high = offset[which, 0], offset[which + 1, 0]
@@ -106,7 +106,7 @@ def next_surface(grains, p, d, far, met, at, normal, room):
 
     met : (4,) sphere (number, copy of the tile) whose grain the ray starts on, with at[0] its triangle; or NOWHERE, or UNKNOWN.
         It becomes the sphere of the grain that is met, at (2,) its triangle and the type of grain, normal (3,) its outward
-        normal; all three are of no meaning where nothing is met
+        normal; all are of no meaning where nothing is met, but that at[0] is -1 unless a surface comes after `far`
     """
     aggregate = grains.aggregate
     own, left = room
@@ -120,9 +120,9 @@ def next_surface(grains, p, d, far, met, at, normal, room):
         if not known:
             left[0], left[1], left[2], left[3] = met[0], met[1], met[2], met[3]
             begin = first_sphere(aggregate, p, d, begin, far, left, met, own)
+            ahead, at[0] = _AHEAD, -1
             if begin == np.inf:
                 return np.inf
-            ahead, at[0] = _AHEAD, -1
         known = False
         radius = aggregate.radii[met[0]]
         x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0] - p[0]

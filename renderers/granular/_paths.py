@@ -51,6 +51,13 @@ def chance_at(aggregate, chance, p):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _absorb(grains, which, weight, i, t):
+    """Takes from weights (n, L) what the inside of a type of grain absorbs on a way of length t."""
+    for w in range(weight.shape[1]):
+        weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_rough(grains, which):
     """Whether directions at a type of grain have a density."""
     return grains.exemplars.table[which, 0] == DIFFUSE or grains.exemplars.table[which, 2] > 0.0
@@ -121,6 +128,8 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
             t = next_surface(grains, p, d, far[i] / unit if known else np.inf, now, at, n, room)
             if t == np.inf:
                 status[i] = LEAVES
+                if known and at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:  # a surface of the scene in a grain
+                    _absorb(grains, at[1], weight, i, far[i] / unit)
                 break
             if not known and crosses(grains.aggregate, occupied, p, d, t):
                 status[i] = TRACE
@@ -139,8 +148,7 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
                 if grains.exemplars.table[which, 0] != DIELECTRIC:  # a camera or a lamp stands in what is opaque
                     status[i] = DEAD
                     break
-                for w in range(weight.shape[1]):
-                    weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
+                _absorb(grains, which, weight, i, t)
             chance = 1.0
             if _is_rough(grains, which):
                 chance = chance_at(grains.aggregate, grains.chance, p)

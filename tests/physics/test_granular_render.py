@@ -134,6 +134,17 @@ def test_a_white_room(tmp_path, eye):
     assert error < 1.5e-3 and abs(found.mean() - 1) < 5.4 * error
 
 
+def test_a_surface_in_a_grain(tmp_path):
+    """A lamp cuts a ball in half, which absorbs light on its way through the other half."""
+    (tmp_path / "lamp.xml").write_text("""<scene version="3.0.0"><sensor type="perspective"/><shape type="rectangle">
+        <emitter type="area"><rgb name="radiance" value="1 1 1"/></emitter></shape></scene>""")
+    alone = np.array([[0.0, 0.0, 0.0]]), np.ones(1), np.full(3, 2.5)
+    world = World(tmp_path / "lamp.xml")
+    where = place(grains([Kind(kernels.dielectric(1.0))], (0.2 * CUBE[0] - 0.1, CUBE[1]), alone, absorption=1.0), world)
+    found = passes(world, where, camera((4, 4), (0.0, 0.0, 9.0), (0.0, 0.0, 0.0), 0.1, (0, 1, 0)), (4, 4), [0])
+    assert np.allclose(found, np.exp(-1), rtol=1e-3)
+
+
 SCENE = """<scene version="3.0.0">
 <integrator type="path"><integer name="max_depth" value="-1"/><integer name="rr_depth" value="100"/></integrator>
 <sensor type="perspective"><float name="fov" value="26"/><transform name="to_world">
