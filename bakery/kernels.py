@@ -64,7 +64,6 @@ from bakery.physics.grains.surface import (
 from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import towards as surface_density
 from bakery.physics.grains.surface import turned as at_surface
-from bakery.physics.granular._lent import lent
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.granular._voxels import mark as mark_voxels
 from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere
@@ -74,6 +73,7 @@ from bakery.physics.granular.aggregate import depth as depth_in_mesh
 from bakery.physics.granular.aggregate import scratch as aggregate_scratch
 from bakery.physics.granular.exemplars import Exemplars
 from bakery.physics.granular.exemplars import layout as exemplars
+from bakery.physics.lent import lent
 from bakery.physics.medium._kernels import evaluated as phase_value
 from bakery.physics.medium._kernels import layout as phase_layout
 from bakery.physics.medium._kernels import sampled as phase_sample

@@ -14,6 +14,7 @@ from numba import njit
 from bakery.kernels import (
     NO_DISC,
     first_disc,
+    lent,
     mesh_scratch,
     open_wavelengths,
     phase_sample,
@@ -37,6 +38,7 @@ def collide(medium, origin, direction, far, discrete, left_out, weight, states, 
     kind : (n,) int64, becomes the class, or NO_DISC where the ray reaches `far`
     distance : (n,) m, place : (n, 3) m, become those of the scattering
     """
+    medium = lent(medium)
     room = mesh_scratch()
     for i in range(begin, end):
         near = min(far[i], discrete[i])
@@ -178,6 +180,7 @@ def scatter(medium, kind, direction, weight, states, guide, guided, density, beg
     Angles are drawn from the phase functions of all wavelengths, mixed by what they would scatter: about the path's direction, or
     about that of a light, for the next particle scatters most light that comes from nearly behind it.
     """
+    medium = lent(medium)
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
         total = 0.0
@@ -239,6 +242,7 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, guid
     lit, distance, radiance, density, single, index : of the lights' samples: (n, 3) direction, (n,) m, (n, 3) sRGB over the
         sampling density, (n,) 1/sr, (n,) whether no direction drawn by a phase function could meet it, (n,) number of the light
     """
+    medium = lent(medium)
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
     for i in range(begin, end):
@@ -255,6 +259,7 @@ def light_alone(medium, kind, origin, direction, weight, states, chance, lit, di
 
     chance : (n,) number in [0, 1): light is hidden where it is above what the mean medium lets through; nan: by others' discs
     """
+    medium = lent(medium)
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
     for i in range(begin, end):

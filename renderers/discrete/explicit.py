@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from bakery.kernels import first_disc, fresnel, mesh_scratch
+from bakery.kernels import first_disc, fresnel, lent, mesh_scratch
 from renderers import wavefront
 from renderers.threads import run
 
@@ -50,7 +50,7 @@ class Spheres:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _meet(discs, origin, direction, far, kind, distance, place, begin, end):
-    room = mesh_scratch()
+    discs, room = lent(discs), mesh_scratch()
     for i in range(begin, end):
         # a sphere that the ray has just left lies behind it: the foot of its centre counts no more
         kind[i], distance[i], _, place[i, 0], place[i, 1], place[i, 2] = first_disc(
