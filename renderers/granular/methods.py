@@ -34,8 +34,7 @@ def prepare(job, world, seed) -> Method:
     if name == "ept":
         how, reasons = paths.Explicit(grains, *around), _reasons(asset)
     else:
-        how, reasons = medium.Continuous(material.medium_of(asset, aggregate, unit), *around), [
-            "the medium that stands for the grains: no grain is to be seen"]
+        how, reasons = medium.Continuous(material.medium_of(asset, aggregate, unit), *around), _reasons_of_medium(asset)
     return Method((Part(name, _pass(world, how, seed)),), reasons, {"grains": _expected(aggregate, vertices / unit, faces)})
 
 
@@ -58,6 +57,13 @@ def _reasons(asset):
         said.append("grains refract all wavelengths as the middle one")
     if any(one["type"] != "diffuse" and one["roughness"] == 0 for one in surfaces):
         said.append("light reaches smooth grains by chance: lights without extent do not show in them")
+    return said
+
+
+def _reasons_of_medium(asset):
+    said = ["the medium that stands for the grains: no grain is to be seen"]
+    if any(one.surface["type"] != "dielectric" for one in asset.grains.exemplars.values()):
+        said.append("packed opaque grains reflect more than a medium, dark ones twice as much (docs/granular.md)")
     return said
 
 

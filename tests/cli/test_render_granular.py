@@ -88,6 +88,12 @@ def test_report_and_layers(call, place):
     assert np.isfinite(whole).all() and (whole >= 0).all() and (found["noise.Y"] >= 0).all()
 
 
+def test_the_medium(call, place):
+    report, found = rendered(call, place, "a", "granular.method=vpt")
+    assert report["method"] == "vpt" and report["passes"] == {"vpt": 2} and picture(found, "order1.").any()
+    assert any("no grain" in said for said in report["reasons"]) and any("opaque" in said for said in report["reasons"])
+
+
 def test_going_on_is_as_not_having_stopped(call, place):
     straight = picture(rendered(call, place, "a", "stop={samples: 4, noise: 0.01%}")[1])
     rendered(call, place, "b")
