@@ -76,7 +76,7 @@ pictures: recipes
 QUALITY ?= preview
 SCENES := night_street square_emitter
 # their recipes are baked beside them
-PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
+PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle heap_of_sand
 scenes: $(VENV)/.ready
 	@mkdir -p build
 	$(BIN)/bake recipes/street_fog.yaml -o build/street_fog.h5

@@ -8,8 +8,13 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | tables of multiple scattering | `asset.multiple.point.tables()` | `multiple_scratch`, `point_source`, `segment_source` |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
+| its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
+| that mesh | `depth_in_mesh` | `mesh_boundary`, `deep_in_mesh` |
+| voxels with triangles | | `mark_voxels` |
+| types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
+| their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame`, `surface_density` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
@@ -18,6 +23,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | closed meshes of files | `closed_mesh` | |
 | hashes | | `hashed` |
 | random streams, by name | `stream_key` (seed, a name of `bakery.rng.STREAMS`, its index) | |
+| tuples of arrays, uncounted | | `lent` |
 
 Lengths: mean free paths for tables of multiple scattering, mean radii for tiles, radii of the bounding sphere for grains.
 Importing this module loads numba and SciPy.
@@ -41,14 +47,34 @@ from bakery.physics.discrete.region import densities as region_densities
 from bakery.physics.discrete.region import grid as region_grid
 from bakery.physics.discrete.region import mesh as region_mesh
 from bakery.physics.goa import amplitudes as goa_amplitudes
+from bakery.physics.grains._walk import _frame as surface_frame
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.bvh import nearest as nearest_triangle
 from bakery.physics.grains.bvh import normal as triangle_normal
 from bakery.physics.grains.bvh import scratch as mesh_scratch
-from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
+from bakery.physics.grains.surface import (
+    CONDUCTOR,
+    DIELECTRIC,
+    DIFFUSE,
+    conductor,
+    dielectric,
+    diffuse,
+    fresnel,
+    fresnel_conductor,
+)
 from bakery.physics.grains.surface import left as surface_share
+from bakery.physics.grains.surface import towards as surface_density
 from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._packed import flight as flight_to_sphere
+from bakery.physics.granular._voxels import mark as mark_voxels
+from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere
+from bakery.physics.granular.aggregate import boundary as mesh_boundary
+from bakery.physics.granular.aggregate import deep as deep_in_mesh
+from bakery.physics.granular.aggregate import depth as depth_in_mesh
+from bakery.physics.granular.aggregate import scratch as aggregate_scratch
+from bakery.physics.granular.exemplars import Exemplars
+from bakery.physics.granular.exemplars import layout as exemplars
+from bakery.physics.lent import lent
 from bakery.physics.medium._kernels import evaluated as phase_value
 from bakery.physics.medium._kernels import layout as phase_layout
 from bakery.physics.medium._kernels import sampled as phase_sample
@@ -70,25 +96,40 @@ from bakery.rng import key64 as stream_key
 
 __all__ = [
     "BOX",
+    "CONDUCTOR",
+    "DIELECTRIC",
+    "DIFFUSE",
     "NO_DISC",
+    "Aggregate",
+    "Exemplars",
     "Mesh",
     "Region",
+    "aggregate",
+    "aggregate_scratch",
     "at_surface",
     "closed_mesh",
     "conductor",
     "cumulated_shares",
+    "deep_in_mesh",
+    "depth_in_mesh",
     "dielectric",
     "diffuse",
     "disc_cells",
     "disc_order",
     "discs_of_cell",
+    "enclosing_sphere",
+    "exemplars",
     "first_disc",
+    "first_sphere",
     "flight_to_sphere",
     "fresnel",
     "fresnel_conductor",
     "goa_amplitudes",
     "hashed",
     "instance",
+    "lent",
+    "mark_voxels",
+    "mesh_boundary",
     "mesh_scratch",
     "mie_amplitudes",
     "multiple_scratch",
@@ -110,6 +151,8 @@ __all__ = [
     "segment_source",
     "stored_discs",
     "stream_key",
+    "surface_density",
+    "surface_frame",
     "surface_share",
     "tile_grid",
     "triangle_normal",

@@ -30,7 +30,8 @@ from renderers.common import FORMAT, Common, node_at
 from renderers.inputs import files_of
 
 SUFFIXES = (".yaml", ".yml")
-RENDERERS = {"fog": "renderers.fog", "discrete": "renderers.discrete"}  # section of a scene -> the package that renders it
+# section of a scene -> the package that renders it
+RENDERERS = {"fog": "renderers.fog", "discrete": "renderers.discrete", "granular": "renderers.granular"}
 
 
 # ---- reading

@@ -2,7 +2,6 @@
 
 A path carries one weight a wavelength.  Where a disc stops it at some wavelengths only, or the continuous medium at some more
 likely than at others, it is drawn by the weights which of them go on; so no wavelength is special.
-Each path has a random stream of its own, so that values do not depend on threads.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from numba import njit
 from bakery.kernels import (
     NO_DISC,
     first_disc,
-    hashed,
+    lent,
     mesh_scratch,
     open_wavelengths,
     phase_sample,
@@ -23,32 +22,7 @@ from bakery.kernels import (
     relative_density,
     turned_direction,
 )
-
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-ORDERS = 4  # of scattering that are told apart: 0, 1, 2, 3 and more
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def begin_streams(key, first, states):
-    """Random streams (n,) uint64 of paths first, first + 1, ...; key uint64, of `bakery.kernels.stream_key`."""
-    for i in range(len(states)):
-        states[i] = hashed(key ^ (np.uint64(first + i) * _GOLDEN))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def uniform(states, i):
-    """The next number of stream i, in [0, 1)."""
-    s = states[i] + _GOLDEN
-    states[i] = s
-    return (hashed(s) >> np.uint64(11)) * 2.0**-53
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def draw(states, out):
-    """Uniform numbers out (n, m) in [0, 1), row i from stream i."""
-    for i in range(len(states)):
-        for j in range(out.shape[1]):
-            out[i, j] = uniform(states, i)
+from renderers.wavefront import to_rgb, uniform
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -64,6 +38,7 @@ def collide(medium, origin, direction, far, discrete, left_out, weight, states, 
     kind : (n,) int64, becomes the class, or NO_DISC where the ray reaches `far`
     distance : (n,) m, place : (n, 3) m, become those of the scattering
     """
+    medium = lent(medium)
     room = mesh_scratch()
     for i in range(begin, end):
         near = min(far[i], discrete[i])
@@ -205,6 +180,7 @@ def scatter(medium, kind, direction, weight, states, guide, guided, density, beg
     Angles are drawn from the phase functions of all wavelengths, mixed by what they would scatter: about the path's direction, or
     about that of a light, for the next particle scatters most light that comes from nearly behind it.
     """
+    medium = lent(medium)
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
         total = 0.0
@@ -266,6 +242,7 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, guid
     lit, distance, radiance, density, single, index : of the lights' samples: (n, 3) direction, (n,) m, (n, 3) sRGB over the
         sampling density, (n,) 1/sr, (n,) whether no direction drawn by a phase function could meet it, (n,) number of the light
     """
+    medium = lent(medium)
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
     for i in range(begin, end):
@@ -276,20 +253,13 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, guid
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def accumulate(added, order, index, pixel, by_order, by_light):
-    """Adds added (n, 3) to pixels (n,) of by_order (ORDERS, pixels, 3) and by_light (lights, pixels, 3), one after the other."""
-    for i in range(len(pixel)):
-        if added[i, 0] != 0 or added[i, 1] != 0 or added[i, 2] != 0:
-            add(added[i], min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def light_alone(medium, kind, origin, direction, weight, states, chance, lit, distance, radiance, density, single, index, added,
                 begin, end):
     """What sampled lights send by way of particles, added (n, 3) linear sRGB, where nothing but light sampling looks for them.
 
     chance : (n,) number in [0, 1): light is hidden where it is above what the mean medium lets through; nan: by others' discs
     """
+    medium = lent(medium)
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, open = np.empty(waves), np.empty(waves), np.empty(waves, np.uint8)
     for i in range(begin, end):
@@ -361,58 +331,3 @@ def _arrives(medium, kind, origin, direction, weight, states, discrete, guide, g
         values[w] *= weight[i, w] * passed[w]
         most = max(most, values[w])
     return most > 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def emitted(medium, weight, order, radiance, added):
-    """What paths bring of radiance (n, 3), linear sRGB, that they have met: added (n, 3); see `light`."""
-    values = np.empty(weight.shape[1])
-    for i in range(len(added)):
-        added[i] = 0.0
-        if order[i] >= 0 and (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
-            values[:] = weight[i]
-            to_rgb(medium, values, radiance[i], added[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def to_rgb(medium, values, radiance, rgb):
-    """What factors values (L,) make of radiance (3,), linear sRGB."""
-    to_waves, to_rgb = medium.to_waves, medium.to_rgb
-    rgb[:] = 0.0
-    for w in range(len(values)):
-        value = values[w] * (to_waves[w, 0] * radiance[0] + to_waves[w, 1] * radiance[1] + to_waves[w, 2] * radiance[2])
-        for c in range(3):
-            rgb[c] += to_rgb[c, w] * value
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def add(added, order, index, pixel, by_order, by_light):
-    for c in range(3):
-        by_order[order, pixel, c] += added[c]
-        if 0 <= index < len(by_light):
-            by_light[index, pixel, c] += added[c]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def reflect(medium, weight, factor, begin, end):
-    """Multiplies weights (n, L) by reflectances factor (n, 3), linear sRGB."""
-    to_waves = medium.to_waves
-    for i in range(begin, end):
-        for w in range(weight.shape[1]):
-            weight[i, w] *= to_waves[w, 0] * factor[i, 0] + to_waves[w, 1] * factor[i, 1] + to_waves[w, 2] * factor[i, 2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def roulette(weight, states, bounces, alive, begin, end):
-    """Russian roulette: paths of little weight end, and those of more than a thousand bounces do so one time in a hundred."""
-    for i in range(begin, end):
-        most = 0.0
-        for w in range(weight.shape[1]):
-            most = max(most, weight[i, w])
-        chance = min(most, 1.0 if bounces[i] < 1000 else 0.99)
-        if most > 0 and bounces[i] < 4:
-            chance = 1.0
-        alive[i] = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)
-        if alive[i]:
-            for w in range(weight.shape[1]):
-                weight[i, w] /= chance

@@ -14,9 +14,8 @@ import numpy as np
 from numba import njit
 
 from bakery.kernels import phase_value, region_densities, stream_key
-from renderers import colour
-from renderers.discrete import _transport
-from renderers.discrete.threads import run
+from renderers import colour, wavefront
+from renderers.threads import run
 
 _PROBES = 2048  # pixels that are looked at; depths between them are the largest around
 _DEPTHS = 40
@@ -40,11 +39,11 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     rows, columns = (np.minimum(np.arange(0, side + stride, stride), side - 1) for side in (height, width))
     pixel = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
     states = np.empty(len(pixel), np.uint64)
-    _transport.begin_streams(stream_key(seed, "render.detail"), 0, states)
+    wavefront.begin_streams(stream_key(seed, "render.detail"), 0, states)
     origin, direction = world.camera_rays(np.full((len(pixel), 2), 0.5), pixel)
     begin, end = _inside(medium.discs.region, origin, direction, world.trace(origin, direction, np.full(len(pixel), np.inf)))
     numbers = np.empty((len(pixel), 6))
-    _transport.draw(states, numbers)
+    wavefront.draw(states, numbers)
     shading = world.shade(origin, direction, numbers, np.zeros(len(pixel)), np.ones(len(pixel), bool))
     behind = np.maximum((shading.emitted + shading.light.radiance) @ colour.LUMINANCE, 0.0).astype(float)
     edges = _edges(begin, end)
@@ -92,7 +91,7 @@ def _along(world, medium, origin, direction, middle, thick, behind, solid, state
     rho = np.asarray(region_densities(region, point)).reshape(n, -1)
     numbers = np.empty((len(point), 3))
     own = np.repeat(states, depths) + np.tile(np.arange(depths, dtype=np.uint64), n)
-    _transport.draw(own, numbers)
+    wavefront.draw(own, numbers)
     sample = world.lights(point, numbers)
     light = np.maximum(sample.radiance.astype(float) @ medium.to_waves.T, 0.0)
     a, b = _inside(region, point, sample.direction.astype(float), sample.distance)

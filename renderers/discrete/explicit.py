@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numba import njit
 
-from bakery.kernels import first_disc, fresnel, mesh_scratch
-from renderers.discrete import _transport
-from renderers.discrete.threads import run
+from bakery.kernels import first_disc, fresnel, lent, mesh_scratch
+from renderers import wavefront
+from renderers.threads import run
 
 _REFLECTIONS = 1000  # inside one sphere; total reflection has no end
 
@@ -50,7 +50,7 @@ class Spheres:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _meet(discs, origin, direction, far, kind, distance, place, begin, end):
-    room = mesh_scratch()
+    discs, room = lent(discs), mesh_scratch()
     for i in range(begin, end):
         # a sphere that the ray has just left lies behind it: the foot of its centre counts no more
         kind[i], distance[i], _, place[i, 0], place[i, 1], place[i, 2] = first_disc(
@@ -72,7 +72,7 @@ def _pass(square, index, absorption, kind, place, origin, direction, weight, sta
         nx, ny, nz = (px - half * dx) / r, (py - half * dy) / r, (pz - half * dz) / r
         cosine = min(half / r, 1.0)
         chance, inner = fresnel(cosine, eta)
-        if _transport.uniform(states, i) < chance:
+        if wavefront.uniform(states, i) < chance:
             dx, dy, dz = dx + 2 * cosine * nx, dy + 2 * cosine * ny, dz + 2 * cosine * nz
         else:
             # refracted; all chords have the same length and the same angle of incidence
@@ -82,7 +82,7 @@ def _pass(square, index, absorption, kind, place, origin, direction, weight, sta
             while chords < _REFLECTIONS:
                 chords += 1
                 nx, ny, nz = nx + chord / r * dx, ny + chord / r * dy, nz + chord / r * dz
-                if _transport.uniform(states, i) >= chance:
+                if wavefront.uniform(states, i) >= chance:
                     break
                 dx, dy, dz = dx - 2 * inner * nx, dy - 2 * inner * ny, dz - 2 * inner * nz
             for w in range(weight.shape[1]):

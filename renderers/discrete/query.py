@@ -23,8 +23,9 @@ from bakery.kernels import (
     phase_value,
     turned_direction,
 )
+from renderers import wavefront
 from renderers.discrete import _transport
-from renderers.discrete.threads import run
+from renderers.threads import run
 
 _IN_SPHERE = 4096  # particles of one query at most
 
@@ -55,7 +56,7 @@ class Query:
         """Scattering by the particles of the query sphere, and light from a lamp by way of them."""
         n = len(paths)
         numbers = np.empty((n, 3))
-        _transport.draw(paths.states, numbers)
+        wavefront.draw(paths.states, numbers)
         run(_scatter, n, self.medium, self.extinction, self.scattering, self.radius, place, paths.direction, paths.weight,
             paths.states, paths.density, paths.order, *world.lights(place, numbers), paths.pixel, by_order, by_light)
         paths.origin, paths.left_out = place, np.full((n, 3), np.nan)
@@ -85,7 +86,7 @@ def _distance(medium, extinction, radius, origin, direction, far, weight, states
     for i in range(begin, end):
         ox, oy, oz, dx, dy, dz = origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2]
         near, leave = _transport.through_box(region, ox, oy, oz, dx, dy, dz, 0.0, far[i])
-        t = near - math.log1p(-_transport.uniform(states, i)) / most if most > 0 else np.inf
+        t = near - math.log1p(-wavefront.uniform(states, i)) / most if most > 0 else np.inf
         if near < leave and t < leave:
             chance, kind[i], distance[i] = most * math.exp(-most * (t - near)), 0, t
         else:
@@ -157,17 +158,17 @@ def _scatter(medium, extinction, scattering, radius, place, direction, weight, s
             _transport.absorbed(medium, x, y, z, lx, ly, lz, distance[i], passed)
             for w in range(waves):
                 values[w] *= weight[i, w] * passed[w] * balance / volume
-            _transport.to_rgb(medium, values, radiance[i], added)
-            _transport.add(added, min(order[i], _transport.ORDERS - 1), index[i], pixel[i], by_order, by_light)
-        chosen, one = _transport.uniform(states, i) * total, 0
+            wavefront.to_rgb(medium, values, radiance[i], added)
+            wavefront.add(added, min(order[i], wavefront.ORDERS - 1), index[i], pixel[i], by_order, by_light)
+        chosen, one = wavefront.uniform(states, i) * total, 0
         while one < n - 1 and chosen >= scattering[kinds[one], 0]:
             chosen -= scattering[kinds[one], 0]
             one += 1
         v = phase_sample(medium.v, medium.steps, medium.phase[kinds[one], 0], medium.cdf[kinds[one], 0],
-                         _transport.uniform(states, i))
+                         wavefront.uniform(states, i))
         _value(medium, scattering, kinds, n, v, values)
         density[i] = values[0] / total
         for w in range(waves):
             weight[i, w] *= values[w] / (volume * density[i]) if density[i] > 0 else 0.0
         direction[i, 0], direction[i, 1], direction[i, 2] = turned_direction(
-            direction[i, 0], direction[i, 1], direction[i, 2], v, 2 * math.pi * _transport.uniform(states, i))
+            direction[i, 0], direction[i, 1], direction[i, 2], v, 2 * math.pi * wavefront.uniform(states, i))

@@ -15,8 +15,9 @@ import numpy as np
 from numba import njit
 
 from bakery.kernels import BOX, disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, stream_key, turned_direction
+from renderers import wavefront
 from renderers.discrete import _transport
-from renderers.discrete.threads import run
+from renderers.threads import run
 
 CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
@@ -65,7 +66,7 @@ def one_pass(world, what, camera, height, width, number, seed, *, discrete, ligh
     """
     medium, how = what
     pixels = height * width
-    by_order, by_light = np.zeros((_transport.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     view = View(camera, height, width)
     for serial, chunk in enumerate(_particles(medium.discs, view, discrete, number % how.shares, how.shares)):
         _add(world, medium, how, view, *chunk, discrete, (seed, number, serial), by_order, by_light)
@@ -165,8 +166,8 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
     n = len(kind)
     seed, number, serial = streams
     own, states, pencils = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
-    _transport.draw(identity ^ stream_key(seed, "render.aims"), own)  # the same in all passes
-    _transport.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
+    wavefront.draw(identity ^ stream_key(seed, "render.aims"), own)  # the same in all passes
+    wavefront.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
     run(_pencils, n, medium, view.origin, view.area, view.axis, place, kind, pencils)
     who = np.repeat(np.arange(n), pencils)
     place, kind, own, m = place[who], kind[who], own[who], len(who)
@@ -194,7 +195,7 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
     weight /= how.samples
     for _ in range(how.samples):
         numbers = np.empty((m, 3))
-        _transport.draw(states, numbers)
+        wavefront.draw(states, numbers)
         sample = world.lights(place, numbers)
         added = np.zeros((m, 3))
         run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chance, *sample, added)

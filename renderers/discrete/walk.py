@@ -11,9 +11,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bakery.kernels import NO_DISC, stream_key
+from renderers import wavefront
 from renderers.discrete import _transport
-from renderers.discrete.threads import run
 from renderers.mitsuba.world import LightSample
+from renderers.threads import run
 
 # ways on from the first particle, which takes as long to find as the next one: 4 take least time to an error, 1.2 to 2 times less
 # than one; passes of the first picture take one each, as that comes sooner
@@ -84,7 +85,7 @@ class Discs:
         particle = kind < len(medium.albedo) - 1
         first = (paths.bounces == 0) & particle & self.splatted
         numbers = np.empty((n, 6))
-        _transport.draw(paths.states, numbers)
+        wavefront.draw(paths.states, numbers)
         # two places on lights, in one call: one to connect to, and one whose direction guides the path
         both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:]]))
         sample, other = (LightSample(*(values[part] for values in both)) for part in (slice(n), slice(n, None)))
@@ -92,7 +93,7 @@ class Discs:
         added = np.empty((n, 3))
         run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
             np.where(first, -1, paths.order), guide, guided, *sample, added)
-        _transport.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
+        wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
         paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
         paths.single, paths.seen = np.zeros(n, bool), first
         copies = np.repeat(np.arange(n), paths.ways)
@@ -131,7 +132,7 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     by_order : (ORDERS, H, W, 3), by_light : (lights, H, W, 3) linear sRGB
     """
     pixels = height * width
-    by_order, by_light = np.zeros((_transport.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     for first in range(0, pixels, ALL):
         paths = _begin(method.medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
         while len(paths):
@@ -142,9 +143,9 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
 def _begin(medium, camera, width, pixel, number, seed, discrete):
     n, waves = len(pixel), len(medium.sigma_t)
     states = np.empty(n, np.uint64)
-    _transport.begin_streams(stream_key(seed, "render.walk", number), int(pixel[0]), states)
+    wavefront.begin_streams(stream_key(seed, "render.walk", number), int(pixel[0]), states)
     offset = np.empty((n, 2))
-    _transport.draw(states, offset)
+    wavefront.draw(states, offset)
     direction = camera.corner + (pixel % width + offset[:, 0])[:, None] * camera.right \
         + (pixel // width + offset[:, 1])[:, None] * camera.down
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
@@ -163,7 +164,7 @@ def _bounce(world, method, paths, by_order, by_light):
              _at_surfaces(world, method, paths.of(~met), by_order, by_light)]
     together = Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))
     alive = np.empty(len(together), bool)
-    run(_transport.roulette, len(together), together.weight, together.states, together.bounces, alive)
+    run(wavefront.roulette, len(together), together.weight, together.states, together.bounces, alive)
     chosen = np.flatnonzero(alive)
     region = method.medium.discs.region
     return together.of(chosen[_coherent(region.lo, region.hi, together.origin[chosen], together.direction[chosen])])
@@ -196,11 +197,11 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     if n == 0:
         return paths
     numbers = np.empty((n, 6))
-    _transport.draw(paths.states, numbers)
+    wavefront.draw(paths.states, numbers)
     shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
     added = np.empty((n, 3))
-    _transport.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, added)
-    _transport.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
+    wavefront.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, added)
+    wavefront.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
     paths.bounces += 1
@@ -209,8 +210,8 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     sample = LightSample(*(values[hit] for values in shading.light))
     run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
         paths.discrete, paths.order, paths.direction, np.zeros(m, bool), *sample, added)
-    _transport.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
-    run(_transport.reflect, m, medium, paths.weight, shading.weight[hit])
+    wavefront.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
+    run(wavefront.reflect, m, medium, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.left_out = np.full((m, 3), np.nan)
     paths.density, paths.single, paths.seen = shading.density[hit].astype(float), shading.delta[hit], np.zeros(m, bool)

@@ -133,6 +133,18 @@ class World:
         box = self._scene.bbox()
         self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
 
+    def extents(self):
+        """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes."""
+        triangles, boxes = [np.zeros((0, 3, 3))], [np.zeros((0, 2, 3))]
+        for shape in self._scene.shapes():
+            if shape.is_mesh():
+                vertices = np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
+                triangles.append(vertices[np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)])
+            else:
+                box = shape.bbox()
+                boxes.append(np.array([box.min, box.max], float).reshape(1, 2, 3))
+        return self._unit * np.concatenate(triangles), self._unit * np.concatenate(boxes)
+
     def _view(self, path, view, size):
         sensors = self._scene.sensors()
         own = tuple(int(side) for side in np.array(sensors[0].film().size()).ravel()[::-1]) if sensors else None

@@ -129,7 +129,7 @@ def test_particles_fall(call, place):
 
 def test_the_same_bytes_for_any_number_of_threads(call, place, monkeypatch):
     """Of the kernels: one thread or three; Mitsuba's rays do not see each other."""
-    from renderers.discrete import threads
+    from renderers import threads
 
     made = []
     for workers in (1, 3):

@@ -13,6 +13,7 @@ import pytest
 
 from bakery import kernels
 from bakery.kernels import NO_DISC, stream_key
+from renderers import wavefront
 from renderers.discrete import _transport
 from tests.conftest import slow
 from tests.physics import particles
@@ -28,7 +29,7 @@ def leaving(medium, number, discrete, seed=1):
     origin = np.concatenate([random.random((number, 2)), np.full((number, 1), 2.0)], axis=1)
     direction = np.tile([0.0, 0.0, -1.0], (number, 1))
     weight, states = np.ones((number, len(medium.sigma_t))), np.empty(number, np.uint64)
-    _transport.begin_streams(stream_key(seed, "render.walk", 0), 0, states)
+    wavefront.begin_streams(stream_key(seed, "render.walk", 0), 0, states)
     left_out, inside = np.full((number, 3), np.nan), np.zeros(number, bool)
     ways, weights = [], []
     while len(origin):
@@ -144,7 +145,7 @@ def straight(medium, discrete, seed):
     n, random = 4000, np.random.default_rng(seed)
     origin = np.concatenate([random.random((n, 2)), np.full((n, 1), 2.0)], axis=1)
     states = np.empty(n, np.uint64)
-    _transport.begin_streams(stream_key(seed, "render.walk", 1), 0, states)
+    wavefront.begin_streams(stream_key(seed, "render.walk", 1), 0, states)
     kind = np.empty(n, np.int64)
     down, depth = np.tile([0.0, 0.0, -1.0], (n, 1)), np.full(n, np.inf if discrete else 0.0)
     _transport.collide(medium, origin, down, np.full(n, np.inf), depth, np.full((n, 3), np.nan), np.ones((n, 1)), states, kind,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -139,3 +141,34 @@ def test_amplitudes_of_spheres():
     theta = np.radians([0.0, 60.0])
     exact, rays = kernels.mie_amplitudes(1.33, 2000.0, theta)[0], kernels.goa_amplitudes(1.33, 2000.0, theta)[0]
     assert abs(abs(rays[0]) / abs(exact[0]) - 1) < 0.01
+
+
+# ---- uncounted arrays
+
+
+class Pair(NamedTuple):
+    one: np.ndarray
+    rest: tuple
+
+
+@njit
+def total(pair):
+    return pair.one.sum() + pair.rest[0] * pair.rest[1].sum()
+
+
+@njit
+def totals(pair, count):
+    pair = kernels.lent(pair)
+    found = 0.0
+    for _ in range(count):
+        found += total(pair)
+    return found
+
+
+def test_lent_arrays_are_the_same_and_outlive_the_loop():
+    """Values, and nobody holds or lets go of an array more often than before."""
+    pair = Pair(np.arange(4.0), (2.0, np.ones((2, 3))))
+    before = [sys.getrefcount(one) for one in (pair.one, pair.rest[1])]
+    assert totals(pair, 1000) == 1000 * 18
+    assert [sys.getrefcount(one) for one in (pair.one, pair.rest[1])] == before
+    assert np.array_equal(pair.one, np.arange(4.0)) and np.array_equal(pair.rest[1], np.ones((2, 3)))

@@ -219,3 +219,14 @@ def test_views_that_are_refused(tmp_path, text, message):
 def test_variants_that_are_refused():
     with pytest.raises(UsageError, match="variant scalar_rgb: .* such as llvm_ad_rgb"):
         World(variant="scalar_rgb")
+
+
+def test_where_surfaces_are(tmp_path):
+    """Meshes by their triangles, other shapes by their boxes, in m; a world without any has none."""
+    cube = '<shape type="cube"><transform name="to_world"><scale value="2"/></transform></shape>'
+    ball = '<shape type="sphere"><point name="center" x="1" y="2" z="3"/><float name="radius" value="0.5"/></shape>'
+    world = World(written(tmp_path, SENSOR, cube, ball), unit=0.1)
+    triangles, boxes = world.extents()
+    assert triangles.shape == (12, 3, 3) and np.allclose(np.abs(triangles), 0.2)
+    assert np.allclose(boxes, [[[0.05, 0.15, 0.25], [0.15, 0.25, 0.35]]])
+    assert [len(one) for one in World().extents()] == [0, 0]

@@ -211,3 +211,41 @@ def left(kind, channels, c, cosine):
     if kind == DIELECTRIC:
         return 1.0
     return channels[0, c] if kind == DIFFUSE else fresnel_conductor(cosine, channels[0, c], channels[1, c])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def towards(kind, index, alpha, x, y, z, ox, oy, oz):
+    """What `turned` makes of a direction (ox, oy, oz) for wi = (x, y, z): its density, 1/sr, share left of all light, cosine to
+    the facet.  The density is 0 where it cannot come about, and for smooth surfaces, whose directions have none.
+
+    Source: Walter, Marschner, Li & Torrance, EGSR 2007, eqs. 13, 16 and 17; Heitz & d'Eon 2014, eq. 2.
+    """
+    if kind == DIFFUSE:
+        return max(oz, 0.0) / math.pi, 1.0, 1.0
+    if alpha == 0.0 or z == 0.0 or oz == 0.0 or kind == CONDUCTOR and oz < 0.0:
+        return 0.0, 0.0, 1.0
+    eta = 1.0
+    if z * oz > 0.0:
+        mx, my, mz = x + ox, y + oy, z + oz
+    else:
+        eta = index if z > 0.0 else 1.0 / index
+        mx, my, mz = -(x + eta * ox), -(y + eta * oy), -(z + eta * oz)
+    length = math.sqrt(mx * mx + my * my + mz * mz)
+    if length == 0.0:
+        return 0.0, 0.0, 1.0
+    over = math.copysign(1.0 / length, mz)
+    mx, my, mz = mx * over, my * over, mz * over  # on the outer side
+    share = shadowing(ox, oy, oz, mx, my, mz, alpha)
+    if share == 0.0:
+        return 0.0, 0.0, 1.0
+    before, after = abs(x * mx + y * my + z * mz), abs(ox * mx + oy * my + oz * mz)
+    spread = 1.0 + mz * mz * (alpha * alpha - 1.0)
+    density = alpha * alpha / (math.pi * spread * spread) * shadowing(x, y, z, mx, my, mz, alpha) / abs(z)
+    if z * oz > 0.0:
+        density *= 0.25
+    else:
+        density *= before * eta * eta * after / (before - eta * after) ** 2
+    if kind == DIELECTRIC:
+        reflectance, _ = fresnel(before, index if z > 0.0 else 1.0 / index)
+        density *= reflectance if z * oz > 0.0 else 1.0 - reflectance
+    return density, share, min(before, 1.0)

@@ -20,7 +20,8 @@ from bakery.physics.grains.figures import WithErrors
 from bakery.physics.grains.surface import DIELECTRIC, Surface
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _packed as kernel
-from bakery.physics.packing._cells import cells
+from bakery.physics.granular.exemplars import layout
+from bakery.physics.packing._cells import cells, counts
 from bakery.physics.packing.instances import cumulated
 from bakery.physics.packing.structure import fraction, smallest_gap
 from bakery.physics.packing.theory import mean_chord
@@ -329,26 +330,13 @@ class _Scene:
         return self._arrays
 
     def _made(self):
-        m = np.maximum(np.floor(self.cell / (0.7 * (np.prod(self.cell) / len(self.radii)) ** (1 / 3))), 1).astype(np.int64)
+        m = counts(self.cell, len(self.radii))
         grid = (self.cell, m, *cells(self.centers, self.radii, self.cell, m))
-        table, offset, trees = [], [(0, 0)], []
-        for grain in self.grains:
-            surface, ball = grain.surface, grain.mesh is None
-            table.append((surface.kind, surface.index, surface.roughness, grain.radius if ball else 0.0))
-            if not ball:
-                trees.append(grain.mesh.tree)
-            last = offset[-1]
-            offset.append(last if ball else (last[0] + len(trees[-1][0]), last[1] + len(trees[-1][2])))
-        if len(trees) == 1:
-            nodes, children, blocks, _ = trees[0]
-        else:
-            nodes = np.concatenate([np.zeros(0, np.float32), *(tree[0] for tree in trees)])
-            children, blocks = nodes.view(np.int32), np.concatenate([np.zeros(0), *(tree[2] for tree in trees)])
+        table, offset, *trees = layout(self.grains)
         area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
         key = rng.key(self.seed, "granular.walk")
-        kinds = self.shares, np.array(table, float), np.array(offset, np.int64)
-        return (self.centers, self.radii, area, grid, kinds, (nodes, children, blocks), np.uint64(self.seed), self.depth,
-                _LIMIT * self.exact, np.uint64(key[0]), np.uint64(key[1]))
+        return (self.centers, self.radii, area, grid, (self.shares, table, offset), tuple(trees), np.uint64(self.seed),
+                self.depth, _LIMIT * self.exact, np.uint64(key[0]), np.uint64(key[1]))
 
     def __getstate__(self):
         return self.centers, self.radii, self.cell, self.grains, self.shares, self.seed, self.depth

@@ -1,0 +1,79 @@
+"""Granular materials: sand, salt, sugar, beads, each grain to be seen."""
+
+from __future__ import annotations
+
+_TOLERANCE = 0.05  # of scenes that say none
+_SIZE = (480, 640)  # of scenes whose Mitsuba file has no film
+
+
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
+           resume=False) -> dict:
+    """Renders a scene file to a PNG and an EXR file beside each other.
+
+    Parameters
+    ----------
+    scene : path of the scene, or what `renderers.scene.load` made of it
+    output : `X.png` or `X.exr`, both are written; beside the scene, by its name, if None
+    overrides : dotted key -> value as text, such as `{"granular.method": "vpt"}`; of a path
+    quality : draft, preview or final: noise, time and samples by the scene's `stop`
+    variant : of Mitsuba, one for colours on arrays
+    seed : of the passes; 0 if None
+    progress : function of (fraction 0 to 1, noise or None)
+    overwrite : replace also files that are no such pictures; never one that the scene reads
+    resume : go on with the passes in the EXR file
+
+    Returns
+    -------
+    report : that of `renderers.progressive`, with `grains` (expected number)
+
+    Raises
+    ------
+    RecipeError : with every problem of the scene
+    UsageError, AssetError : a file is not what it should be; the text says which and why
+    Interrupted : after what is there was written
+
+    Notes
+    -----
+    EXR layers: order0 (light that met no grain), order1, order2, orders (three grains and more; a grain counts once however often
+    light meets its surface), light.NAME (from each light), noise (standard error).
+    """
+    from renderers.granular import methods
+    from renderers.mitsuba.world import World
+    from renderers.progressive import Estimate, Stop, fingerprint
+    from renderers.running import Render
+
+    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
+    scene, values, seed = job.scene, job.scene.values, seed or 0
+    size = (values.film.height, values.film.width) if values.film.height else None
+    surfaces = values.scene
+    world = World(scene.file(surfaces.mitsuba) if surfaces else None, surfaces.unit if surfaces else 1.0, view=values.camera,
+                  size=size or (None if surfaces else _SIZE), variant=variant)
+    if world.camera is None:
+        raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+    tolerance = values.tolerance or _TOLERANCE
+    job.part_over("scene")
+    method = methods.prepare(job, world, seed)
+    job.part_over("grains")
+    estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
+                                       "size": list(world.size)})
+    if resume:
+        estimate.resume(job.pair[1])
+    stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
+    estimate.run(stop, job.progress(0.05, 0.98))
+    job.part_over("passes")
+    return estimate.finish(job, method=values.granular.method, reasons=method.reasons, **method.figures)
+
+
+def _made_of(scene):
+    """What passes depend on: the scene's values, but for what stops them, and its files, but for the asset's."""
+    values = scene.values
+    apart = {scene.path, *(scene.file(name) for name in (values.asset, values.recipe) if name)}
+    # no warnings: they are about tuples in place of lists
+    return values.model_dump(mode="json", exclude={"stop"}, warnings=False), *(one for one in scene.inputs if one not in apart)
+
+
+def describe(report) -> list[str]:
+    """Lines for people."""
+    from renderers import running
+
+    return running.describe(report)

@@ -1,0 +1,139 @@
+"""Surfaces of explicit grains along rays: which one a ray meets next, and where."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from bakery import kernels
+from bakery.kernels import (
+    aggregate_scratch,
+    enclosing_sphere,
+    first_sphere,
+    instance,
+    nearest_triangle,
+    rotation_matrix,
+    triangle_normal,
+)
+
+NOWHERE, UNKNOWN = -1, -2  # in place of a sphere: a ray starts in none; it is not known where it starts
+_AHEAD = 1.0 / 128  # radii that a ray starts outside of a sphere: a grain may touch it
+
+
+class Grains(NamedTuple):
+    """An aggregate's grains.  Lengths are in `unit`, m, the mean radius of its spheres.
+
+    aggregate : of the spheres;  seed (uint64), shares (T,) : `bakery.kernels.instance` makes grains of them
+    exemplars : the T types of grain
+    channels : (T, 2, L) of their surfaces;  absorption : (T, L) 1/unit, of their inside
+    chance : (X, Y, Z) float32, with which a meeting with a rough or matt surface in each voxel samples a light
+    """
+
+    aggregate: kernels.Aggregate
+    unit: float
+    seed: np.uint64
+    shares: np.ndarray
+    exemplars: kernels.Exemplars
+    channels: np.ndarray
+    absorption: np.ndarray
+    chance: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scratch():
+    """Memory of one thread for `next_surface`, overwritten at each call."""
+    return aggregate_scratch(), np.empty(4, np.int64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ball(radius, x, y, z, dx, dy, dz, place, normal):
+    """As `_in_sphere` for a ball about the origin."""
+    along = x * dx + y * dy + z * dz
+    if place >= 0:  # on the ball: its other side, or nothing
+        if along >= 0.0:
+            return np.inf
+        t = -2.0 * along
+    else:
+        px, py, pz = x - along * dx, y - along * dy, z - along * dz
+        square = radius * radius - (px * px + py * py + pz * pz)
+        if square <= 0.0:
+            return np.inf
+        half = math.sqrt(square)
+        t = -along - half if -along - half > 0.0 else half - along
+        if t <= 0.0:
+            return np.inf
+    nx, ny, nz = x + t * dx, y + t * dy, z + t * dz
+    over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    normal[0], normal[1], normal[2] = nx * over, ny * over, nz * over
+    return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
+    """Distance at which a ray from (x, y, z) meets the grain of sphere `met`, both in the unit sphere; inf where it does not.
+
+    at : (2,) triangle that the ray starts on, or -1; becomes the triangle that it meets, and the type of grain
+    normal : (3,) becomes the outward one
+    """
+    shares, (table, offset, nodes, children, blocks) = grains.shares, grains.exemplars
+    which, turn = 0, (0.0, 0.0, 0.0, 1.0)
+    if len(shares) > 1 or table[0, 3] == 0.0:
+        which, turn = instance(grains.seed, met[1], met[2], met[3], met[0], shares)
+    at[1] = which
+    if table[which, 3] > 0.0:  # a ball: nobody sees how it is turned
+        t = _ball(table[which, 3], x, y, z, dx, dy, dz, at[0], normal)
+        at[0] = 0 if t < np.inf else -1
+        return t
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = rotation_matrix(turn[0], turn[1], turn[2], turn[3])
+    low, high = offset[which, 0], offset[which + 1, 0]
+    own = blocks[offset[which, 1] : offset[which + 1, 1]]
+    at[0], t = nearest_triangle(
+        nodes[low:high], children[low:high], own, xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z,
+        xx * dx + yx * dy + zx * dz, xy * dx + yy * dy + zy * dz, xz * dx + yz * dy + zz * dz, at[0], room)
+    if at[0] < 0:
+        return np.inf
+    x, y, z = triangle_normal(own, at[0])
+    normal[0], normal[1], normal[2] = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+    return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def next_surface(grains, p, d, far, met, at, normal, room):
+    """Distance along unit d (3,) from p (3,), in units, to the next surface of a grain before `far`; inf where there is none.
+
+    met : (4,) sphere (number, copy of the tile) whose grain the ray starts on, with at[0] its triangle; or NOWHERE, or UNKNOWN.
+        It becomes the sphere of the grain that is met, at (2,) its triangle and the type of grain, normal (3,) its outward
+        normal; all are of no meaning where nothing is met, but that at[0] is -1 unless a surface comes after `far`
+    """
+    aggregate = grains.aggregate
+    own, left = room
+    begin = 0.0
+    if met[0] == UNKNOWN:
+        enclosing_sphere(aggregate, p, met, own)
+        at[0] = -1
+    known = met[0] >= 0
+    while True:
+        ahead = 0.0
+        if not known:
+            left[0], left[1], left[2], left[3] = met[0], met[1], met[2], met[3]
+            begin = first_sphere(aggregate, p, d, begin, far, left, met, own)
+            ahead, at[0] = _AHEAD, -1
+            if begin == np.inf:
+                return np.inf
+        known = False
+        radius = aggregate.radii[met[0]]
+        x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0] - p[0]
+        y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1] - p[1]
+        z = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2] - p[2]
+        start = begin - ahead * radius
+        t = start + radius * _in_sphere(
+            grains, met, (start * d[0] - x) / radius, (start * d[1] - y) / radius, (start * d[2] - z) / radius, d[0], d[1], d[2],
+            at, normal, own[0])
+        if t < np.inf:
+            return max(t, begin) if t < far else np.inf
+        along = x * d[0] + y * d[1] + z * d[2]
+        x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
+        begin = max(begin, along + math.sqrt(max(radius * radius - (x * x + y * y + z * z), 0.0)))

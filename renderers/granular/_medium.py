@@ -1,0 +1,240 @@
+"""Loops of paths in the medium that stands for grains, inside of their mesh: from one need of the scene to the next."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import (
+    Aggregate,
+    aggregate_scratch,
+    deep_in_mesh,
+    lent,
+    mesh_boundary,
+    phase_sample,
+    phase_value,
+    turned_direction,
+)
+from renderers.granular._grains import NOWHERE
+from renderers.granular._paths import DEAD, LEAVES, LIGHT, TRACE, chance_at, crosses
+from renderers.wavefront import roulette, to_rgb, uniform
+
+
+class Medium(NamedTuple):
+    """A homogeneous medium in a mesh.  Lengths are in `unit`, m.
+
+    aggregate : of the mesh
+    sigma_t, albedo : (L,) 1/unit, 1
+    v, steps (A,), (A - 1,), phase, cdf (L, A) : as `bakery.kernels.phase_layout` has them
+    chance : (X, Y, Z) float32, with which a scattering in each voxel samples a light
+    """
+
+    aggregate: Aggregate
+    unit: float
+    sigma_t: np.ndarray
+    albedo: np.ndarray
+    v: np.ndarray
+    steps: np.ndarray
+    phase: np.ndarray
+    cdf: np.ndarray
+    chance: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _drawn(medium, weight, states, i):
+    """Length of a flight, for a wavelength that the weights choose."""
+    sigma, total = medium.sigma_t, 0.0
+    for w in range(len(sigma)):
+        total += weight[i, w]
+    chosen, one = uniform(states, i) * total, len(sigma) - 1
+    for w in range(len(sigma)):
+        chosen -= weight[i, w]
+        if chosen < 0.0:
+            one = w
+            break
+    u = uniform(states, i)
+    return -math.log1p(-u) / sigma[one] if sigma[one] > 0.0 else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fly(medium, weight, i, t, scatters):
+    """Weights after a flight of length t that ends with a scattering, or goes on: all wavelengths that might have been drawn for
+    it are counted (balance heuristic)."""
+    sigma, total, density = medium.sigma_t, 0.0, 0.0
+    for w in range(len(sigma)):
+        total += weight[i, w]
+        density += weight[i, w] * math.exp(-sigma[w] * t) * (sigma[w] if scatters else 1.0)
+    for w in range(len(sigma)):
+        weight[i, w] *= math.exp(-sigma[w] * t) * (sigma[w] if scatters else 1.0) * total / density if density > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mixture(medium, weight, i, v, values):
+    """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
+    total, mean = 0.0, 0.0
+    for w in range(len(values)):
+        values[w] = phase_value(medium.v, medium.steps, medium.phase[w], v)
+        total += weight[i, w] * medium.albedo[w]
+        mean += weight[i, w] * medium.albedo[w] * values[w]
+    return mean / total if total > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scattered(medium, d, weight, states, i, values):
+    """Turns d (3,) and changes the weights; returns the density (1/sr) of the new direction."""
+    total = 0.0
+    for w in range(len(values)):
+        total += weight[i, w] * medium.albedo[w]
+    if not total > 0.0:
+        weight[i] = 0.0
+        return 0.0
+    chosen, one = uniform(states, i) * total, len(values) - 1
+    for w in range(len(values)):
+        chosen -= weight[i, w] * medium.albedo[w]
+        if chosen < 0.0:
+            one = w
+            break
+    v = phase_sample(medium.v, medium.steps, medium.phase[one], medium.cdf[one], uniform(states, i))
+    d[0], d[1], d[2] = turned_direction(d[0], d[1], d[2], v, 2 * math.pi * uniform(states, i))
+    density = _mixture(medium, weight, i, v, values)
+    for w in range(len(values)):
+        weight[i, w] *= medium.albedo[w] * values[w] / density if density > 0.0 else 0.0
+    return density
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(medium, occupied, origin, direction, weight, states, met, place, far, density, order, bounces, single, status, alive,
+            begin, end):
+    """Takes paths begin to end on until they need something of the scene; parameters as those of `_paths.advance`.
+
+    met : (n, 4), of which only UNKNOWN counts;  place : (n,) triangle of the mesh that each starts on, or -1
+    density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there
+    A path that needs LIGHT has come to a scattering, and `scatter` takes it on.
+    """
+    medium = lent(medium)
+    room, p, q, d = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    values, before = np.empty(weight.shape[1]), np.empty(weight.shape[1])
+    unit = medium.unit
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = origin[i, k] / unit, direction[i, k]
+        status[i] = -1
+        while status[i] < 0:
+            # the way of one direction; where it has to be asked for surfaces of the scene first, it is drawn again, the same
+            stream, known = states[i], not math.isnan(far[i])
+            limit = far[i] / unit if known else np.inf
+            before[:] = weight[i]
+            t, scatters = _way(medium, occupied, p, d, q, weight, states, i, place[i], limit, known, room)
+            if t < 0.0:
+                states[i], weight[i], status[i] = stream, before, TRACE
+            elif not scatters:
+                status[i] = LEAVES
+            else:
+                for k in range(3):
+                    p[k] += t * d[k]
+                order[i] += 1
+                bounces[i] += 1
+                met[i, 0], place[i], far[i], single[i] = NOWHERE, -1, np.nan, False
+                chance = chance_at(medium.aggregate, medium.chance, p)
+                if uniform(states, i) < chance:
+                    status[i] = LIGHT
+                else:
+                    density[i] = _scattered(medium, d, weight, states, i, values) / chance
+                    roulette(weight, states, bounces, alive, i, i + 1)
+                    if not alive[i]:
+                        status[i] = DEAD
+        for k in range(3):
+            origin[i, k], direction[i, k] = p[k] * unit, d[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _way(medium, occupied, p, d, q, weight, states, i, place, limit, known, room):
+    """Distance along d to the next scattering before `limit`, and whether there is one; below 0: surfaces may come first."""
+    gone = 0.0
+    while True:
+        for k in range(3):
+            q[k] = p[k] + gone * d[k]
+        s = _drawn(medium, weight, states, i)
+        end, at, inside = np.inf, -1, True
+        if not deep_in_mesh(medium.aggregate, q, d, min(s, limit - gone)):
+            end, at, inside = mesh_boundary(medium.aggregate, q, d, place, room)
+        if not inside and (end == np.inf or gone + end >= limit):
+            return gone, False
+        if not known and crosses(medium.aggregate, occupied, q, d, min(s, end) if inside else end):
+            return -1.0, False
+        if inside:
+            if s < min(end, limit - gone):
+                _fly(medium, weight, i, s, True)
+                return gone + s, True
+            _fly(medium, weight, i, min(end, limit - gone), False)
+            if limit - gone <= end:
+                return limit, False
+        gone, place = gone + end, at
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _passed(medium, p, d, far, q, passed, room):
+    """Share (L,) of light that gets from p along d to `far`."""
+    gone, inside_for, place = 0.0, 0.0, -1
+    while gone < far:
+        for k in range(3):
+            q[k] = p[k] + gone * d[k]
+        t, place, outward = mesh_boundary(medium.aggregate, q, d, place, room)
+        if place < 0:
+            break
+        if outward:
+            inside_for += min(t, far - gone)
+        gone += t
+    for w in range(len(passed)):
+        passed[w] = math.exp(-medium.sigma_t[w] * inside_for)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light(medium, colours, origin, direction, weight, lit, distance, radiance, density, single, added, begin, end):
+    """What sampled lights send by way of scatterings: added (n, 3) linear sRGB; parameters as those of `_paths.light`."""
+    medium = lent(medium)
+    room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    values, passed = np.empty(weight.shape[1]), np.empty(weight.shape[1])
+    for i in range(begin, end):
+        added[i] = 0.0
+        if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            continue
+        square = 0.0
+        for k in range(3):
+            p[k], d[k] = origin[i, k] / medium.unit, lit[i, k]
+            square += (d[k] - direction[i, k]) ** 2
+        chance = chance_at(medium.aggregate, medium.chance, p)
+        ahead = _mixture(medium, weight, i, min(0.5 * square, 2.0), values)
+        balance = 1.0 if single[i] else density[i] / (density[i] + ahead / chance)
+        _passed(medium, p, d, distance[i] / medium.unit, q, passed, room)
+        for w in range(len(values)):
+            values[w] *= weight[i, w] * medium.albedo[w] * passed[w] * balance / chance
+        to_rgb(colours, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scatter(medium, origin, direction, weight, states, bounces, density, alive, begin, end):
+    """New directions of paths at scatterings, their densities (as `advance`), and whether they go on."""
+    medium = lent(medium)
+    p, d, values = np.empty(3), np.empty(3), np.empty(weight.shape[1])
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = origin[i, k] / medium.unit, direction[i, k]
+        density[i] = _scattered(medium, d, weight, states, i, values) / chance_at(medium.aggregate, medium.chance, p)
+        for k in range(3):
+            direction[i, k] = d[k]
+        roulette(weight, states, bounces, alive, i, i + 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def open_share(medium, point, lit, distance, share, begin, end):
+    """Share (n, L) of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m."""
+    medium = lent(medium)
+    room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = point[i, k] / medium.unit, lit[i, k]
+        _passed(medium, p, d, distance[i] / medium.unit, q, share[i], room)

@@ -1,0 +1,101 @@
+"""What paths of a wavefront share, whatever scatters them: random streams, colours, sums by order and by light, roulette.
+
+Each path has a random stream of its own, so that values do not depend on threads.  It carries one weight a wavelength; `colours`
+is any tuple with to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import hashed
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+ORDERS = 4  # of scattering that are told apart: 0, 1, 2, 3 and more
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin_streams(key, first, states):
+    """Random streams (n,) uint64 of paths first, first + 1, ...; key uint64, of `bakery.kernels.stream_key`."""
+    for i in range(len(states)):
+        states[i] = hashed(key ^ (np.uint64(first + i) * _GOLDEN))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def uniform(states, i):
+    """The next number of stream i, in [0, 1)."""
+    s = states[i] + _GOLDEN
+    states[i] = s
+    return (hashed(s) >> np.uint64(11)) * 2.0**-53
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw(states, out):
+    """Uniform numbers out (n, m) in [0, 1), row i from stream i."""
+    for i in range(len(states)):
+        for j in range(out.shape[1]):
+            out[i, j] = uniform(states, i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def to_rgb(colours, values, radiance, rgb):
+    """What factors values (L,) make of radiance (3,), linear sRGB."""
+    to_waves, to_rgb = colours.to_waves, colours.to_rgb
+    rgb[:] = 0.0
+    for w in range(len(values)):
+        value = values[w] * (to_waves[w, 0] * radiance[0] + to_waves[w, 1] * radiance[1] + to_waves[w, 2] * radiance[2])
+        for c in range(3):
+            rgb[c] += to_rgb[c, w] * value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def emitted(colours, weight, order, radiance, added):
+    """What paths bring of radiance (n, 3), linear sRGB, that they have met: added (n, 3); nothing where the order is below 0."""
+    values = np.empty(weight.shape[1])
+    for i in range(len(added)):
+        added[i] = 0.0
+        if order[i] >= 0 and (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            values[:] = weight[i]
+            to_rgb(colours, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reflect(colours, weight, factor, begin, end):
+    """Multiplies weights (n, L) by reflectances factor (n, 3), linear sRGB."""
+    to_waves = colours.to_waves
+    for i in range(begin, end):
+        for w in range(weight.shape[1]):
+            weight[i, w] *= to_waves[w, 0] * factor[i, 0] + to_waves[w, 1] * factor[i, 1] + to_waves[w, 2] * factor[i, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add(added, order, index, pixel, by_order, by_light):
+    for c in range(3):
+        by_order[order, pixel, c] += added[c]
+        if 0 <= index < len(by_light):
+            by_light[index, pixel, c] += added[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def accumulate(added, order, index, pixel, by_order, by_light):
+    """Adds added (n, 3) to pixels (n,) of by_order (ORDERS, pixels, 3) and by_light (lights, pixels, 3), one after the other."""
+    for i in range(len(pixel)):
+        if added[i, 0] != 0 or added[i, 1] != 0 or added[i, 2] != 0:
+            add(added[i], min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def roulette(weight, states, bounces, alive, begin, end):
+    """Russian roulette: paths of little weight end, and those of more than a thousand bounces do so one time in a hundred."""
+    for i in range(begin, end):
+        most = 0.0
+        for w in range(weight.shape[1]):
+            most = max(most, weight[i, w])
+        chance = min(most, 1.0 if bounces[i] < 1000 else 0.99)
+        if most > 0 and bounces[i] < 4:
+            chance = 1.0
+        alive[i] = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)
+        if alive[i]:
+            for w in range(weight.shape[1]):
+                weight[i, w] /= chance

@@ -1,0 +1,124 @@
+"""`bake render SCENE.yaml` of grains as a user calls it: report, layers, resuming, a recipe that is baked, and ways to fail."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from bakery.cli import status_of
+from bakery.physics.shapes.radial import icosphere
+from bakery.store import ply
+from tests.exr import layers
+
+RECIPE = """\
+bakery: 1
+name: beads
+wavelengths: rgb
+tolerance: 20%
+grains:
+  radius: 1 mm
+  components:
+    - {name: clear, weight: 40%, shape: {type: sphere}, surface: {type: dielectric, material: {n: 1.5}}}
+    - {name: matt, weight: 60%, shape: {type: sphere}, surface: {type: diffuse, reflectance: [0.9, 0.5, 0.3]}}
+packing: {fraction: 0.5, count: 30}
+effective_medium: {sigma_t: mean_flight}
+"""
+SCENE = """\
+bakery_scene: 1
+name: heap
+asset: beads.h5
+scene: {mitsuba: lamp.xml, unit: 1 mm}
+camera: {origin: [0, -30, 8] mm, target: [0, 0, 0] mm, fov: 30 deg}
+film: {width: 40, height: 32}
+stop: {samples: 2, noise: 0.01%}
+granular: {where: {mesh: heap.ply, unit: 1 mm}}
+"""
+XML = """<scene version="3.0.0"><shape type="rectangle" id="floor"><transform name="to_world"><scale value="30"/>
+<translate z="-5"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.4 0.3"/></bsdf></shape>
+<shape type="rectangle" id="panel"><transform name="to_world"><scale value="10"/><rotate x="1" angle="180"/>
+<translate x="8" y="-6" z="20"/></transform><emitter type="area"><rgb name="radiance" value="3 3 3"/></emitter></shape></scene>"""
+
+
+@pytest.fixture(scope="module")
+def asset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("assets")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BAKERY_CACHE", str(folder / "cache"))
+        (folder / "beads.yaml").write_text(RECIPE)
+        assert status_of([str(folder / "beads.yaml"), "-o", str(folder / "beads.h5"), "--quiet"]) == 0
+        assert status_of([str(folder / "beads.yaml"), "-o", str(folder / "bare.h5"), "--stage", "grains", "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture
+def place(asset, tmp_path):
+    for name in ("beads.h5", "bare.h5"):
+        (tmp_path / name).symlink_to(asset / name)
+    vertices, faces = icosphere(80)
+    (tmp_path / "heap.ply").write_bytes(ply.mesh(6 * vertices, faces))
+    (tmp_path / "open.ply").write_bytes(ply.mesh(6 * vertices, faces[:-1]))
+    (tmp_path / "s.yaml").write_text(SCENE)
+    (tmp_path / "lamp.xml").write_text(XML)
+    return tmp_path
+
+
+def rendered(call, place, name, *settings, options=()):
+    """Report and layers of a render that works."""
+    status, out, err = call("render", place / "s.yaml", "-o", place / f"{name}.png", "--json", *options,
+                            *(part for setting in settings for part in ("--set", setting)))
+    assert status == 0, err
+    return json.loads(out), layers(place / f"{name}.exr")
+
+
+def picture(found, name=""):
+    return np.stack([found[f"{name}{c}"] for c in "RGB"], axis=-1).astype(float)
+
+
+def test_report_and_layers(call, place):
+    report, found = rendered(call, place, "a")
+    assert report["renderer"] == "granular" and report["method"] == "ept" and report["size"] == [40, 32]
+    assert report["passes"] == {"ept": 2} and report["grains"] == pytest.approx(0.5 * 6**3 * 0.95, rel=0.1)
+    assert {"scene", "grains", "passes", "write", "total"} <= report["seconds"].keys()
+    orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]
+    whole = picture(found)
+    assert np.allclose(sum(orders), whole, rtol=1e-5, atol=1e-6) and all(one.any() for one in orders)
+    assert np.allclose(picture(found, "light.panel."), whole, rtol=1e-5, atol=1e-6)
+    assert np.isfinite(whole).all() and (whole >= 0).all() and (found["noise.Y"] >= 0).all()
+
+
+def test_the_medium(call, place):
+    report, found = rendered(call, place, "a", "granular.method=vpt")
+    assert report["method"] == "vpt" and report["passes"] == {"vpt": 2} and picture(found, "order1.").any()
+    assert any("no grain" in said for said in report["reasons"]) and any("opaque" in said for said in report["reasons"])
+
+
+def test_going_on_is_as_not_having_stopped(call, place):
+    straight = picture(rendered(call, place, "a", "stop={samples: 4, noise: 0.01%}")[1])
+    rendered(call, place, "b")
+    resumed = rendered(call, place, "b", "stop={samples: 4, noise: 0.01%}", options=("--resume",))[1]
+    assert np.allclose(picture(resumed), straight, rtol=1e-5, atol=1e-6)
+    other = picture(rendered(call, place, "c", options=("--seed", "1"))[1])
+    assert not np.array_equal(other, picture(rendered(call, place, "d")[1]))
+
+
+def test_a_mesh_smaller_than_its_only_grain(call, place):
+    """It is there, or it is not, with nothing wrong in either case."""
+    vertices, faces = icosphere(20)
+    (place / "heap.ply").write_bytes(ply.mesh(0.1 * vertices, faces))
+    report, found = rendered(call, place, "a")
+    assert report["grains"] < 0.01 and not picture(found, "order1.").any() and picture(found, "order0.").any()
+
+
+@pytest.mark.parametrize("setting, said", [
+    ("granular.where.mesh=open.ply", "granular.where.mesh: not closed: face 76 alone has the edge of the vertices"),
+    ("granular.where.mesh=lamp.xml", "granular.where.mesh: meshes are"),
+    ("granular.where.mesh=gone.ply", "there is no such file"),
+    ("granular.method=magic", "expected ept or vpt"),
+    ("film.wavelengths=rgb", "found a key that granular does not use"),
+    ("asset=bare.h5", "no stage 'packing'"),
+])
+def test_what_is_refused(call, place, setting, said):
+    status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", setting)
+    assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists()
