@@ -4,11 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: bake test setup lint docs bench soak fuzz pictures scenes clean help
+.PHONY: bake test test-slow setup lint docs bench soak fuzz pictures scenes clean help
 
 help:
 	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
 	@echo "make test      set up, run the tests"
+	@echo "make test-slow the tests that make test leaves out because quicker ones see most of what they see"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make pictures  bake and draw what the docs show"
 	@echo "make scenes    bake and render the scenes of assets/scenes"
@@ -30,10 +31,13 @@ bake: $(VENV)/.ready
 
 # bytecode is kept: the tests start some hundred processes, and without it collection takes 15 s of each core, with it 6 s
 test: $(VENV)/.ready-test
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m "not slow" $(PYTEST)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m "not slow and not soak" $(PYTEST)
+
+test-slow: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m slow $(PYTEST)
 
 soak: $(VENV)/.ready-test
-	$(BIN)/python -m pytest -q -m slow --timeout 3600 $(PYTEST)
+	$(BIN)/python -m pytest -q -m soak --timeout 3600 $(PYTEST)
 
 # SEED=1 takes other assets
 SECONDS ?= 600

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def slow(*values):
-    """A case of a parametrised test that `make soak` runs, beside quicker ones that see the same."""
+    """A case of a parametrised test that `make test-slow` runs: quicker ones see most of what it sees."""
     return pytest.param(*values, marks=pytest.mark.slow)
 
 

@@ -305,6 +305,7 @@ def lobes(tmp_path_factory, root):
     return folder / "fog-hg", out.getvalue(), err.getvalue()
 
 
+@pytest.mark.slow
 def test_lobes_as_json_tell_what_their_formula_gives(lobes, root):
     """A reader who knows the JSON only: the formula in it, by the trapezoid, misdirects what is stated and has the g stated."""
     folder, _, _ = lobes

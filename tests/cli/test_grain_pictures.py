@@ -255,6 +255,7 @@ def test_tables(call, mix, tree, tmp_path):
     assert "mix_grains_salt_hit_probability.csv" not in names
 
 
+@pytest.mark.slow
 def test_light_that_is_not_turned_is_not_exported(call, mix, tree, tmp_path):
     """A cube's Dirac peak fits no regular grid: taken out, absorption and turned light stay, the table loses next to nothing."""
     medium = tree["medium"]

@@ -75,6 +75,7 @@ def rgb(path):
     return np.stack([found[c] for c in "RGB"], axis=-1)
 
 
+@pytest.mark.slow
 def test_a_constant_picture_fades_by_absorption_only(call, place):
     """For distances of any kind where nothing is absorbed (red); at one distance by the kernels' power (all channels)."""
     status, out, err = call("render", place / "s.yaml", "--json")

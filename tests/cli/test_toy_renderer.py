@@ -111,6 +111,7 @@ def test_problems_of_its_scene(call, place):
     assert "(toy?)" in call("render", place / "haze.yaml")[2]
 
 
+@pytest.mark.slow
 def test_its_recipe_is_baked_where_that_is_due(call, place, milk, monkeypatch):
     """Missing, then out of date, then without a stage that is needed; said on standard error.  Up to date it is left alone."""
     (place / "haze.yaml").write_text(SCENE.replace("asset: milk.h5", f"recipe: {milk.name}"))

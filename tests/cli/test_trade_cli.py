@@ -74,6 +74,7 @@ def test_wrong_calls(call, recipe, milk, tmp_path):
     assert not (tmp_path / "drops.trade").exists()
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_what_is_finished(recipe, tmp_path):
     """Ctrl-C goes to the command and its worker alike; nothing half written stays, and the next call takes up what is there."""
     code = ("import bakery.trade, sys\nbakery.trade.STAGES = 'tests.traded:slow'\nfrom bakery.cli import main\n"

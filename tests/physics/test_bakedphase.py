@@ -256,6 +256,7 @@ def largest_z(a, b):
 
 
 @needs_llvm
+@pytest.mark.slow
 def test_image_equals_hg(folder):
     """9 blocks: |z| < 6 everywhere but for odds of 2e-8; a g that is off by 0.07 is seen."""
     mi.set_variant("llvm_ad_mono")

@@ -171,7 +171,7 @@ def test_mean_and_graininess_of_a_pixel_are_campbell_s():
     held_against_campbell({100: 200, 1000: 40, 10_000: 12, 100_000: 3})
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_mean_and_graininess_of_a_pixel_are_campbell_s_for_many():
     held_against_campbell({10_000: 100, 100_000: 30, 1_000_000: 10, 10_000_000: 4})
 
@@ -295,6 +295,7 @@ def test_a_sphere_is_its_phase_function(absorbed):
         assert abs(rays - disc) < student(12) * math.hypot(one, other) + 0.003 * rays
 
 
+@pytest.mark.slow
 def test_spheres_are_particles_without_diffraction():
     """Optical depth 1, 3,000 spheres of index 1.33; light leaves a sphere beside its centre: 2 % are allowed."""
     radius, size = math.sqrt(1 / 3000 / math.pi), (32, 32)
@@ -371,6 +372,7 @@ def test_a_white_world_is_white(method, depth, number):
     assert abs(mean - 1) < student(16) * error + (1e-5 if depth == 1e-6 else 1e-9)
 
 
+@pytest.mark.slow
 def test_optical_depth_1000():
     """1e11 particles that are nowhere stored, of albedo 0.9: as bright as the continuous medium, each order."""
     size, world, found = (24, 24), Sky(sun=(0.3, 1, -1), above=0.2), []

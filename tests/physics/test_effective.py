@@ -246,6 +246,7 @@ def test_mixtures_of_one_and_of_nothing():
     assert light.lambda_s[0] == GLASS.lambda_s[0] and np.all(light.phase == 2) and 0 < light.albedo[0] < 1
 
 
+@pytest.mark.slow
 def test_claimed_errors_cover(monkeypatch):
     """Errors that 48 measurements of a mixture claim, over their spread: 0.6 to 1.5 (the spread is known to 10 %: odds 1e-4 a
     figure if they are true, seed fixed); those of the medium are bounds, up to 4 times the spread."""

@@ -96,6 +96,7 @@ def test_the_switch_at_2_um_is_too_early(name):
     assert trade.relative_squares(of.INDICES[name], 2.0)[0] > 0.1  # the paper's limit is 0.01
 
 
+@pytest.mark.slow
 def test_errors_at_100_um():
     for name, printed_low, plain, edge, wide in (("water", 0.017, 0.013, 0.0065, 0.005), ("glass", 0.015, 0.013, 0.0055, 0.0035)):
         found = {how: row[1] for how, row in trade.pattern_errors(of.INDICES[name], 100.0, True).items()}

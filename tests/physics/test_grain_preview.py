@@ -41,6 +41,7 @@ def pixels(path):
     return np.array(mi.Bitmap(str(path)))
 
 
+@pytest.mark.slow
 def test_two_panels_and_a_report(beads, tmp_path):
     seen = []
     report = preview(beads, tmp_path / "x.png", width=64, spp=2, progress=lambda fraction, noise: seen.append(fraction))

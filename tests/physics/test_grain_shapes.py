@@ -203,6 +203,7 @@ def test_same_numbers_same_bytes(name):
     assert first.vertices.tobytes() != other.vertices.tobytes()
 
 
+@pytest.mark.slow
 def test_levels_of_detail_agree():
     for name in ("sand", "salt", "flour"):
         coarse, middle = (shapes.build(EXAMPLES[name], shapes.LEVELS[level]) for level in ("coarse", "middle"))
@@ -714,7 +715,7 @@ def test_a_large_file_is_refused_before_it_is_read():
         files.triangles(bytes(files.BYTES + 1), "stl")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_two_million_triangles():
     grain = shapes.ellipsoid((1, 0.8, 0.6), 2_000_000)
     assert len(grain.faces) == 1_997_120

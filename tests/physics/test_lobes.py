@@ -108,6 +108,7 @@ def test_misfit_of_two_hg_is_that_of_their_distributions(g, other):
 
 
 @pytest.mark.parametrize("g", [0.7, -0.7, 0.99999])
+@pytest.mark.slow
 def test_hg_gives_itself_back(g):
     found = fits(*fine(lambda t: draine(t, g, 0.0), 500)) if g < 0.99 else {}
     for name in {"hg_g", "hg", "hg2", "hg2_g", "hg_draine", "hg_draine_g"} & found.keys():
@@ -148,6 +149,7 @@ def test_the_weight_is_the_best_one(droplets):
     assert search._misdirected(weight * first + (1 - weight) * second) <= least + 1e-12
 
 
+@pytest.mark.slow
 def test_no_brute_force_finds_better(droplets, fitted):
     """Every pair of a dense grid of shapes, each with its best weight; then 2,000 shapes drawn for HG + Draine (fixed seed)."""
     search, found = _Search(*droplets), fitted

@@ -246,6 +246,7 @@ def test_one_compiled_kernel_serves_all_grains(surfaces):
 
 
 @runs
+@pytest.mark.slow
 def test_threads_may_start_it_together():
     """In a process that has not imported Mitsuba yet."""
     subprocess.run([sys.executable, "-c", TOGETHER], cwd=ROOT, check=True, timeout=60,

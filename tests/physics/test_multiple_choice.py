@@ -43,6 +43,7 @@ def test_orders_follow_the_phase_function():
         assert np.abs(legendre.moments(theta, found.phase, 120)[found.solution.medium.order + 1:]).max() < 3e-4
 
 
+@pytest.mark.slow
 def test_both_methods_tabulate_the_same_medium():
     asked = choice.Asked(5.0, 2.0, 0.1, None, 4000, 0)
     solver = choice.by_solver(medium(0.625, 0.4), POINT, asked)

@@ -78,6 +78,7 @@ def test_beams_are_summed_as_finely_as_lobes_turn():
     assert np.abs(coarse - exact).max() > 0.05 * exact.max()
 
 
+@pytest.mark.slow
 def test_more_photons_are_followed_until_the_tolerance_is_reached(monkeypatch):
     medium = 0.8, *henyey_greenstein(-0.3)
     monkeypatch.setattr(counted, "_FIRST", 1e5)
@@ -117,6 +118,7 @@ def test_light_is_kept():
     assert far.mean() == pytest.approx(exact, abs=5 * far.std(ddof=1) / math.sqrt(32) + 0.05 * exact)
 
 
+@pytest.mark.slow
 def test_peaks_that_no_table_resolves_are_broadened_and_keep_their_light(monkeypatch):
     monkeypatch.setattr(uniform, "_ORDERS", (2e-3, 12))  # a coarse table is enough here
     monkeypatch.setattr(tally, "_BINS", 24)

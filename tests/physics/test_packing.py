@@ -69,6 +69,7 @@ def test_a_mixture_has_the_pressure_of_its_equation_of_state():
 
 
 @pytest.mark.parametrize(("rate", "jammed"), [(0.1, 0.633), (0.01, 0.645)])
+@pytest.mark.slow
 def test_slow_growth_jams_denser(rate, jammed, monkeypatch):
     # Measured elsewhere to 0.001 with the temperature set every 50 collisions, as here; the spread between seeds is 0.0008
     # at 1000 spheres, so 0.005 is four standard errors of the difference; the seed is fixed
@@ -301,7 +302,7 @@ def test_the_cost_model_knows_the_collisions():
     assert predicted(0.64, 1000) > predicted(0.6, 1000, schedule="draft")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("radii", [np.ones(100_000), species([0.999, 0.001], [1, 10], 100_000)])
 def test_a_hundred_thousand(radii):
     tile = pack(0.5, radii, seed=1)

@@ -173,6 +173,7 @@ def averages(medium):
     return np.concatenate([values, whole], axis=-1)
 
 
+@pytest.mark.slow
 def test_the_error_covers_what_the_orders_cut():
     """Against twice the orders of the same clipped medium; up to a factor 4 in a single place, as for `solution`."""
     r, angle = np.array([0.3, 1.0, 3.0])[:, None], np.array([0.2, 1.6, 3.0])

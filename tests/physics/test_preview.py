@@ -100,6 +100,7 @@ def test_more_wavelengths_than_channels(tmp_path, no_strip):
     assert np.isfinite(pixels(tmp_path / "haze.exr")).all()
 
 
+@pytest.mark.slow
 def test_stops_by_noise_and_by_time(wax, tmp_path, no_strip):
     report = preview(wax, tmp_path / "x.png", width=16, spp=64, tolerance=10.0)
     assert report["stopped_by"] == "noise" and report["samples"] == 8

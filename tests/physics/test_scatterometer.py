@@ -476,7 +476,7 @@ def test_extreme_grains_lose_no_light(mesh, index):
     assert np.allclose(found.phase @ solid, 1, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_two_million_triangles():
     golden = np.pi * (3 - 5**0.5) * np.arange(1_000_000)
     z = 1 - (2 * np.arange(1_000_000) + 1) / 1_000_000

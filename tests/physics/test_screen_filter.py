@@ -86,6 +86,7 @@ def test_means_over_pixels(asset, fog):
         assert u * means[2, i, j, 0] == pytest.approx(exact * math.pi / 4, rel=0.01)
 
 
+@pytest.mark.slow
 def test_deeper_than_the_tables(asset, fog, tmp_path):
     """Shape at twice the deepest depth: 11 % of the light is misplaced."""
     short = kernels.fog_of(baked(tmp_path, depth=5))
@@ -355,6 +356,7 @@ def test_extremes(tmp_path, spread):
 
 
 @pytest.mark.parametrize("kernel", ["fluence", "forward", "small_angle", "erf", "path_integral", "elek", "single"])
+@pytest.mark.slow
 def test_other_kernels(asset, kernel):
     other = kernels.fog_of(asset, kernel=kernel)
     image, z, angle, column, lever = scene(30, 40)

@@ -131,6 +131,7 @@ def test_a_cluster_without_workers_is_not_waited_for_without_end(monkeypatch):
         dask.Cluster(Deserted()).map(blocks.deadly, range(3))
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies(tmp_path):
     recipe = tmp_path / "slab.yaml"
     recipe.write_text("bakery: 1\nname: slab\nwavelengths: [0.5 um]\ntolerance: 10%\n"

@@ -287,7 +287,7 @@ def test_the_fuzzer_finds_what_is_planted(sound, tmp_path, monkeypatch):
     assert status == -1 and "ValueError" in fault
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_fuzzed_for_long(tmp_path):
     done = subprocess.run([sys.executable, "-m", "tests.robustness.fuzz_assets", "--seconds", "3000", "--seed", "1"], cwd=ROOT,
                           capture_output=True, text=True, check=False)

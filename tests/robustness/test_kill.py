@@ -43,6 +43,7 @@ def no_parts(folder):
     return not [path for path in folder.rglob("*") if path.name.endswith(".part")]
 
 
+@pytest.mark.slow
 def test_kill_at_random_moments(drops, tmp_path, undisturbed):
     expected, seconds = undisturbed
     output = tmp_path / "out.h5"
@@ -113,7 +114,7 @@ def test_the_holder_of_a_lock_dies(drops, tmp_path):
     ends_well(waiting)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_kill_two_hundred_times(drops, tmp_path, undisturbed):
     expected, seconds = undisturbed
     moments = random.Random(2)

@@ -131,6 +131,7 @@ def test_few_spheres(bake, inside, count):
     assert tile.radii.size == count and ("pair_correlation" in tile) == (count > 1)
 
 
+@pytest.mark.slow
 def test_same_content_for_any_number_of_threads(bake):
     inside = "fraction: [0.1, 0.3, 0.5], count: 40"
     first, again = bake(inside, "a.h5", jobs=1), bake(inside, "b.h5", jobs=3, force=True)

@@ -82,6 +82,7 @@ def test_python_of_the_readme(folder):
     assert done.returncode == 0 and "[" in done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_python_of_tables_by_photons(folder):
     for method, photons in (("solver", "auto"), ("photons", "1000")):
         (folder / "milk.yaml").write_text(CHEAP.format(method=method, photons=photons))

@@ -100,6 +100,7 @@ def test_each_particle_has_its_class(asset):
     assert (np.abs(off) < 5.4).all()
 
 
+@pytest.mark.slow
 def test_workers_do_not_decide(recipe, monkeypatch):
     monkeypatch.setattr("bakery.physics.discrete.realise.BLOCK", 1 << 14)  # several blocks of fewer particles
     path = recipe("{count: 50000, box: [1 m, 1 m, 2 m], grid: {file: rho.npy}}")

@@ -68,6 +68,7 @@ def grains_of(path, map=None):
     return Group(result.members), result
 
 
+@pytest.mark.slow
 def test_balls_are_exact(bake):
     """Glass balls of index 1.5 and 1.46 at fraction 0.63 (the second as printed for glass beads by Meng et al. 2015)."""
     asset = bake(component())
@@ -114,6 +115,7 @@ def test_cube_covers_closed_forms(bake):
     assert medium.sigma_t_mean_flight == pytest.approx(1 / way, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_absorption_goes_by_the_size_of_the_grain(bake):
     """Balls of two sizes: the small ones absorb as a recipe of their own says."""
     inside = ", interior: {absorption: 1 /mm}"
@@ -199,6 +201,7 @@ def test_matched_index(bake, tmp_path):
     assert not (tmp_path / "no.h5").exists()
 
 
+@pytest.mark.slow
 def test_sigma_t_of_the_random_walk(bake):
     """Opaque white balls send light back and forth between neighbours: it spreads far less than Eq. 4 says."""
     white = "{name: white, shape: {type: sphere}, surface: {type: diffuse, reflectance: 1}}"

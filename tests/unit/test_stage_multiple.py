@@ -103,6 +103,7 @@ def test_peaks_count_as_not_scattered(bake, tmp_path):
     assert "delta-M" in with_peak.provenance.multiple.notes
 
 
+@pytest.mark.slow
 def test_what_no_solver_reaches_is_refused_or_left_to_photons(bake, tmp_path):
     with pytest.raises(StageError, match="wavelength number 0, segment source"):
         bake(phase="{type: hg, g: -0.999}", options="{method: solver}")
@@ -117,6 +118,7 @@ def test_what_no_solver_reaches_is_refused_or_left_to_photons(bake, tmp_path):
     assert asset.multiple.point(0.5, 0.5, 1.0, 0.0) > 0
 
 
+@pytest.mark.slow
 def test_photons_check_the_solver(bake):
     """The same recipe by both methods: within what both state."""
     made = [bake(options=f"{{method: {method}, sources: [point], extent: 12, tolerance: 10%}}")

@@ -426,6 +426,7 @@ def test_a_recipe_that_changes_meanwhile_is_told(tmp_path):
 # ---- the worker's process
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_one_setting_that_failed(tmp_path, monkeypatch):
     """Settings with two orders end their process by signal 9; memory is that of the run, whatever ran before it."""
     only(monkeypatch, (2, 0, 1), (2, 1, 0), (0, 1, 1))
