@@ -132,4 +132,4 @@ def medium(classes, discs_of, to_rgb, to_waves) -> tuple[Medium, np.ndarray]:
     albedo = np.concatenate([(scattering / np.maximum(extinction, 1e-300)).T, (sigma_s / np.maximum(sigma_t, 1e-300))[None]])
     return Medium(discs_of(extinction, density, order), density, sigma_t, np.clip(albedo, 0.0, 1.0), v, steps,
                   np.array([[one[2] for one in row] for row in layouts]), np.array([[one[3] for one in row] for row in layouts]),
-                  *(np.ascontiguousarray(one, float) for one in (classes.host, to_rgb, to_waves))), order
+                  *(np.array(one, float, order="C") for one in (classes.host, to_rgb, to_waves))), order

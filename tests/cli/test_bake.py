@@ -157,6 +157,7 @@ def test_same_bytes_whatever_the_workers(call, drops, tmp_path):
     assert len(hashes) == 1
 
 
+@pytest.mark.slow
 def test_same_bytes_in_other_surroundings(call, command, drops, tmp_path):
     assert call(drops, "-o", tmp_path / "here.h5")[0] == 0
     extra = {"PYTHONHASHSEED": "7", "LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONOPTIMIZE": "1"}

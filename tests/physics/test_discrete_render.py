@@ -63,7 +63,7 @@ WORLDS = {
 }
 
 
-@pytest.mark.parametrize("where", ["sun and sky", "camera inside", slow("light behind"), slow("lamp inside")])
+@pytest.mark.parametrize("where", ["sun and sky", *map(slow, ("camera inside", "light behind", "lamp inside"))])
 def test_splat_and_walk_are_two_ways_to_one_picture(where):
     """The first order of the same realisation, pixel by pixel: discs larger than pixels, and pixels larger than discs."""
     world, eye = WORLDS[where]

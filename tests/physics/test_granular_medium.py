@@ -13,6 +13,7 @@ from bakery.store import ply
 from renderers.granular import material, medium
 from renderers.granular._medium import Medium
 from renderers.mitsuba.world import World
+from tests.conftest import slow
 from tests.physics.particles import ODDS, THETA, Sky, blocks, camera, henyey_greenstein, same, student
 from tests.physics.test_aggregate import bumpy, rays, tile, winding
 from tests.physics.test_granular_render import COLOURS, NOTHING, SCENE, passes
@@ -60,7 +61,7 @@ def test_absorption_is_that_of_the_way_inside():
     assert error.max() < 4e-3 and np.all(np.abs(picture.mean(axis=0) - through.mean(axis=0)) < student(12) * error)
 
 
-@pytest.mark.parametrize("sigma_t, g", [([0.5, 0.7, 1.0], [0.0, 0.3, 0.5]), (3.0, -0.3)], ids=["thin", "thick"])
+@pytest.mark.parametrize("sigma_t, g", [([0.5, 0.7, 1.0], [0.0, 0.3, 0.5]), slow(3.0, -0.3)], ids=["thin", "thick"])
 def test_nothing_is_lost(sigma_t, g):
     """Lossless in light from everywhere: 1, at all wavelengths, whether lights are sampled often or seldom."""
     how = continuous(sigma_t, 1.0, g)

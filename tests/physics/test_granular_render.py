@@ -14,6 +14,7 @@ from bakery.store import ply
 from renderers.granular import material, paths
 from renderers.granular._grains import Grains
 from renderers.mitsuba.world import World
+from tests.conftest import slow
 from tests.physics.particles import ODDS, Sky, blocks, camera, same
 from tests.physics.test_aggregate import CUBE, bumpy, listed, tile
 
@@ -122,7 +123,7 @@ ROOM = """<scene version="3.0.0"><sensor type="perspective"/>
 <emitter type="area"><rgb name="radiance" value="0.8 0.8 0.8"/></emitter></shape></scene>"""
 
 
-@pytest.mark.parametrize("eye", [(0.0, -15.0, 3.0), (0.2, 0.1, 0.3)], ids=["outside", "in a grain"])
+@pytest.mark.parametrize("eye", [slow((0.0, -15.0, 3.0)), (0.2, 0.1, 0.3)], ids=["outside", "in a grain"])
 def test_a_white_room(tmp_path, eye):
     """Walls that emit 0.8 and reflect 0.2: radiance 1 everywhere, with all kinds of grains."""
     (tmp_path / "room.xml").write_text(ROOM)
@@ -193,7 +194,7 @@ CASES = {"glass": ([Kind(GLASS)], ["glass"]), "frosted": ([Kind(kernels.dielectr
                      ["glass", "matt", "steel"])}
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [slow(case) if case in ("frosted", "matt stones") else case for case in CASES])
 def test_mitsuba_sees_the_same_grains(tmp_path, case):
     """Pixel by pixel, a floor through the lowest grains, lamp and sky: Mitsuba with every grain as a shape."""
     import mitsuba as mi

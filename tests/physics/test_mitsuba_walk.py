@@ -214,6 +214,7 @@ assert len(set(made)) == 1 and made[0] > 0
 
 
 @runs
+@pytest.mark.slow
 def test_a_path_depends_on_nothing_but_its_number():
     entries = uniform(3000)
     for surface in (dielectric(1.4, 0.3), conductor(COPPER, 0.2)):

@@ -112,6 +112,7 @@ def test_a_worker_that_dies_before_it_tells_its_versions_is_passed_over():
         dask._check_workers(Shrunk())
 
 
+@pytest.mark.slow
 def test_a_cluster_without_workers_is_not_waited_for_without_end(monkeypatch):
     class Deserted:
         status = "running"

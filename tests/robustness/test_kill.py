@@ -91,6 +91,7 @@ def test_signals_leave_nothing_behind(tmp_path, number, status):
     assert no_parts(tmp_path)
 
 
+@pytest.mark.slow
 def test_bakes_at_once(drops, tmp_path, undisturbed):
     expected, _ = undisturbed
     processes = [start(drops, tmp_path / f"{i % 2}.h5", "--verbose") for i in range(3)]
