@@ -58,7 +58,7 @@ $(VENV)/.ready: pyproject.toml
 $(VENV)/.ready-test: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm,test]'
-	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
+	$(BIN)/python -m compileall -qq -j 0 -x '/tests/' $(VENV)/lib || true
 	@touch $(VENV)/.ready $@
 
 $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt

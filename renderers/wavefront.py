@@ -52,12 +52,10 @@ def to_rgb(colours, values, radiance, rgb):
 @njit(cache=True, nogil=True, error_model="numpy")
 def emitted(colours, weight, order, radiance, added):
     """What paths bring of radiance (n, 3), linear sRGB, that they have met: added (n, 3); nothing where the order is below 0."""
-    values = np.empty(weight.shape[1])
     for i in range(len(added)):
         added[i] = 0.0
         if order[i] >= 0 and (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
-            values[:] = weight[i]
-            to_rgb(colours, values, radiance[i], added[i])
+            to_rgb(colours, weight[i], radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

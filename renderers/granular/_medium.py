@@ -126,10 +126,13 @@ def advance(medium, occupied, origin, direction, weight, states, met, place, far
             # the way of one direction; where it has to be asked for surfaces of the scene first, it is drawn again, the same
             stream, known = states[i], not math.isnan(far[i])
             limit = far[i] / unit if known else np.inf
-            before[:] = weight[i]
+            for w in range(len(before)):
+                before[w] = weight[i, w]
             t, scatters = _way(medium, occupied, p, d, q, weight, states, i, place[i], limit, known, room)
             if t < 0.0:
-                states[i], weight[i], status[i] = stream, before, TRACE
+                states[i], status[i] = stream, TRACE
+                for w in range(len(before)):
+                    weight[i, w] = before[w]
             elif not scatters:
                 status[i] = LEAVES
             else:

@@ -59,7 +59,8 @@ def all_spheres(aggregate, origin, direction, far, count, met, distance):
     aggregate = kernels.lent(aggregate)
     room, left, o, d = kernels.aggregate_scratch(), np.empty(4, np.int64), np.empty(3), np.empty(3)
     for n in range(len(origin)):
-        o[:], d[:] = origin[n], direction[n]
+        for axis in range(3):
+            o[axis], d[axis] = origin[n, axis], direction[n, axis]
         left[:] = -1
         begin = 0.0
         for k in range(count):
@@ -72,7 +73,8 @@ def all_spheres(aggregate, origin, direction, far, count, met, distance):
                 along += to * d[axis]
                 across += to * to
             begin = along + math.sqrt(max(aggregate.radii[met[n, k, 0]] ** 2 - across + along * along, 0.0))
-            left[:] = met[n, k]
+            for word in range(4):
+                left[word] = met[n, k, word]
 
 
 def walked(aggregate, origin, direction, far=np.inf, count=64):

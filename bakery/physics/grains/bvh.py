@@ -106,7 +106,8 @@ def _split(boxes, order, start, end, by_number, spare):
         else:
             spare[above] = k
             above += 1
-    order[middle:end] = spare[:above]
+    for i in range(above):  # numba compiles a copy of slices, with its messages, for seconds
+        order[middle + i] = spare[i]
     return middle
 
 
@@ -142,11 +143,16 @@ def _build(boxes, margin):
             parts += 1
         if nodes + parts > len(planes):
             more, fewer = np.empty((2 * len(planes), 6, BOXES), np.float32), np.zeros((2 * len(planes), BOXES), np.int32)
-            more[:nodes], fewer[:nodes] = planes[:nodes], children[:nodes]
+            for n in range(nodes):
+                for b in range(BOXES):
+                    fewer[n, b] = children[n, b]
+                    for k in range(6):
+                        more[n, k, b] = planes[n, k, b]
             planes, children = more, fewer
         if used + parts > len(leaves):
             longer = np.empty((2 * len(leaves), 2), np.int64)
-            longer[:used] = leaves[:used]
+            for n in range(used):
+                longer[n, 0], longer[n, 1] = leaves[n, 0], leaves[n, 1]
             leaves = longer
         planes[node, :3], planes[node, 3:] = 1e30, -1e30  # a child that is not there: entered late, left early
         for i in range(parts):
