@@ -76,6 +76,7 @@ def test_splat_and_walk_are_two_ways_to_one_picture(where):
     assert same(walked, 1.15 * small) < ODDS, "nothing would be seen"
 
 
+@pytest.mark.slow
 def test_a_camera_on_a_particle():
     """Its disc is in no pencil's way; from a hair behind it, it is all that is seen."""
     kinds, place, kind = few()
@@ -278,7 +279,7 @@ def spheres(kinds, radius, index, absorption, seed=1, place=None):
     return medium, explicit.Spheres(medium, np.array([index]), np.array([[absorption]]))
 
 
-@pytest.mark.parametrize("absorbed", [0.0, 0.3])
+@pytest.mark.parametrize("absorbed", [slow(0.0), 0.3])
 def test_a_sphere_is_its_phase_function(absorbed):
     """One sphere before a sky of which half is white: rays through it, and its disc with the albedo and angles of such rays."""
     radius, size = 0.1, (32, 32)

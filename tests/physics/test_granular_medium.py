@@ -71,6 +71,7 @@ def test_nothing_is_lost(sigma_t, g):
     assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < 5.4 * error)
 
 
+@pytest.mark.slow
 def test_mitsuba_sees_the_same_medium(tmp_path):
     """Pixel by pixel, with a floor through it, a lamp and a sky, against `volpath`."""
     import mitsuba as mi

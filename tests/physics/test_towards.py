@@ -18,7 +18,7 @@ BINS = 12, 16  # of the cosine, of the azimuth
 def drawn(kind, index, alpha, wi, uniform, out, share, density, again):
     for n in range(len(uniform)):
         x, y, z, share[n], _ = turned(kind, index, alpha, wi[0], wi[1], wi[2], uniform[n, 0], uniform[n, 1], uniform[n, 2])
-        out[n] = np.array((x, y, z))
+        out[n, 0], out[n, 1], out[n, 2] = x, y, z
         density[n], again[n], _ = towards(kind, index, alpha, wi[0], wi[1], wi[2], x, y, z)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from bakery.store.read import read
-from tests.conftest import DROPS, ROOT
+from tests.conftest import DROPS, ROOT, slow
 
 
 def start(recipe, output, *more):
@@ -72,7 +72,7 @@ def test_an_unchanged_bake_sweeps_too(milk, tmp_path, call):
     assert not any(path.exists() for path in left)
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), slow(signal.SIGTERM, 143)])
 def test_signals_leave_nothing_behind(tmp_path, number, status):
     recipe = tmp_path / "slow.yaml"
     # large drops at 0.3 %: some 20 s of one core, so the signal meets the bake in the middle
