@@ -25,7 +25,7 @@ from bakery.physics.grains.walk import CONTRADICTED, CUT, LEFT, MISSED, Walker
 from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes.examples import EXAMPLES
 from bakery.system import llvm
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 from tests.physics.test_scatterometer import CUBE, STONE, box, torus
 
 try:
