@@ -70,7 +70,9 @@ def one_pass(world, what, camera, height, width, number, seed, *, discrete, ligh
     view = View(camera, height, width)
     for serial, chunk in enumerate(_particles(medium.discs, view, discrete, number % how.shares, how.shares)):
         _add(world, medium, how, view, *chunk, discrete, (seed, number, serial), by_order, by_light)
-    return how.shares * by_order.reshape(-1, height, width, 3), how.shares * by_light.reshape(-1, height, width, 3)
+    by_order[1] *= how.shares  # the others stay untouched, and take no memory
+    by_light *= how.shares
+    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
 
 
 class View:
