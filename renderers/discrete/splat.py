@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bakery.kernels import BOX, disc_cells, discs_of_cell, mesh_scratch, open_wavelengths, stream_key, turned_direction
+from bakery.kernels import BOX, disc_cells, discs_of_cell, hashed, mesh_scratch, open_wavelengths, stream_key, turned_direction
 from renderers import wavefront
 from renderers.discrete import _transport
 from renderers.threads import run
@@ -22,11 +22,11 @@ from renderers.threads import run
 CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
 _DENSE = 8.0  # pencils to a pixel of a disc
-_TRACED, _DRAWN = 1 << 17, 1 << 22  # particles in a pass: a second or two
+_TRACED, _DRAWN = 1 << 16, 1 << 22  # particles in a pass: a second or two
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
 # steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
 _EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
-_BLOCK = 8  # cells along an edge of what is compared with the view
+_BLOCK, _BLOCKS = 8, 1 << 18  # cells along an edge of what is compared with the view; fewer where blocks would be few
 
 
 class Plan(NamedTuple):
@@ -103,30 +103,38 @@ def _particles(discs, view, discrete, first, every):
     """
     for level in range(len(discs.reach)):
         bounds, farthest = disc_cells(discs, level), float(discrete.max())
-        blocks = _blocks_in_view(discs, level, bounds, view.origin, view.sides, farthest)[first::every]
+        edge = _BLOCK
+        while edge > 1 and np.prod(bounds[3:] - bounds[:3] + 1.0) < _BLOCKS * edge**3:
+            edge //= 2
+        blocks = _blocks_in_view(discs, level, bounds, edge, view.origin, view.sides, farthest, first, every)
         state = np.zeros(3, np.int64)  # block, cell in it, particle in that
         while state[0] < len(blocks):
             place, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
-            filled = _gather(discs, level, blocks, state, bounds, place, kind, identity)
+            filled = _gather(discs, level, blocks, edge, state, bounds, place, kind, identity)
             if filled:
                 yield place[:filled], kind[:filled], identity[:filled]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blocks_in_view(discs, level, bounds, origin, sides, farthest):
-    """First cells (n, 3) of blocks of _BLOCK^3 cells that a pyramid of view, normals sides (4, 3) inwards, may touch."""
-    counts = (bounds[3:] - bounds[:3]) // _BLOCK + 1
+def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, first, every):
+    """First cells (n, 3) of blocks of edge^3 cells that a pyramid of view, normals sides (4, 3) inwards, may touch.
+
+    Of one block in `every`, by chance: what is left out has no pattern.
+    """
+    counts = (bounds[3:] - bounds[:3]) // edge + 1
     step, corner = discs.step[level], discs.region.lo + discs.shift[level]
-    radius = 0.5 * _BLOCK * math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + discs.reach[level]
+    radius = 0.5 * edge * math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + discs.reach[level]
     out = np.empty((64, 3), np.int64)
     n = 0
     for i in range(counts[0]):
         for j in range(counts[1]):
             for k in range(counts[2]):
-                a, b, c = bounds[0] + i * _BLOCK, bounds[1] + j * _BLOCK, bounds[2] + k * _BLOCK
-                x = corner[0] + (a + 0.5 * _BLOCK) * step[0] - origin[0]
-                y = corner[1] + (b + 0.5 * _BLOCK) * step[1] - origin[1]
-                z = corner[2] + (c + 0.5 * _BLOCK) * step[2] - origin[2]
+                if every > 1 and hashed(np.uint64((i * counts[1] + j) * counts[2] + k)) % np.uint64(every) != np.uint64(first):
+                    continue
+                a, b, c = bounds[0] + i * edge, bounds[1] + j * edge, bounds[2] + k * edge
+                x = corner[0] + (a + 0.5 * edge) * step[0] - origin[0]
+                y = corner[1] + (b + 0.5 * edge) * step[1] - origin[1]
+                z = corner[2] + (c + 0.5 * edge) * step[2] - origin[2]
                 inside = x * x + y * y + z * z < (farthest + radius) ** 2
                 for s in range(4):
                     inside = inside and sides[s, 0] * x + sides[s, 1] * y + sides[s, 2] * z > -radius
@@ -141,14 +149,14 @@ def _blocks_in_view(discs, level, bounds, origin, sides, farthest):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(discs, level, blocks, state, bounds, place, kind, identity):
+def _gather(discs, level, blocks, edge, state, bounds, place, kind, identity):
     """Fills place, kind and identity with the particles of blocks from `state` on, which is moved on; how many they are."""
     room, filled = mesh_scratch(), np.int64(0)  # a literal 0 would be compiled for as well
     while state[0] < len(blocks):
         cell = state[1]
-        i = blocks[state[0], 0] + cell // (_BLOCK * _BLOCK)
-        j = blocks[state[0], 1] + cell // _BLOCK % _BLOCK
-        k = blocks[state[0], 2] + cell % _BLOCK
+        i = blocks[state[0], 0] + cell // (edge * edge)
+        j = blocks[state[0], 1] + cell // edge % edge
+        k = blocks[state[0], 2] + cell % edge
         rest = -1
         if i <= bounds[3] and j <= bounds[4] and k <= bounds[5]:
             filled, rest = discs_of_cell(discs, level, i, j, k, state[2], place, kind, identity, filled, room)
@@ -157,7 +165,7 @@ def _gather(discs, level, blocks, state, bounds, place, kind, identity):
             return filled
         state[2] = 0
         state[1] += 1
-        if state[1] == _BLOCK**3:
+        if state[1] == edge**3:
             state[0] += 1
             state[1] = 0
     return filled

@@ -76,6 +76,16 @@ def test_splat_and_walk_are_two_ways_to_one_picture(where):
     assert same(walked, 1.15 * small) < ODDS, "nothing would be seen"
 
 
+def test_shares_are_the_whole():
+    """Passes that take a share of the particles each, pixel by pixel: the light has one direction, so nothing is drawn."""
+    world, size, medium = Sky(sun=(1, 1, -1)), (24, 24), hashed(of_depth(0.5, 3000))
+    view = camera(size, fov=22)
+    everywhere = np.full(size, np.inf)
+    whole, shared = (np.array([splat.one_pass(world, (medium, splat.Plan(shares)), view, *size, number, 0, discrete=everywhere,
+                                              lights=2)[0][1] for number in range(shares)]) for shares in (1, 5))
+    assert np.allclose(shared.mean(axis=0), whole[0], rtol=1e-9, atol=1e-12) and (shared.sum(axis=(1, 2, 3)) > 0).all()
+
+
 @pytest.mark.slow
 def test_a_camera_on_a_particle():
     """Its disc is in no pencil's way; from a hair behind it, it is all that is seen."""

@@ -83,7 +83,9 @@ def test_renderers_begin_their_streams_by_name():
     for path in sorted((ROOT / "renderers").rglob("*.py")):
         for function in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)):
             if "hashed" in calls(function):
-                assert function.name in ("begin_streams", "uniform"), f"{path}: {function.name} draws numbers from a hash"
+                # which blocks a pass takes is no chance: each is taken in turn
+                known = "begin_streams", "uniform", "_blocks_in_view"
+                assert function.name in known, f"{path}: {function.name} draws numbers from a hash"
             for node in ast.walk(function):
                 if isinstance(node, ast.Call) and calls(node)[0] == "begin_streams":
                     assert calls(node)[1] == "stream_key", f"{path}: {function.name} begins a stream without a name"
