@@ -51,11 +51,11 @@ def neighbours(position, visible, reach, most):
         square = sum((position[some, k, None] - position[first:last, k]) ** 2 for k in range(3))
         square[np.arange(len(some)), some - first] = np.inf
         count = min(most, last - first)
-        found = np.argpartition(square, count - 1, axis=1)[:, :count]
-        away = np.take_along_axis(square, found, axis=1)
+        nearest = np.argpartition(square, count - 1, axis=1)[:, :count]
+        away = np.take_along_axis(square, nearest, axis=1)
         order = np.argsort(away, axis=1, kind="stable")
-        found, away = (np.take_along_axis(values, order, axis=1) for values in (found, away))
-        near[some, :count] = np.where(away < reach * reach, found + first, -1)
+        nearest, away = (np.take_along_axis(values, order, axis=1) for values in (nearest, away))
+        near[some, :count] = np.where(away < reach * reach, nearest + first, -1)
     return near
 
 

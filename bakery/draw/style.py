@@ -65,5 +65,5 @@ def saved(figure, forms: Sequence[str]) -> dict[str, bytes]:
             measure_once(axes)
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
-    found = canvas.drawn()
-    return {form: found[form] for form in forms}
+    files = canvas.drawn()
+    return {form: files[form] for form in forms}

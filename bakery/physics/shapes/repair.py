@@ -73,11 +73,11 @@ def repaired(vertices, faces):
     if _area(meshes) > (1 + HOLE_AREA) * before:
         raise ValueError(f"not closed: its holes take more than {HOLE_AREA:.0%} of the surface")
     mesh = meshes.current_mesh()
-    found, triangles = mesh.vertex_matrix() * unit + middle, mesh.face_matrix().astype(np.int32)
+    repaired, triangles = mesh.vertex_matrix() * unit + middle, mesh.face_matrix().astype(np.int32)
     if np.array_equal(triangles, faces):
-        return found, triangles, ()
-    return found, triangles, (f"repaired by pymeshlab: {len(vertices):,} vertices and {len(faces):,} triangles became "
-                              f"{len(found):,} and {len(triangles):,}",)
+        return repaired, triangles, ()
+    return repaired, triangles, (f"repaired by pymeshlab: {len(vertices):,} vertices and {len(faces):,} triangles became "
+                                 f"{len(repaired):,} and {len(triangles):,}",)
 
 
 def _area(meshes):
