@@ -16,8 +16,8 @@ from renderers.discrete import _transport
 from renderers.mitsuba.world import LightSample
 from renderers.threads import run
 
-# ways on from the first particle, which takes as long to find as the next one: 4 take least time to an error, 1.2 to 2 times less
-# than one; passes of the first picture take one each, as that comes sooner
+# ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
+# the first picture take one each, as that comes sooner
 _SPLIT, _BEGINNING = 4, 2
 _SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
 _PARTS = 16  # of a box along each axis, in which rays are gathered
@@ -173,7 +173,7 @@ def _bounce(world, method, paths, by_order, by_light):
 def _coherent(lo, hi, origin, direction):
     """An order of rays in which those that go alike from the same part of a box follow each other.
 
-    What one has read of the lattice is in the cache for the next: searches take two thirds of the time.
+    What one has read of the lattice is in the cache for the next.
     """
     cell = np.clip((origin - lo) * (_PARTS / (hi - lo)), 0, _PARTS - 1).astype(np.int64)
     place = _SPREAD[cell[:, 0]] | _SPREAD[cell[:, 1]] << 1 | _SPREAD[cell[:, 2]] << 2

@@ -149,9 +149,9 @@ def _levels(largest, numbers, extent, per_cell, velocity):
     best[0] = 0.0
     for k in range(1, classes + 1):
         first = k - 1
-        while velocity is not None and first > 0 and np.array_equal(velocity[first - 1], velocity[k - 1]):
+        while first > 0 and (velocity is None or np.array_equal(velocity[first - 1], velocity[k - 1])):
             first -= 1
-        b = np.arange(first if velocity is not None else 0, k)
+        b = np.arange(first, k)
         effort = best[b] + _effort(total[k] - total[b], reach[b], extent, per_cell)
         begin[k], best[k] = b[np.argmin(effort)], effort.min()
     levels = [classes] if classes else [0]
