@@ -31,7 +31,7 @@ def meshes_of(scene):
 
 
 def overlap(grains, meshes):
-    """Two bodies, of which the second has a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
+    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if there are none."""
     for outer, body in enumerate(grains):
         depth = kernels.depth_in_mesh(body.aggregate)
         for inner, (vertices, _) in enumerate(meshes):
