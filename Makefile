@@ -80,12 +80,13 @@ pictures: recipes
 QUALITY ?= preview
 SCENES := night_street square_emitter
 # their recipes are baked beside them
-PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle heap_of_sand
+PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
+GRAINS := heap_of_sand cube_of_beads snowman snowman_small sand_castle
 scenes: $(VENV)/.ready
 	@mkdir -p build
 	$(BIN)/bake recipes/street_fog.yaml -o build/street_fog.h5
 	$(BIN)/bake recipes/emitter.yaml -o build/emitter.h5
-	for scene in $(SCENES) $(PARTICLES); do \
+	for scene in $(SCENES) $(PARTICLES) $(GRAINS); do \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) || exit 1; done
 
 # CLAIM="fig6 fig11" makes some of them

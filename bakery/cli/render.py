@@ -58,6 +58,7 @@ def command(source, output, quality, variant, seed, settings, resume, overwrite,
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             prepared = assets.baked
     elif suffix == ".xml":
+        import renderers.granular.plugin  # noqa: F401  registers it
         import renderers.mitsuba as renderer
 
         options |= {"quality": quality or "final", "seed": seed or 0, "parameters": values}

@@ -1,12 +1,12 @@
 """What all need of Mitsuba 3: bakery's plugins, the choice of a variant, and renders of Mitsuba's own XML scenes.
 
-`import renderers.mitsuba` registers the plugins (`bakedphase`) in the variant that is set, and in every variant that is
+`import renderers.mitsuba` registers the plugin `bakedphase` in the variant that is set, and in every variant that is
 set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
 """
 
 from __future__ import annotations
 
-from bakery.errors import BakeryError, UsageError
+from bakery.errors import UsageError
 from bakery.system import llvm as _llvm
 from renderers.mitsuba import variants
 
@@ -17,7 +17,7 @@ import mitsuba as _mi  # noqa: E402  after find: Dr.Jit looks for LLVM once, whe
 
 from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
 from renderers.mitsuba.report import describe  # noqa: E402
-from renderers.mitsuba.scene import faults, render_scene  # noqa: E402
+from renderers.mitsuba.scene import noted, render_scene  # noqa: E402
 
 __all__ = ["describe", "register", "render_scene", "variants"]
 
@@ -28,16 +28,7 @@ def register() -> None:
         return
     import drjit
 
-    baked_phase = _bakedphase.define(_mi, drjit)
-
-    def construct(properties):
-        try:
-            return baked_phase(properties)
-        except BakeryError as error:
-            faults.append(error)  # Mitsuba's parser keeps the text of an exception only
-            raise
-
-    _mi.register_phase("bakedphase", construct)
+    _mi.register_phase("bakedphase", noted(_bakedphase.define(_mi, drjit)))
 
 
 def _refuse_old_llvm() -> None:

@@ -15,6 +15,19 @@ QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
 faults: list[BakeryError] = []
 
 
+def noted(construct):
+    """A plugin's constructor, whose errors are kept for `load`: Mitsuba's parser keeps the text of an exception only."""
+
+    def made(properties):
+        try:
+            return construct(properties)
+        except BakeryError as error:
+            faults.append(error)
+            raise
+
+    return made
+
+
 def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
     """Loads an XML scene with bakery's plugins.
 

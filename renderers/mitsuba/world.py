@@ -15,6 +15,7 @@ and at a scattering event in a medium, with the phase function's value `phase` t
 
 from __future__ import annotations
 
+from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
@@ -102,15 +103,16 @@ class World:
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
 
-    def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None):
+    def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
         Parameters
         ----------
-        path : Mitsuba XML; None is a world without surfaces and lights
-        unit : m, length of 1 in the file
+        path : Mitsuba XML, or the scene (`mitsuba.Scene`) that was loaded of one; None is a world without surfaces and lights
+        unit : m, length of 1 in the scene
         view : `camera` of a scene's YAML (origin, target, up, fov; m, rad), which takes the place of the file's sensor
         size : (height, width), pixels, which takes the place of the file's; the picture's width and its pixels' shape stay
-        variant, parameters : as in `renderers.mitsuba.scene.load`
+        variant, parameters : as in `renderers.mitsuba.scene.load`; of a path
+        sensor : of Mitsuba, in place of the scene's first one
 
         Raises
         ------
@@ -122,13 +124,15 @@ class World:
         if path is None:
             self.variant, self.reason = variants.activate("rgb", variant)
             self._scene = mi.load_dict({"type": "scene"})
-        else:
+        elif isinstance(path, (str, PathLike)):
             self._scene, self.variant, self.reason = load(path, variant=variant, parameters=parameters, sensor=view is None)
+        else:
+            self._scene, self.variant, self.reason, path = path, mi.variant(), "the one that is set", "the scene"
         if not self.variant.endswith("_ad_rgb"):
             raise UsageError(f"variant {self.variant}: surfaces and lights need one that works on arrays of colours, such as "
                              f"llvm_ad_rgb ({self.reason})")
         self._unit = float(unit)
-        self.camera, self.size = self._view(path, view, size)
+        self.camera, self.size = self._view(path, sensor, view, size)
         self._name_lights(mi)
         box = self._scene.bbox()
         self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
@@ -145,15 +149,16 @@ class World:
                 boxes.append(np.array([box.min, box.max], float).reshape(1, 2, 3))
         return self._unit * np.concatenate(triangles), self._unit * np.concatenate(boxes)
 
-    def _view(self, path, view, size):
-        sensors = self._scene.sensors()
-        own = tuple(int(side) for side in np.array(sensors[0].film().size()).ravel()[::-1]) if sensors else None
+    def _view(self, path, sensor, view, size):
+        if sensor is None:
+            sensor = next(iter(self._scene.sensors()), None)
+        own = None if sensor is None else tuple(int(side) for side in np.array(sensor.film().crop_size()).ravel()[::-1])
         size = size or own
         if view is not None and size is not None:
             return Camera.looking(**dict(view), height=size[0], width=size[1]), size
         if own is None:
             return None, size
-        camera = camera_of(sensors[0], path, own[1], own[0])
+        camera = camera_of(sensor, path, own[1], own[0])
         camera = Camera(camera.origin * self._unit, camera.corner, camera.right, camera.down)
         return camera.refitted(*own, *size), size
 

@@ -157,3 +157,60 @@ def test_a_mesh_smaller_than_its_only_grain(call, place):
 def test_what_is_refused(call, place, setting, said):
     status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", setting)
     assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists()
+
+
+# ---- the integrator of Mitsuba
+
+SENSOR = """<sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="0, -30, 8"
+target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="40"/>
+<integer name="height" value="32"/></film></sensor>"""
+INTEGRATOR = """<integrator type="bakery_granular"><string name="asset" value="beads.h5"/><string name="method" value="ept"/>
+<float name="unit" value="0.001"/><shape type="ply"><string name="filename" value="half.ply"/>
+<transform name="to_world"><scale value="2"/></transform></shape></integrator>"""
+
+
+def mitsuba_scene(place, integrator=INTEGRATOR):
+    vertices, faces = icosphere(80)
+    (place / "half.ply").write_bytes(ply.mesh(3 * vertices, faces, single=True))
+    (place / "heap.ply").write_bytes(ply.mesh(6 * vertices, faces, single=True))
+    (place / "plugin.xml").write_text(XML.replace("</scene>", f"{SENSOR}{integrator}</scene>"))
+    return place / "plugin.xml"
+
+
+def test_the_integrator_makes_the_same_picture(call, place):
+    """With the scene in YAML and its seed: the film's, what `mi.render` gives, and another sensor's that is asked for."""
+    import renderers.granular.plugin  # noqa: F401
+    import mitsuba as mi  # isort: skip
+
+    path = mitsuba_scene(place)
+    (place / "lamp.xml").write_text(XML.replace("</scene>", f"{SENSOR}</scene>"))
+    (place / "s.yaml").write_text("\n".join(line for line in SCENE.splitlines() if not line.startswith("camera")) + "\n")
+    expected = picture(rendered(call, place, "a", options=("--seed", "3"))[1])
+    mi.set_variant("llvm_ad_rgb")
+    scene = mi.load_file(str(path))
+    found = np.array(mi.render(scene, spp=2, seed=3))
+    assert np.array_equal(found, expected.astype(np.float32))
+    assert np.array_equal(np.array(scene.sensors()[0].film().bitmap())[..., :3], found)
+    other = np.array(mi.render(scene, spp=2, seed=4))
+    assert not np.array_equal(other, found) and other.mean() == pytest.approx(found.mean(), rel=0.2)
+
+
+@pytest.mark.parametrize("old, new, said", [
+    ('<string name="asset" value="beads.h5"/>', "", 'no asset; <string name="asset"'),
+    ("beads.h5", "bare.h5", "no stage 'packing'"),
+    ("beads.h5", "gone.h5", "gone.h5: there is no such file"),
+    ('"ept"', '"magic"', 'method: found "magic", expected ept, vpt'),
+    ('"0.001"', '"-1"', "unit: found -1"),
+    ("half.ply", "open.ply", "not closed: face 76 alone has the edge"),
+    ('type="ply"><string name="filename" value="half.ply"/>', 'type="sphere">', "Sphere is no mesh; ply, obj or cube would do"),
+    ("<shape", "<!--", "no shape to fill"),
+])
+def test_what_the_integrator_refuses(call, place, old, new, said):
+    integrator = INTEGRATOR.replace(old, new).replace("/shape>", "-->" if new == "<!--" else "/shape>")
+    status, out, err = call("render", mitsuba_scene(place, integrator), "-o", place / "x.png")
+    assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists()
+
+
+def test_the_integrator_needs_arrays(call, place):
+    status, _, err = call("render", mitsuba_scene(place), "-o", place / "x.png", "--variant", "scalar_rgb")
+    assert status and "variant scalar_rgb; one that works on arrays of colours would do" in err

@@ -201,6 +201,19 @@ def test_the_camera_of_the_file_or_of_the_scene(tmp_path):
     assert np.allclose(origin, usual.camera.origin)
 
 
+def test_a_loaded_scene_and_one_of_its_sensors(tmp_path):
+    """The second sensor's film shows a part of the first one's."""
+    from renderers.mitsuba.scene import load
+
+    part = '<integer name="width" value="9"/>' + "".join(f'<integer name="crop_{name}" value="{value}"/>' for name, value in
+                                                         (("offset_x", 4), ("offset_y", 1), ("width", 5), ("height", 3)))
+    sensor = SENSOR[SENSOR.index("<sensor"):]
+    scene = load(written(tmp_path, SENSOR, sensor.replace('<integer name="width" value="9"/>', part)))[0]
+    whole, cropped = World(scene, unit=2.0), World(scene, unit=2.0, sensor=scene.sensors()[1])
+    assert whole.size == (6, 9) and cropped.size == (3, 5)
+    assert np.allclose(cropped.camera.rays(3, 5), whole.camera.rays(6, 9)[1:4, 4:], atol=1e-6)
+
+
 def doubled(path):
     text = path.read_text().replace('value="9"', 'value="18"').replace('value="6"', 'value="12"')
     path.write_text(text)
