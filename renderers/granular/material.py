@@ -31,7 +31,7 @@ def meshes_of(scene):
 
 
 def overlap(grains, meshes):
-    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if there are none."""
+    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
     for outer, body in enumerate(grains):
         depth = kernels.depth_in_mesh(body.aggregate)
         for inner, (vertices, _) in enumerate(meshes):

@@ -40,20 +40,25 @@ def prepare(job, world, seed) -> Method:
         outer, inner, deep = found
         raise job.scene.wrong(f"{settings.key(inner)}.mesh", f"reaches {deep:.2g} m into the mesh of {settings.key(outer)}; "
                               "meshes that do not overlap, but may touch, would do")
-    how, reasons = of(settings.method, world, assets, meshes, grains, settings.spread)
-    if how.switch is not None:
-        share = settings.accepted or _accepted(world, how, seed)
-        how = how._replace(accepted=share)
-        reasons.append(f"{100 * share:.3g} % of the paths go on in the medium")
-    number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
-    return Method((Part(settings.method, _pass(world, how, seed)),), reasons, {"grains": number})
+    return of(settings.method, world, assets, meshes, grains, seed, settings.spread, settings.accepted)
 
 
-def of(name, world, assets, meshes, grains, spread=4.0):
-    """How light goes by a method, a `Transport`, and sentences about it.
+def of(name, world, assets, meshes, grains, seed, spread=4.0, accepted=None) -> Method:
+    """The method of a name.
 
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
+    spread, accepted : as in a scene
     """
+    how, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    if how.switch is not None:
+        how = how._replace(accepted=accepted or best_share(world, how, seed))
+        reasons.append(f"{100 * how.accepted:.3g} % of the paths go on in the medium")
+    number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
+    return Method((Part(name, _pass(world, how, seed)),), reasons, {"grains": number})
+
+
+def transport_of(name, world, assets, meshes, grains, spread=4.0):
+    """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
     colours, said, bodies = material.colours_of(assets[0]), [], []
     reach = [material.radius_of(one) for one in grains]
     unseen = _unseen(world, assets, reach) if name == "auto" else np.inf
@@ -80,7 +85,7 @@ def _clear(asset):
     return all(one.surface["type"] == "dielectric" for one in asset.grains.exemplars.values())
 
 
-def _accepted(world, how, seed):
+def best_share(world, how, seed):
     """The share of the paths to go on after the switch, by first passes of a hundredth of the pixels."""
     height, width = world.size
     order = bundles.by_bundle(height, width).reshape(-1) if height * width else np.zeros(0, int)
@@ -101,12 +106,12 @@ def _pass(world, how, seed):
 
     def one(number):
         sums = transport.one_pass(world, how, world.camera, height, width, number, seed)
-        return layers(sums, world, how)
+        return _layers(sums, world, how)
 
     return one
 
 
-def layers(sums, world, how):
+def _layers(sums, world, how):
     """Layers of a pass by name, as `Part` takes them."""
     height, width = world.size
     images = {"": sums.by_order.sum(axis=0)} | dict(zip(_LAYERS, sums.by_order))

@@ -199,7 +199,7 @@ def test_the_integrator_makes_the_same_picture(call, place):
     ('<string name="asset" value="beads.h5"/>', "", 'no asset; <string name="asset"'),
     ("beads.h5", "bare.h5", "no stage 'packing'"),
     ("beads.h5", "gone.h5", "gone.h5: there is no such file"),
-    ('"ept"', '"magic"', 'method: found "magic", expected ept, vpt'),
+    ('"ept"', '"magic"', 'method: found "magic", expected auto, ept'),
     ('"0.001"', '"-1"', "unit: found -1"),
     ("half.ply", "open.ply", "not closed: face 76 alone has the edge"),
     ('type="ply"><string name="filename" value="half.ply"/>', 'type="sphere">', "Sphere is no mesh; ply, obj or cube would do"),
