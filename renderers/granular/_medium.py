@@ -128,30 +128,40 @@ def _turned(medium, kind, d, weight, states, i, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _diffused(medium, diffuse, p, d, weight, states, i, bounces, alive, room):
-    """Whether light diffuses at a scattering at p (3,) of a path along d (3,): then from there to a point near the mesh.
+def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
+    """Whether light diffuses at a scattering at p (3,) of a path along d (3,): then both change, to a point near the mesh.
 
-    There fluence over 4 pi counts, the albedo of the scattering included.  alive : becomes whether the path goes on.
+    There fluence over 4 pi counts, the albedo of the scattering included.  alive : becomes whether the path goes on
     """
-    if diffuse.near == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, room) < diffuse.near + abs(diffuse.ahead):
+    if diffuse.near == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, room) < max(diffuse.near, abs(diffuse.ahead)):
         return False
     for k in range(3):
-        p[k] += diffuse.ahead * d[k]
+        q[k] = p[k] + diffuse.ahead * d[k]
+    radius = clear_in_mesh(medium.aggregate, diffuse, q, room)
+    if radius < diffuse.near:
+        return False
     for w in range(weight.shape[1]):
         weight[i, w] *= medium.albedo[w]
-    alive[i] = True
-    while alive[i]:
-        radius = clear_in_mesh(medium.aggregate, diffuse, p, room)
-        if radius < diffuse.near:
-            break
+    while True:
+        radius -= diffuse.skin
         _uniform(d, states, i)
         for k in range(3):
-            p[k] += radius * d[k]
+            q[k] += radius * d[k]
         for w in range(weight.shape[1]):
             weight[i, w] *= diffuse_share(diffuse.sigma_tr[w] * radius)
         bounces[i] += 1
         roulette(weight, states, bounces, alive, i, i + 1)
-    return True
+        radius = clear_in_mesh(medium.aggregate, diffuse, q, room)
+        if not alive[i] or radius < diffuse.near:
+            for k in range(3):
+                p[k] = q[k]
+            return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _chance(medium, kind, p):
+    """Of a light sample at p (3,), a `kind` of point."""
+    return 1.0 if kind == DIFFUSE else chance_at(medium.aggregate, medium.chance, p)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -192,12 +202,12 @@ def advance(medium, diffuse, occupied, origin, direction, weight, states, met, p
                 bounces[i] += 1
                 met[i, 0], place[i], far[i], single[i], kind[i] = NOWHERE, -1, np.nan, False, SCATTERED
                 # what was scattered once or twice is left to itself, for its layers
-                if order[i] >= ORDERS - 1 and _diffused(medium, diffuse, p, d, weight, states, i, bounces, alive, room):
+                if order[i] >= ORDERS - 1 and _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
                     kind[i] = DIFFUSE
                     if not alive[i]:
                         status[i] = DEAD
                         break
-                chance = chance_at(medium.aggregate, medium.chance, p)
+                chance = _chance(medium, kind[i], p)
                 if uniform(states, i) < chance:
                     status[i] = LIGHT
                 else:
@@ -281,7 +291,7 @@ def light(medium, colours, origin, direction, weight, kind, lit, distance, radia
         for k in range(3):
             p[k], d[k] = origin[i, k] / medium.unit, lit[i, k]
             square += (d[k] - direction[i, k]) ** 2
-        chance = chance_at(medium.aggregate, medium.chance, p)
+        chance = _chance(medium, kind[i], p)
         ahead = _towards(medium, kind[i], weight, i, min(0.5 * square, 2.0), values)
         balance = 1.0 if single[i] else density[i] / (density[i] + ahead / chance)
         _passed(medium, p, d, distance[i] / medium.unit, q, passed, room)
@@ -298,7 +308,7 @@ def scatter(medium, origin, direction, weight, states, bounces, kind, density, a
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = origin[i, k] / medium.unit, direction[i, k]
-        density[i] = _turned(medium, kind[i], d, weight, states, i, values) / chance_at(medium.aggregate, medium.chance, p)
+        density[i] = _turned(medium, kind[i], d, weight, states, i, values) / _chance(medium, kind[i], p)
         for k in range(3):
             direction[i, k] = d[k]
         roulette(weight, states, bounces, alive, i, i + 1)

@@ -20,7 +20,8 @@ class Continuous:
         self.medium, self.occupied, self.colours = medium, occupied, colours
         self.diffuse = kernels.never_diffuse(medium.sigma_t)
         if diffuse:
-            self.diffuse = kernels.diffuse_in_mesh(medium.aggregate, medium.sigma_t, medium.albedo, medium.v, medium.phase, occupied)
+            self.diffuse = kernels.diffuse_in_mesh(medium.aggregate, medium.sigma_t, medium.albedo, medium.v, medium.phase,
+                                                   occupied)
 
     def advance(self, paths):
         """As `paths.Explicit.advance`; found is, of each that needs LIGHT, `_medium.SCATTERED` or `_medium.DIFFUSE`."""

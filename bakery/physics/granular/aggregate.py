@@ -226,7 +226,7 @@ def depth(aggregate):
 
 
 def clearance(marked, edge):
-    """(X, Y, Z) for each voxel of edges (3,) a lower bound of its distance to those marked, (X, Y, Z), of which there are some."""
+    """(X, Y, Z) for each voxel of edges (3,) a lower bound of its distance to those marked (X, Y, Z), of which there are some."""
     from scipy.ndimage import distance_transform_edt
 
     between = distance_transform_edt(~marked, sampling=edge)
