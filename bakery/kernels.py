@@ -10,6 +10,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
 | that mesh | `depth_in_mesh` | `mesh_boundary`, `deep_in_mesh` |
+| diffuse light in it | `Diffuse`, `diffuse_in_mesh`, `never_diffuse` | `clear_in_mesh`, `diffuse_share` |
 | voxels with triangles | | `mark_voxels` |
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
@@ -72,6 +73,11 @@ from bakery.physics.granular.aggregate import boundary as mesh_boundary
 from bakery.physics.granular.aggregate import deep as deep_in_mesh
 from bakery.physics.granular.aggregate import depth as depth_in_mesh
 from bakery.physics.granular.aggregate import scratch as aggregate_scratch
+from bakery.physics.granular.diffusion import Diffuse
+from bakery.physics.granular.diffusion import clear as clear_in_mesh
+from bakery.physics.granular.diffusion import decayed as diffuse_share
+from bakery.physics.granular.diffusion import diffuse as diffuse_in_mesh
+from bakery.physics.granular.diffusion import never as never_diffuse
 from bakery.physics.granular.exemplars import Exemplars
 from bakery.physics.granular.exemplars import layout as exemplars
 from bakery.physics.lent import lent
@@ -101,12 +107,14 @@ __all__ = [
     "DIFFUSE",
     "NO_DISC",
     "Aggregate",
+    "Diffuse",
     "Exemplars",
     "Mesh",
     "Region",
     "aggregate",
     "aggregate_scratch",
     "at_surface",
+    "clear_in_mesh",
     "closed_mesh",
     "conductor",
     "cumulated_shares",
@@ -114,6 +122,8 @@ __all__ = [
     "depth_in_mesh",
     "dielectric",
     "diffuse",
+    "diffuse_in_mesh",
+    "diffuse_share",
     "disc_cells",
     "disc_order",
     "discs_of_cell",
@@ -134,6 +144,7 @@ __all__ = [
     "mie_amplitudes",
     "multiple_scratch",
     "nearest_triangle",
+    "never_diffuse",
     "open_wavelengths",
     "phase_at",
     "phase_integral",

@@ -66,7 +66,8 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
         around = material.occupied_by(world, one.aggregate, one.unit, others), colours
         ways = paths.Explicit(one, *around, unseen if _clear(asset) else np.inf), None
         if name != "ept":
-            ways = ways[0], medium.Continuous(material.medium_of(asset, one.aggregate, one.unit), *around)
+            ways = ways[0], medium.Continuous(material.medium_of(asset, one.aggregate, one.unit), *around,
+                                              diffuse=name in ("ept+vpt+da", "auto"))
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
         said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)

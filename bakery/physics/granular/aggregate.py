@@ -222,8 +222,12 @@ def deep(aggregate, p, d, t):
 
 def depth(aggregate):
     """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside."""
+    return clearance(np.pad(aggregate.voxels & CLASS != INSIDE, 1, constant_values=True), aggregate.edge)[1:-1, 1:-1, 1:-1]
+
+
+def clearance(marked, edge):
+    """(X, Y, Z) for each voxel of edges (3,) a lower bound of its distance to those marked (X, Y, Z), of which there are some."""
     from scipy.ndimage import distance_transform_edt
 
-    padded = np.pad(aggregate.voxels & CLASS == INSIDE, 1)
-    between = distance_transform_edt(padded, sampling=aggregate.edge)[1:-1, 1:-1, 1:-1]
-    return np.maximum(between - np.linalg.norm(aggregate.edge), 0.0)  # of middles: half a diagonal each
+    between = distance_transform_edt(~marked, sampling=edge)
+    return np.maximum(between - np.linalg.norm(edge), 0.0)  # of middles: half a diagonal each
