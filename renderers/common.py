@@ -133,22 +133,25 @@ class Common(Section):
 # ---- what has to hold between keys
 
 
-def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str, str]) -> Iterator[Problem]:
+def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str, str], listed: str = "") -> Iterator[Problem]:
     """Problems of the common keys; `values` are those that are well formed by themselves.
 
     Parameters
     ----------
     renderer : section that chose it
     unused : dotted key that it does without -> what would do instead
+    listed : dotted key of a list whose entries may each name a material of their own
     """
     for key, instead in unused.items():
         if (node := node_at(root, key)) is not None:
             yield owner(node).problem(f"found a key that {renderer} does not use", f"expected {instead}")
-    named = given(root, "asset", "recipe")
-    if not named:
+    entries = node_at(root, listed) if listed else None
+    entries = [one for one in entries if isinstance(one, Mapping)] if isinstance(entries, Sequence) else []
+    if not given(root, "asset", "recipe") and not (entries and all(given(one, "asset", "recipe") for one in entries)):
         yield owner(root).problem("missing", "expected asset: a baked asset, or recipe: what to bake it from", key="asset")
-    if "asset" in root and "recipe" in root:
-        yield root.names["recipe"].problem("found a recipe beside an asset", "expected one of them")
+    for one in (root, *entries):
+        if "asset" in one and "recipe" in one:
+            yield one.names["recipe"].problem("found a recipe beside an asset", "expected one of them")
     film = root.get("film")
     if "film" not in unused and isinstance(film, Mapping) and len(sizes := given(film, "width", "height")) == 1:
         lacking = "height" if sizes == ["width"] else "width"
@@ -180,11 +183,24 @@ def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Proble
 
 
 def node_at(root: Mapping, key: str) -> Node | None:
-    """The node at a dotted key, or None."""
+    """The node at a dotted key such as `granular.where[1].mesh`, or None."""
     node = root
-    for step in key.split("."):
-        node = node.get(step) if isinstance(node, Mapping) else None
+    for step in key.replace("[", ".[").split("."):
+        if step.startswith("["):
+            node = node[int(step[1:-1])] if isinstance(node, Sequence) else None
+        else:
+            node = node.get(step) if isinstance(node, Mapping) else None
     return node
+
+
+def value_at(values: Section, key: str):
+    """The value at a dotted key of a scene's values, or None."""
+    for step in key.replace("[", ".[").split("."):
+        if step.startswith("["):
+            values = values[int(step[1:-1])] if isinstance(values, list) else None
+        else:
+            values = getattr(values, step, None)
+    return values
 
 
 def triple(values: dict, key: str):

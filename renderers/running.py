@@ -19,7 +19,8 @@ class Render:
     Attributes
     ----------
     scene : `renderers.scene.Scene`
-    asset : of the scene, opened
+    assets : of the scene's bodies, opened; those of several bodies may be the same
+    asset : the first of them
     pair : paths (PNG, EXR) of the pictures
     seconds : dict, of each part that was said to be over, and `total`
     """
@@ -46,7 +47,9 @@ class Render:
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
         self.scene = assets.baked(self.scene)
-        self.asset = bakery.open(self.scene.asset)
+        opened = {path: bakery.open(path) for path in dict.fromkeys(self.scene.assets)}
+        self.assets = [opened[path] for path in self.scene.assets]
+        self.asset = self.assets[0]
 
     def part_over(self, name):
         """The time since the last part was over is that of `name`."""
@@ -82,7 +85,8 @@ class Render:
         self.part_over("write")
         if self._progress:
             self._progress(1.0)
-        return {"renderer": self.scene.section, "method": method, "scene": str(self.scene.path), "asset": self.asset.path,
+        return {"renderer": self.scene.section, "method": method, "scene": str(self.scene.path),
+                "asset": ", ".join(dict.fromkeys(asset.path for asset in self.assets)),
                 "files": [str(path) for path in self.pair], "size": [rgb.shape[1], rgb.shape[0]],
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
                 "reasons": list(reasons), "tone_curve": words, "overrides": dict(self.scene.overrides),

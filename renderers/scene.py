@@ -6,7 +6,8 @@ may say stands in `renderers.common`.  One of its sections names the renderer (`
 - `render(scene, output, *, quality, variant, seed, overwrite, progress) -> report` and `describe(report) -> lines`, for which
   `renderers.running` has what all do alike;
 - its module `scene`: `SceneFile(Common)`, what the whole file may hold; `NEEDS`, stages of the asset; `FILES`, its own keys of
-  files; `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
+  files; `BODIES`, the key that may be a list of bodies, each with its own asset and files, or ""; `UNUSED`, dotted common keys
+  that it does without, each with what would do instead; `RESUMES`, whether `render` takes
   `resume` and goes on from the samples of the EXR that stands; `problems(root, values)`, what has to hold between keys.
 """
 
@@ -24,9 +25,9 @@ from pydantic import ValidationError
 from bakery.errors import Problem, RecipeError, UsageError
 from bakery.grammar import fields, files, overrides, text
 from bakery.grammar.problems import distinct, places, translate
-from bakery.grammar.text import Mapping, Node
+from bakery.grammar.text import Mapping, Node, Sequence
 from renderers import common
-from renderers.common import FORMAT, Common, node_at
+from renderers.common import FORMAT, Common, node_at, value_at
 from renderers.inputs import files_of
 
 SUFFIXES = (".yaml", ".yml")
@@ -48,7 +49,8 @@ class Scene:
     renderer : the package that renders it
     values : `SceneFile` of that renderer; lengths in m, angles in rad
     overrides : dotted key -> text
-    asset : path of the material; None where `renderers.assets` has still to bake the recipe
+    asset : path of the material; None where `renderers.assets` has still to bake the recipe, or bodies have their own
+    assets : of the materials of all bodies, in their order; of the one material; () before `renderers.assets` has seen to them
     """
 
     path: Path
@@ -58,6 +60,13 @@ class Scene:
     overrides: MappingType[str, str]
     asset: Path | None
     places: MappingType[str, str] = dataclasses.field(repr=False)
+    assets: tuple[Path, ...] = ()
+
+    @property
+    def bodies(self) -> list:
+        """What the scene says of each of its bodies, where it has a list of them; else all that it says."""
+        found = value_at(self.values, self.rules.BODIES) if self.rules.BODIES else None
+        return found if isinstance(found, list) else [self.values]
 
     @property
     def rules(self):
@@ -73,12 +82,14 @@ class Scene:
     def inputs(self) -> list[Path]:
         """The scene and every file that it is made of."""
         files = [self.path]
-        for key in (*common.FILES, *self.rules.FILES):
-            value = self.values
-            for step in key.split("."):
-                value = getattr(value, step, None)
+        for key in self.keys_of_files():
+            value = value_at(self.values, key)
             files += files_of(self.file(value)) if value is not None else []
         return files
+
+    def keys_of_files(self) -> list[str]:
+        """Dotted keys that may name files."""
+        return _keys_of_files(self.rules, 0 if self.bodies == [self.values] else len(self.bodies))
 
     def file(self, name: str) -> Path:
         """A file that the scene names."""
@@ -123,8 +134,9 @@ def load(path, settings: MappingType[str, str] | None = None) -> Scene:
     except ValidationError as error:
         parsed = None
         problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
-    problems += _files(path, tree.root, values, (*common.FILES, *kind.FILES))
-    problems += common.problems(tree.root, values, section, kind.UNUSED)
+    bodies = node_at(tree.root, kind.BODIES) if kind.BODIES else None
+    problems += _files(path, tree.root, values, _keys_of_files(kind, len(bodies) if isinstance(bodies, Sequence) else 0))
+    problems += common.problems(tree.root, values, section, kind.UNUSED, kind.BODIES)
     problems += kind.problems(tree.root, values)
     if problems:
         raise RecipeError(distinct(problems))
@@ -180,7 +192,14 @@ def _of_scenes(problem: Problem) -> Problem:
     return dataclasses.replace(problem, expected=problem.expected.replace("recipe", "scene"))
 
 
-def _files(path: Path, root: Mapping, values: dict, keys: tuple[str, ...]) -> Iterator[Problem]:
+def _keys_of_files(kind, bodies: int) -> list[str]:
+    """Keys of files of all renderers and of one, whose list of bodies is so long."""
+    own = [f"{kind.BODIES}[{i}].{key}" for i in range(bodies) for key in ("asset", "recipe")]
+    inside = [key.replace(kind.BODIES, f"{kind.BODIES}[{i}]") for i in range(bodies) for key in kind.FILES]
+    return [*common.FILES, *(inside or kind.FILES), *own]
+
+
+def _files(path: Path, root: Mapping, values: dict, keys: list[str]) -> Iterator[Problem]:
     """Files that are named and not there."""
     for key in keys:
         name = values.get(key)

@@ -17,6 +17,7 @@ from renderers.common import LENGTH, Common, Position, node_at, triple, vector
 METHODS = ("auto", "particles", "continuous", "query", "explicit")
 NEEDS = ("discrete",)  # stages of the asset
 FILES = ("discrete.where.mesh", "discrete.where.grid")
+BODIES = ""  # lists of bodies: none
 UNUSED: dict[str, str] = {}  # common keys
 RESUMES = True
 

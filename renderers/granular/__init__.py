@@ -35,7 +35,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Notes
     -----
     EXR layers: order0 (light that met no grain), order1, order2, orders (three grains and more; a grain counts once however often
-    light meets its surface), light.NAME (from each light), noise (standard error).
+    light meets its surface), light.NAME (from each light), noise (standard error); of methods that join several, ept, vpt and da,
+    what each technique has brought, and switch (grains that paths have met when they switch).
     """
     from renderers.granular import methods
     from renderers.mitsuba.world import World
@@ -54,20 +55,22 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     job.part_over("scene")
     method = methods.prepare(job, world, seed)
     job.part_over("grains")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
-                                       "size": list(world.size)})
+    estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "seed": seed, "size": list(world.size),
+                                       "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
     stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=values.granular.method, reasons=method.reasons, **method.figures)
+    mean = estimate.means[values.granular.method]
+    more = {"switch": methods.depth_of_switch(mean)} if methods.SWITCHED in mean.layers else None
+    return estimate.finish(job, layers=more, method=values.granular.method, reasons=method.reasons, **method.figures)
 
 
 def _made_of(scene):
     """What passes depend on: the scene's values, but for what stops them, and its files, but for the asset's."""
     values = scene.values
-    apart = {scene.path, *(scene.file(name) for name in (values.asset, values.recipe) if name)}
+    apart = {scene.path, *(scene.file(name) for one in (values, *scene.bodies) for name in (one.asset, one.recipe) if name)}
     # no warnings: they are about tuples in place of lists
     return values.model_dump(mode="json", exclude={"stop"}, warnings=False), *(one for one in scene.inputs if one not in apart)
 

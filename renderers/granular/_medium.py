@@ -241,3 +241,46 @@ def open_share(medium, point, lit, distance, share, begin, end):
         for k in range(3):
             p[k], d[k] = point[i, k] / medium.unit, lit[i, k]
         _passed(medium, p, d, distance[i] / medium.unit, q, share[i], room)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def arrive(medium, origin, states, met, place, far, order, bounces, single, samples, begin, end):
+    """Makes scatterings of what paths have met at their origins; samples (n,) becomes whether they sample a light there."""
+    medium = lent(medium)
+    p = np.empty(3)
+    for i in range(begin, end):
+        for k in range(3):
+            p[k] = origin[i, k] / medium.unit
+        order[i] += 1
+        bounces[i] += 1
+        met[i, 0], place[i], far[i], single[i] = NOWHERE, -1, np.nan, False
+        samples[i] = uniform(states, i) < chance_at(medium.aggregate, medium.chance, p)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def entry(medium, origin, direction, far, inside, t, begin, end):
+    """Distances t (n,) m along directions to where rays come into the mesh, before far (n,) m, inf where they do not.
+
+    inside : whether those that start inside of the mesh are in it already
+    """
+    medium = lent(medium)
+    room, p, d = aggregate_scratch(), np.empty(3), np.empty(3)
+    for i in range(begin, end):
+        gone, place, first = 0.0, -1, True
+        t[i] = np.inf
+        while gone < far[i] / medium.unit:
+            for k in range(3):
+                d[k] = direction[i, k]
+                p[k] = origin[i, k] / medium.unit + gone * d[k]
+            way, place, outward = mesh_boundary(medium.aggregate, p, d, place, room)
+            if place < 0:
+                break
+            if outward and first and inside:
+                t[i] = 0.0
+                break
+            first = False
+            gone += way
+            if not outward:
+                if gone * medium.unit < far[i]:
+                    t[i] = gone * medium.unit
+                break

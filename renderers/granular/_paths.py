@@ -11,7 +11,9 @@ from bakery.kernels import DIELECTRIC, DIFFUSE, at_surface, lent, surface_densit
 from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.wavefront import roulette, to_rgb, uniform
 
-LEAVES, TRACE, LIGHT, DEAD = range(4)  # what a path needs next: a surface of the scene or the light beyond; distance to that
+# What a path needs next: a surface of the scene or the light beyond, the distance to that, a light sample, nothing; that other
+# paths have come as far, a medium instead of the grain that it has met.
+LEAVES, TRACE, LIGHT, DEAD, WAITS, SWITCHES = range(6)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -98,18 +100,21 @@ def _turn(grains, which, n, d, weight, states, i, chance):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(grains, occupied, origin, direction, weight, states, met, place, far, order, bounces, single, density, normal, kind,
-            status, alive, begin, end):
+def advance(grains, occupied, unseen, origin, direction, weight, states, met, place, far, order, bounces, single, density, last,
+            stage, switching, normal, kind, status, alive, begin, end):
     """Takes paths begin to end on, through all surfaces that only reflect and refract, until they need something of the scene.
 
     Parameters
     ----------
     occupied : (X, Y, Z) uint8, voxels of the aggregate with surfaces of the scene; empty where there are none
+    unseen : m, from the camera, beyond which paths switch at their first grain
     origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,);  all changed
     met, place : (n, 4), (n,) sphere and triangle that each starts on (`next_surface`); changed
     far : (n,) m, to the first surface of the scene, nan where it is not known; changed.  Known where met is UNKNOWN
     order : (n,) grains met;  bounces : (n,);  single : (n,) whether light sampling cannot take the direction; changed
     density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there; changed
+    last : (n, 3) m, where each met the last grain; changed
+    stage, switching : (n,) grains after which each WAITS, and whether it SWITCHES, before the next one
     normal, kind : (n, 3), (n,) become normal and type of grain where a path needs LIGHT
     status : (n,) becomes what it needs;  alive : (n,) bool, for own use
     """
@@ -135,12 +140,21 @@ def advance(grains, occupied, origin, direction, weight, states, met, place, far
                 status[i] = TRACE
                 break
             which = at[1]
-            if met[i, 0] < 0 or met[i, 0] != now[0] or met[i, 1] != now[1] or met[i, 2] != now[2] or met[i, 3] != now[3]:
-                order[i] += 1
-            bounces[i] += 1
-            far[i], place[i] = np.nan, at[0]
+            new = met[i, 0] < 0 or met[i, 0] != now[0] or met[i, 1] != now[1] or met[i, 2] != now[2] or met[i, 3] != now[3]
+            if new and order[i] >= stage[i] and not switching[i]:
+                status[i] = WAITS
+                break
             for k in range(3):
                 p[k] += t * d[k]
+            if new and (switching[i] or (bounces[i] == 0 and t * unit > unseen)):
+                status[i] = SWITCHES
+                break
+            if new:
+                order[i] += 1
+                for k in range(3):
+                    last[i, k] = p[k] * unit
+            bounces[i] += 1
+            far[i], place[i] = np.nan, at[0]
             for k in range(4):
                 met[i, k] = now[k]
             along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
@@ -228,3 +242,16 @@ def open_share(grains, point, lit, distance, share, begin, end):
             p[k], d[k] = point[i, k] / grains.unit, lit[i, k]
         now[0] = UNKNOWN
         share[i] = 0.0 if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf else 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def first_grain(grains, point, direction, far, t, begin, end):
+    """Distances t (n,) m from points (n, 3) m along directions to the first grain before far (n,) m, inf where there is none."""
+    grains = lent(grains)
+    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = point[i, k] / grains.unit, direction[i, k]
+        now[0] = UNKNOWN
+        t[i] = next_surface(grains, p, d, far[i] / grains.unit, now, at, n, room) * grains.unit

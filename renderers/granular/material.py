@@ -14,18 +14,38 @@ SEED = 0  # of the hash that places grains: the same in all pictures of a scene
 _SELDOM = 1 / 64  # chance of a light sample
 
 
-def mesh_of(scene):
-    """Vertices (V, 3) m and triangles (F, 3) of the mesh that the scene names.
+def meshes_of(scene):
+    """Vertices (V, 3) m and triangles (F, 3) of the mesh of each of the scene's bodies.
 
-    Raises UsageError, with the key, where it is no closed mesh: what is wrong, and where.
+    Raises UsageError, with the key, where one is no closed mesh, what is wrong, and where; or where two of them overlap.
     """
-    where = scene.values.granular.where
-    path = scene.file(where.mesh)
-    try:
-        vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-    except ValueError as fault:
-        raise scene.wrong("granular.where.mesh", fault) from None
-    return where.unit * vertices, faces
+    meshes = []
+    for number, body in enumerate(scene.values.granular.bodies):
+        path = scene.file(body.mesh)
+        try:
+            vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
+        except ValueError as fault:
+            raise scene.wrong(f"{scene.values.granular.key(number)}.mesh", fault) from None
+        meshes.append((body.unit * vertices, faces))
+    return meshes
+
+
+def overlap(grains, meshes):
+    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
+    for outer, body in enumerate(grains):
+        depth = kernels.depth_in_mesh(body.aggregate)
+        for inner, (vertices, _) in enumerate(meshes):
+            place = np.floor((vertices / body.unit - body.aggregate.low) / body.aggregate.edge).astype(int)
+            place = place[np.all((place >= 0) & (place < depth.shape), axis=1)]
+            deep = body.unit * depth[tuple(place.T)].max(initial=0.0)
+            if inner != outer and deep > radius_of(body):
+                return outer, inner, deep
+    return None
+
+
+def radius_of(grains) -> float:
+    """Of a body's largest sphere, m."""
+    return grains.unit * float(grains.aggregate.radii.max())
 
 
 def colours_of(asset) -> Colours:
@@ -99,13 +119,21 @@ def _tile(asset):
     return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
 
 
-def occupied_by(world, aggregate, unit):
-    """Voxels (X, Y, Z) uint8 of an aggregate that surfaces of the scene pass through; empty where there are none."""
+def occupied_by(world, aggregate, unit, others=()):
+    """Voxels (X, Y, Z) uint8 of an aggregate that surfaces of the scene pass through, or that spheres of other bodies reach.
+
+    Empty where there are none.
+
+    others : of the bodies, triples of vertices (V, 3) m, triangles (F, 3), radius of the largest sphere, m
+    """
     voxels = np.zeros(aggregate.voxels.shape, np.uint8)
     triangles, boxes = (one / unit for one in world.extents())
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
-    kernels.mark_voxels(voxels, aggregate.low, aggregate.edge, np.ascontiguousarray(triangles.reshape(-1, 3)), faces,
-                        1e-6 * float(aggregate.edge.max()), np.uint8(1))
+    meshes = [(triangles.reshape(-1, 3), faces, 1e-6 * float(aggregate.edge.max()))]
+    meshes += [(vertices / unit, faces, radius / unit) for vertices, faces, radius in others]
+    for vertices, faces, reach in meshes:
+        kernels.mark_voxels(voxels, aggregate.low, aggregate.edge, np.array(vertices, order="C"), np.array(faces, np.int64),
+                            reach, np.uint8(1))
     for low, high in boxes:
         first, last = ((np.floor((corner - aggregate.low) / aggregate.edge + shift)).astype(int)
                        for corner, shift in ((low, -1e-6), (high, 1e-6)))

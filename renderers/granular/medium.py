@@ -38,3 +38,17 @@ class Continuous:
     def open(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance."""
         run(_medium.open_share, len(point), self.medium, point, direction, distance, share)
+
+    def entry(self, point, direction, far, inside=True):
+        """Distances (n,) m to where rays come into the mesh before far (n,) m, inf where they do not; `inside`: 0 for those that
+        start in it."""
+        t = np.empty(len(point))
+        run(_medium.entry, len(point), self.medium, point, direction, far, inside, t)
+        return t
+
+    def arrive(self, paths):
+        """Makes scatterings of what paths have met: which of them (n,) sample a light there."""
+        samples = np.empty(len(paths), bool)
+        run(_medium.arrive, len(paths), self.medium, paths.origin, paths.states, paths.met, paths.place, paths.far, paths.order,
+            paths.bounces, paths.single, samples)
+        return samples

@@ -6,10 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.granular import material, medium, paths
+from renderers import colour
+from renderers.granular import bundles, material, medium, paths, transport
+from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
+_TECHNIQUES = ("ept", "vpt", "da")
+_ACROSS = 4.0  # diameters of the smallest grain that a pixel covers where it need not be seen: its pattern is a quarter as strong
+_PILOT, _PASSES, _LATER = 0.01, 8, 1 << 31  # share of the pixels and number of the first passes, numbered apart from others
 
 
 class Method(NamedTuple):
@@ -27,27 +32,102 @@ class Method(NamedTuple):
 
 def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
-    asset, (vertices, faces) = job.asset, material.mesh_of(job.scene)
-    grains = material.grains_of(asset, vertices, faces)
-    aggregate, unit, name = grains.aggregate, grains.unit, job.scene.values.granular.method
-    around = material.occupied_by(world, aggregate, unit), material.colours_of(asset)
-    if name == "ept":
-        how, reasons = paths.Explicit(grains, *around), _reasons(asset)
-    else:
-        how, reasons = medium.Continuous(material.medium_of(asset, aggregate, unit), *around), _reasons_of_medium(asset)
-    return Method((Part(name, _pass(world, how, seed)),), reasons, {"grains": _expected(aggregate, vertices / unit, faces)})
+    settings, assets, meshes = job.scene.values.granular, job.assets, material.meshes_of(job.scene)
+    if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
+        raise job.scene.wrong("granular.where", "the assets have different wavelengths; assets of the same ones would do")
+    grains = [material.grains_of(asset, *mesh) for asset, mesh in zip(assets, meshes)]
+    if found := material.overlap(grains, meshes):
+        outer, inner, deep = found
+        raise job.scene.wrong(f"{settings.key(inner)}.mesh", f"reaches {deep:.2g} m into the mesh of {settings.key(outer)}; "
+                              "meshes that do not overlap, but may touch, would do")
+    return of(settings.method, world, assets, meshes, grains, seed, settings.spread, settings.accepted)
+
+
+def of(name, world, assets, meshes, grains, seed, spread=4.0, accepted=None) -> Method:
+    """The method of a name.
+
+    assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
+    spread, accepted : as in a scene
+    """
+    how, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    if how.switch is not None:
+        how = how._replace(accepted=accepted or best_share(world, how, seed))
+        reasons.append(f"{100 * how.accepted:.3g} % of the paths go on in the medium")
+    number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
+    return Method((Part(name, _pass(world, how, seed)),), reasons, {"grains": number})
+
+
+def transport_of(name, world, assets, meshes, grains, spread=4.0):
+    """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
+    colours, said, bodies = material.colours_of(assets[0]), [], []
+    reach = [material.radius_of(one) for one in grains]
+    unseen = _unseen(world, assets, reach) if name == "auto" else np.inf
+    for number, (asset, one) in enumerate(zip(assets, grains)):
+        others = [(*mesh, reach[other]) for other, mesh in enumerate(meshes) if other != number]
+        around = material.occupied_by(world, one.aggregate, one.unit, others), colours
+        ways = paths.Explicit(one, *around, unseen if _clear(asset) else np.inf), None
+        if name != "ept":
+            ways = ways[0], medium.Continuous(material.medium_of(asset, one.aggregate, one.unit), *around)
+        bodies.append(Body(*ways, reach[number]))
+    for asset in assets:
+        said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)
+    technique, switch = (MEDIUM if name == "vpt" else GRAINS), (bundles.Switch(spread) if name not in ("ept", "vpt") else None)
+    return Transport(tuple(bodies), colours, technique, switch), list(dict.fromkeys(said))
+
+
+def _unseen(world, assets, reach):
+    """Distance from the camera, m, beyond which no pixel shows a grain apart."""
+    pixel = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
+    return _ACROSS * 2 * max(reach) / pixel
+
+
+def _clear(asset):
+    return all(one.surface["type"] == "dielectric" for one in asset.grains.exemplars.values())
+
+
+def best_share(world, how, seed):
+    """The share of the paths to go on after the switch, by first passes of a hundredth of the pixels."""
+    height, width = world.size
+    order = bundles.by_bundle(height, width).reshape(-1) if height * width else np.zeros(0, int)
+    squares = order.reshape(-1, bundles.EDGE**2) if height % bundles.EDGE == width % bundles.EDGE == 0 else order[:, None]
+    chosen = squares[:: max(1, round(1 / max(_PILOT, 64 / len(squares))))].ravel()
+    light, work = [], np.zeros(2)
+    for number in range(_PASSES):
+        sums = transport.one_pass(world, how, world.camera, height, width, _LATER + number, seed, chosen=chosen)
+        light.append(sums.by_technique[:, chosen] @ colour.LUMINANCE)
+        work += sums.work + [len(chosen), 0]
+    light = np.array(light)
+    return bundles.accepted(light[:, GRAINS], light[:, 1:].sum(axis=1), work)
 
 
 def _pass(world, how, seed):
     """A pass as `Part` takes it: its number -> layers."""
-    lights, (height, width) = world.light_names, world.size
+    height, width = world.size
 
     def one(number):
-        by_order, by_light = paths.one_pass(world, how, world.camera, height, width, number, seed, lights=len(lights))
-        return {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
-            | {f"light.{name}": image for name, image in zip(lights, by_light)}
+        sums = transport.one_pass(world, how, world.camera, height, width, number, seed)
+        return _layers(sums, world, how)
 
     return one
+
+
+def _layers(sums, world, how):
+    """Layers of a pass by name, as `Part` takes them."""
+    height, width = world.size
+    images = {"": sums.by_order.sum(axis=0)} | dict(zip(_LAYERS, sums.by_order))
+    images |= {f"light.{name}": image for name, image in zip(world.light_names, sums.by_light)}
+    if how.switch is not None:
+        images |= dict(zip(_TECHNIQUES, sums.by_technique)) | {SWITCHED: sums.switched}
+    return {name: image.reshape(height, width, 3) for name, image in images.items()}
+
+
+SWITCHED = "switched"  # layer: grains met before the switch, and whether there was one
+
+
+def depth_of_switch(mean):
+    """(H, W) grains that paths have met when they switch, on average; 0 where none does."""
+    switched = mean.layers[SWITCHED].astype(float)
+    return np.where(switched[..., 1] > 0, switched[..., 0] / np.maximum(switched[..., 1], 1e-30), 0.0)
 
 
 def _reasons(asset):

@@ -120,16 +120,10 @@ class Inside:
 
     def _parts(self, world, seed):
         """Kinds of passes (`renderers.progressive.Part`)."""
-        from renderers.granular import material, medium, methods, paths
-        from renderers.progressive import Part
+        from renderers.granular import material, methods
 
-        grains = material.grains_of(self.asset, *self.mesh)
-        around = material.occupied_by(world, grains.aggregate, grains.unit), material.colours_of(self.asset)
-        if self.method == "ept":
-            how = paths.Explicit(grains, *around)
-        else:
-            how = medium.Continuous(material.medium_of(self.asset, grains.aggregate, grains.unit), *around)
-        return [Part(self.method, methods._pass(world, how, seed))]
+        assets, meshes = [self.asset], [self.mesh]
+        return methods.of(self.method, world, assets, meshes, [material.grains_of(self.asset, *self.mesh)], seed).parts
 
 
 def _called(shape):

@@ -2,20 +2,32 @@
 
 # no annotations from __future__: pydantic would have to compile each of them again
 from collections.abc import Iterator
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from bakery.errors import Problem
-from bakery.grammar.fields import Path, word
+from bakery.grammar.fields import Path, number, word
 from bakery.grammar.section import Section
-from bakery.grammar.text import Mapping
-from renderers.common import Common, Length
+from bakery.grammar.text import Mapping, Sequence, owner
+from bakery.grammar.units import FRACTION
+from renderers.common import Common, Length, node_at
 
-METHODS = ("ept", "vpt")
+METHODS = ("auto", "ept", "vpt", "ept+vpt", "ept+vpt+da", "teleport")
 NEEDS = ("grains", "packing", "medium")  # stages of the asset
 FILES = ("granular.where.mesh",)
+BODIES = "granular.where"  # may be a list, each with its own asset
 UNUSED = {"film.wavelengths": "none: grains are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
+
+
+class Body(Section):
+    """One of the bodies of grains: a mesh, and what fills it."""
+
+    mesh: Path = Field(description="PLY, OBJ, STL or OFF file of a closed mesh: grains whose centre is inside are there.")
+    unit: Length = Field(1.0, description="Length of one unit of the mesh.")
+    asset: Path | None = Field(None, description="Asset of its grains; the scene's if absent.")
+    recipe: Path | None = Field(None, description="Instead of the asset: its recipe.")
 
 
 class InMesh(Section):
@@ -23,19 +35,49 @@ class InMesh(Section):
     unit: Length = Field(1.0, description="Length of one unit of the mesh.")
 
 
-class Granular(Section):
-    """Grains that fill a mesh."""
+Bodies = Annotated[list[Body], Field(min_length=1, max_length=256)]
+Where = Annotated[
+    Annotated[InMesh, Tag("one")] | Annotated[Bodies, Tag("list")],
+    Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else "one"),
+]
 
-    where: InMesh = Field(description="What they fill.")
-    method: word(*METHODS) = Field("ept", description="ept: paths from grain to grain; vpt: the medium that stands for them.")
+
+class Granular(Section):
+    """Grains that fill meshes."""
+
+    where: Where = Field(description="The mesh that they fill, or a list of meshes, each with the asset of its own grains.")
+    method: word(*METHODS) = Field(
+        "auto", description="ept: paths from grain to grain; vpt: the medium that stands for them; ept+vpt: from grain to grain, "
+        "and in the medium once the paths of neighbouring pixels have come apart; +da: diffusion deep inside; teleport: grains "
+        "without places; auto: ept+vpt+da, and no explicit grain where grains are too small to be seen and clear."
+    )
+    spread: number(above=0, most=1e6) = Field(
+        4.0, description="Radii of the largest sphere by which paths of neighbouring pixels come apart before they switch."
+    )
+    accepted: number(FRACTION, {"auto": None}, above=0, most=1) = Field(
+        None, description="Share of the paths that go on after they switch; auto: the one that a small first pass finds best."
+    )
+
+    @property
+    def bodies(self):
+        """Of the scene, each with `mesh` and `unit`."""
+        return self.where if isinstance(self.where, list) else [self.where]
+
+    def key(self, body: int) -> str:
+        """Of a body in the scene."""
+        return f"granular.where[{body}]" if isinstance(self.where, list) else "granular.where"
 
 
 class SceneFile(Common):
     """A scene of the renderer of grains."""
 
-    granular: Granular = Field(description="Grains that fill a mesh.")
+    granular: Granular = Field(description="Grains that fill meshes.")
 
 
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
-    """What has to hold between keys: nothing besides."""
-    yield from ()
+    """What has to hold between keys."""
+    method = values.get("granular.method", "auto")
+    for key in ("granular.spread", "granular.accepted"):
+        if node_at(root, key) is not None and method in ("ept", "vpt", "teleport"):
+            yield owner(node_at(root, key)).problem(f"found a key that method {method} does not use",
+                                                    "expected it with a method of grains and medium, such as ept+vpt")

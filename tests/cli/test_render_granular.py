@@ -33,7 +33,7 @@ scene: {mitsuba: lamp.xml, unit: 1 mm}
 camera: {origin: [0, -30, 8] mm, target: [0, 0, 0] mm, fov: 30 deg}
 film: {width: 40, height: 32}
 stop: {samples: 2, noise: 0.01%}
-granular: {where: {mesh: heap.ply, unit: 1 mm}}
+granular: {where: {mesh: heap.ply, unit: 1 mm}, method: ept}
 """
 XML = """<scene version="3.0.0"><shape type="rectangle" id="floor"><transform name="to_world"><scale value="30"/>
 <translate z="-5"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.4 0.3"/></bsdf></shape>
@@ -94,6 +94,41 @@ def test_the_medium(call, place):
     assert any("no grain" in said for said in report["reasons"]) and any("opaque" in said for said in report["reasons"])
 
 
+def test_grains_and_medium(call, place):
+    """Each technique's part, that make up the picture, and how many grains paths met before they switched."""
+    report, found = rendered(call, place, "a", "granular.method=ept+vpt", "granular.accepted=0.5")
+    assert report["method"] == "ept+vpt" and any("50 % of the paths" in said for said in report["reasons"])
+    parts = [picture(found, f"{name}.") for name in ("ept", "vpt", "da")]
+    assert np.allclose(sum(parts), picture(found), rtol=1e-5, atol=1e-6) and parts[0].any() and parts[1].any()
+    depth = found["switch"]
+    assert depth.max() >= 1 and np.all(depth[picture(found, "vpt.").sum(axis=-1) > 0] > 0)
+    report, found = rendered(call, place, "b", "granular.method=auto", "granular.accepted=1")
+    assert report["method"] == "auto" and found["switch"].any()
+
+
+def test_several_bodies(call, place):
+    """Two meshes of grains with assets of their own, of which the scene need name none."""
+    vertices, faces = icosphere(80)
+    for name, x in (("left", -6), ("right", 6)):
+        (place / f"{name}.ply").write_bytes(ply.mesh(5 * vertices + [x, 0, 0], faces))
+    text = SCENE.replace("asset: beads.h5\n", "").replace(
+        "{mesh: heap.ply, unit: 1 mm}",
+        "[{mesh: left.ply, unit: 1 mm, asset: beads.h5}, {mesh: right.ply, unit: 1 mm, asset: beads.h5}]")
+    (place / "s.yaml").write_text(text)
+    for method in ("ept", "auto"):
+        report, found = rendered(call, place, method[0], f"granular.method={method}")
+        first = picture(found, "order1.").sum(axis=-1)
+        assert report["grains"] == pytest.approx(2 * 0.5 * 5**3 * 0.95, rel=0.1) and first[:, :16].any() and first[:, 24:].any()
+    for change, said in [(("asset: beads.h5}]", "asset: gone.h5}]"), 'granular.where[1].asset: found "gone.h5"'),
+                         (("mesh: right.ply", "mesh: open.ply"), "granular.where[1].mesh: not closed"),
+                         (("unit: 1 mm, asset: beads.h5}]", "unit: 1 mm}]"), "asset: missing"),
+                         (("mesh: right.ply", "mash: right.ply"), "granular.where[1].mash")]:
+        assert change[0] in text
+        (place / "s.yaml").write_text(text.replace(*change))
+        status, out, err = call("render", place / "s.yaml", "-o", place / "x.png")
+        assert status and not out and said in err and "Traceback" not in err, err
+
+
 def test_going_on_is_as_not_having_stopped(call, place):
     straight = picture(rendered(call, place, "a", "stop={samples: 4, noise: 0.01%}")[1])
     rendered(call, place, "b")
@@ -115,7 +150,7 @@ def test_a_mesh_smaller_than_its_only_grain(call, place):
     ("granular.where.mesh=open.ply", "granular.where.mesh: not closed: face 76 alone has the edge of the vertices"),
     ("granular.where.mesh=lamp.xml", "granular.where.mesh: meshes are"),
     ("granular.where.mesh=gone.ply", "there is no such file"),
-    ("granular.method=magic", "expected ept or vpt"),
+    ("granular.method=magic", "expected auto, ept, vpt"),
     ("film.wavelengths=rgb", "found a key that granular does not use"),
     ("asset=bare.h5", "no stage 'packing'"),
 ])
@@ -164,7 +199,7 @@ def test_the_integrator_makes_the_same_picture(call, place):
     ('<string name="asset" value="beads.h5"/>', "", 'no asset; <string name="asset"'),
     ("beads.h5", "bare.h5", "no stage 'packing'"),
     ("beads.h5", "gone.h5", "gone.h5: there is no such file"),
-    ('"ept"', '"magic"', 'method: found "magic", expected ept, vpt'),
+    ('"ept"', '"magic"', 'method: found "magic", expected auto, ept'),
     ('"0.001"', '"-1"', "unit: found -1"),
     ("half.ply", "open.ply", "not closed: face 76 alone has the edge"),
     ('type="ply"><string name="filename" value="half.ply"/>', 'type="sphere">', "Sphere is no mesh; ply, obj or cube would do"),

@@ -8,6 +8,7 @@ from renderers.common import Camera, Common, Direction, direction_problems
 NEEDS = ("medium",)  # stages of the asset
 FILES = ()  # keys of files, besides those of every scene
 RESUMES = False  # whether `render` takes `resume`
+BODIES = ""  # lists of bodies: none
 UNUSED = {  # common keys that it does without, and what would do
     "scene": "none: a haze has no surfaces", "film.wavelengths": "none: they are the asset's three",
     "stop": "none: nothing is sampled", "tolerance": "none: nothing is sampled"}

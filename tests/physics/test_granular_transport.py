@@ -1,0 +1,141 @@
+"""Paths that switch from grains to their medium, and go from one body into another.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery import kernels
+from renderers.granular import bundles, material, medium, paths, transport
+from renderers.granular._medium import Medium
+from tests.conftest import slow
+from tests.physics.particles import ODDS, THETA, Sky, blocks, camera, henyey_greenstein, same
+from tests.physics.test_aggregate import CUBE, tile
+from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, STONE, Kind, bumpy, grains, passes
+
+VIEW = camera((24, 24), (0.0, -40.0, 3.0), (0.0, 0.0, 0.0), 34)
+
+
+def joined(bodies, technique=transport.GRAINS, spread=4.0, accepted=1.0, albedo=1.0, **more):
+    """How light goes through bodies of grains and isotropic media, each with the extinction 0.4."""
+    made = []
+    for one in bodies:
+        v, steps, phase, cdf = kernels.phase_layout(THETA, henyey_greenstein(0.0))
+        aggregate = one.aggregate
+        stands = Medium(aggregate, one.unit, np.full(3, 0.4), np.full(3, float(albedo)), v, steps, np.array([phase] * 3),
+                        np.array([cdf] * 3), material.seldom(aggregate, 0.4))
+        around = NOTHING
+        if len(bodies) > 1:  # everywhere
+            around = np.ones(aggregate.voxels.shape, np.uint8)
+        made.append(transport.Body(paths.Explicit(one, around, COLOURS, **more), medium.Continuous(stands, around, COLOURS),
+                                   material.radius_of(one)))
+    switch = bundles.Switch(spread) if technique == transport.GRAINS else None
+    return transport.Transport(tuple(made), COLOURS, technique, switch, accepted)
+
+
+def halves(size, x=0.3):
+    """Two boxes that touch at x, in place of one, and that one."""
+    vertices, faces = CUBE
+    whole = 2 * size * (vertices - 0.5)
+    left, right = whole.copy(), whole.copy()
+    left[:, 0] = np.minimum(left[:, 0], x)
+    right[:, 0] = np.maximum(right[:, 0], x)
+    return [(left, faces), (right, faces)], (whole, faces)
+
+
+# ---- bundles
+
+
+def test_bundles_are_squares_of_pixels():
+    order = bundles.by_bundle(6, 9)
+    assert sorted(order) == list(range(54)) and set(order[:16]) == {9 * y + x for y in range(4) for x in range(4)}
+    assert set(order[-2:]) == {9 * y + 8 for y in (4, 5)}
+
+
+def test_when_paths_switch():
+    """Spread over tau N_k / N, each bundle by itself, and a path that is left alone."""
+    pixel = np.array([0, 1, 2, 3, 4, 5, 6])  # of two bundles in a picture 8 wide: four and three paths
+    place = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9], [9, 9, 9], [9, 9, 9]], float)
+    spread = np.sqrt((place[:4].var(axis=0)).sum())
+    switch = bundles.Switch(4.0)
+    assert np.array_equal(switch.due(pixel, place, np.full(7, spread), 8), [False] * 7)  # spread = tau N_k / N times the radius
+    assert np.array_equal(switch.due(pixel, place, np.full(7, 0.999 * spread), 8), [True] * 4 + [False] * 3)
+    assert switch.due(pixel[:1], place[:1], np.full(1, 1e9), 8).all()
+
+
+def test_the_share_that_goes_on_is_the_best():
+    """Least variance times time among all shares, by brute force over the picture's mean variance."""
+    random = np.random.default_rng(1)
+    low = random.exponential(1.0, (4000, 3))
+    high = 0.5 * low + random.exponential(0.3, (4000, 3)) + 0.2
+    work = np.array([1.0, 4.0])
+
+    def cost(share):
+        taken = random.random(low.shape) < share
+        return (low + np.where(taken, high / share, 0.0)).var(axis=0).mean() * (work[0] + share * work[1])
+
+    found = bundles.accepted(low, high, work)
+    assert 0.2 < found < 0.9 and cost(found) < 1.02 * min(cost(share) for share in np.linspace(0.1, 1, 19))
+    assert bundles.accepted(low, 100 * high, work) == 1.0 and bundles.accepted(low, 0 * high, work) == 1.0
+
+
+# ---- switching
+
+
+@pytest.mark.parametrize("accepted", [1.0, slow(0.4)])
+def test_nothing_is_lost_where_paths_switch(accepted):
+    """Lossless grains and media in light from everywhere: 1, whoever switches when."""
+    kinds = [Kind(GLASS), Kind(MATT, STONE)]
+    how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))], accepted=accepted)
+    found = [transport.one_pass(Sky(above=1, below=1), how, VIEW, 24, 24, number, 0) for number in range(24)]
+    mean = np.array([one.by_order.sum(axis=0).mean() for one in found])
+    error = mean.std(ddof=1) / np.sqrt(len(mean))
+    assert error < 0.03 and abs(mean.mean() - 1) < 5.4 * error
+    parts = np.mean([one.by_technique.sum(axis=(1, 2)) for one in found], axis=0)
+    assert parts[:2].min() > 0.05 * parts.sum() and np.isclose(parts.sum(), sum(one.by_order.sum() for one in found) / len(found))
+    switched = np.sum([one.switched for one in found], axis=0)
+    assert switched[:, 0].sum() > 1.5 * switched[:, 1].sum() > 0, "they switch after some grains"
+
+
+def test_grains_that_nobody_sees():
+    """From far away all paths switch at their first grain; without that, none does."""
+    one = grains([Kind(GLASS)], bumpy(9.0))
+    for unseen, first in ((10.0, True), (np.inf, False)):
+        sums = transport.one_pass(Sky(above=1, below=1), joined([one], unseen=unseen), VIEW, 24, 24, 0, 0)
+        count = sums.switched[sums.switched[:, 1] > 0, 0]
+        assert len(count) > 20 and np.all((count == 0) if first else (count >= 1))
+
+
+# ---- several bodies
+
+
+@pytest.mark.parametrize("technique", [transport.GRAINS, transport.MEDIUM], ids=["grains", "media"])
+def test_bodies_that_touch_are_as_one(technique):
+    """Balls of the host's index, or media, that only absorb: exactly the light of one body, through whichever they pass."""
+    parts, whole = halves(5.0)
+    kinds = [Kind(kernels.dielectric(1.0))]
+    pictures = []
+    for meshes in (parts, [whole]):
+        bodies = [grains(kinds, mesh, tile(0.5, 40), absorption=0.2) for mesh in meshes]
+        how = joined(bodies, technique, albedo=0.0)._replace(switch=None)
+        if technique == transport.MEDIUM:
+            point = np.tile(VIEW.origin, (576, 1))
+            pictures.append(transport._open(how, technique, point, VIEW.rays(24, 24).reshape(-1, 3), np.full(576, 1e12)))
+        else:
+            pictures.append(passes(Sky(above=1, below=1), how, VIEW, (24, 24), [0]))
+    assert np.allclose(pictures[0], pictures[1], rtol=1e-9) and pictures[0].min() < 0.2
+
+
+@pytest.mark.parametrize("technique", [slow(transport.GRAINS), transport.MEDIUM], ids=["grains", "media"])
+def test_light_goes_from_body_to_body(technique):
+    """Matt grains and media in the sun, in two bodies or in one: the same blocks of the picture, and not if one were missing."""
+    parts, whole = halves(4.0)
+    kinds, pictures = [Kind(kernels.diffuse(0.8))], []
+    for meshes, first in ((parts, 0), ([whole], 100), (parts[:1], 200)):
+        how = joined([grains(kinds, mesh, tile(0.5, 40)) for mesh in meshes], technique, albedo=0.9)._replace(switch=None)
+        pictures.append(blocks(passes(Sky((1, 1, -1), above=0.5), how, VIEW, (24, 24), range(first, first + 60)), (6, 6)))
+    two, one, half = (found.reshape(10, 6, *found.shape[1:]).mean(axis=1) for found in pictures)
+    assert same(two, one) > ODDS and same(half, one) < ODDS
