@@ -62,8 +62,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    mean = estimate.means[values.granular.method]
-    more = {"switch": methods.depth_of_switch(mean)} if methods.SWITCHED in mean.layers else None
+    more = methods.depth_of_switch(estimate.means.values())
     return estimate.finish(job, layers=more, method=values.granular.method, reasons=method.reasons, **method.figures)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.granular import _medium
+from renderers.granular.paths import Seldom
 from renderers.threads import run
 
 
@@ -16,6 +17,11 @@ class Continuous:
 
     def __init__(self, medium, occupied, colours):
         self.medium, self.occupied, self.colours = medium, occupied, colours
+        self._seldom = Seldom(medium)
+
+    def sample_lights(self, share):
+        """As `paths.Explicit.sample_lights`."""
+        self.medium = self._seldom.by(share)
 
     def advance(self, paths):
         """As `paths.Explicit.advance`; nothing is found besides."""

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers import colour
 from renderers.granular import bundles, material, medium, paths, transport
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.progressive import Part
@@ -14,7 +13,7 @@ from renderers.progressive import Part
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
 _ACROSS = 4.0  # diameters of the smallest grain that a pixel covers where it need not be seen: its pattern is a quarter as strong
-_PILOT, _PASSES, _LATER = 0.01, 8, 1 << 31  # share of the pixels and number of the first passes, numbered apart from others
+_LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
 class Method(NamedTuple):
@@ -40,21 +39,21 @@ def prepare(job, world, seed) -> Method:
         outer, inner, deep = found
         raise job.scene.wrong(f"{settings.key(inner)}.mesh", f"reaches {deep:.2g} m into the mesh of {settings.key(outer)}; "
                               "meshes that do not overlap, but may touch, would do")
-    return of(settings.method, world, assets, meshes, grains, seed, settings.spread, settings.accepted)
+    return of(settings.method, world, assets, meshes, grains, seed, settings.spread)
 
 
-def of(name, world, assets, meshes, grains, seed, spread=4.0, accepted=None) -> Method:
+def of(name, world, assets, meshes, grains, seed, spread=4.0) -> Method:
     """The method of a name.
 
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
-    spread, accepted : as in a scene
+    spread : as in a scene
     """
     how, reasons = transport_of(name, world, assets, meshes, grains, spread)
-    if how.switch is not None:
-        how = how._replace(accepted=accepted or best_share(world, how, seed))
-        reasons.append(f"{100 * how.accepted:.3g} % of the paths go on in the medium")
     number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
-    return Method((Part(name, _pass(world, how, seed)),), reasons, {"grains": number})
+    # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
+    # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
+    kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
+    return Method(tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds), reasons, {"grains": number})
 
 
 def transport_of(name, world, assets, meshes, grains, spread=4.0):
@@ -85,28 +84,14 @@ def _clear(asset):
     return all(one.surface["type"] == "dielectric" for one in asset.grains.exemplars.values())
 
 
-def best_share(world, how, seed):
-    """The share of the paths to go on after the switch, by first passes of a hundredth of the pixels."""
-    height, width = world.size
-    order = bundles.by_bundle(height, width).reshape(-1) if height * width else np.zeros(0, int)
-    squares = order.reshape(-1, bundles.EDGE**2) if height % bundles.EDGE == width % bundles.EDGE == 0 else order[:, None]
-    chosen = squares[:: max(1, round(1 / max(_PILOT, 64 / len(squares))))].ravel()
-    light, work = [], np.zeros(2)
-    for number in range(_PASSES):
-        sums = transport.one_pass(world, how, world.camera, height, width, _LATER + number, seed, chosen=chosen)
-        light.append(sums.by_technique[:, chosen] @ colour.LUMINANCE)
-        work += sums.work + [len(chosen), 0]
-    light = np.array(light)
-    return bundles.accepted(light[:, GRAINS], light[:, 1:].sum(axis=1), work)
-
-
-def _pass(world, how, seed):
+def _pass(world, how, seed, which):
     """A pass as `Part` takes it: its number -> layers."""
     height, width = world.size
 
     def one(number):
-        sums = transport.one_pass(world, how, world.camera, height, width, number, seed)
-        return _layers(sums, world, how)
+        # other paths than those of the other part
+        number += _LATER if which == transport.AFTER else 0
+        return _layers(transport.one_pass(world, how, world.camera, height, width, number, seed, which), world, how)
 
     return one
 
@@ -117,17 +102,18 @@ def _layers(sums, world, how):
     images = {"": sums.by_order.sum(axis=0)} | dict(zip(_LAYERS, sums.by_order))
     images |= {f"light.{name}": image for name, image in zip(world.light_names, sums.by_light)}
     if how.switch is not None:
-        images |= dict(zip(_TECHNIQUES, sums.by_technique)) | {SWITCHED: sums.switched}
+        images |= {SWITCHED: sums.switched}
+        images |= {name: image for name, image in zip(_TECHNIQUES, sums.by_technique) if image.any()}
     return {name: image.reshape(height, width, 3) for name, image in images.items()}
 
 
 SWITCHED = "switched"  # layer: grains met before the switch, and whether there was one
 
 
-def depth_of_switch(mean):
-    """(H, W) grains that paths have met when they switch, on average; 0 where none does."""
-    switched = mean.layers[SWITCHED].astype(float)
-    return np.where(switched[..., 1] > 0, switched[..., 0] / np.maximum(switched[..., 1], 1e-30), 0.0)
+def depth_of_switch(means) -> dict:
+    """Layer `switch` (H, W), grains that paths have met when they switch, on average, 0 where none does; of means of passes."""
+    switched = sum(mean.count * mean.layers[SWITCHED].astype(float) for mean in means if SWITCHED in mean.layers)
+    return {} if np.ndim(switched) == 0 else {"switch": switched[..., 0] / np.maximum(switched[..., 1], 1e-30)}
 
 
 def _reasons(asset):

@@ -24,6 +24,24 @@ class Colours(NamedTuple):
     to_waves: np.ndarray
 
 
+class Seldom:
+    """Layouts with a `chance` (X, Y, Z) of light samples, and the same with less.
+
+    Pictures are the same in the mean; the fewer paths go on, the more each call of Mitsuba's for lights costs.
+    """
+
+    def __init__(self, layout):
+        self._made = {1.0: layout}
+
+    def by(self, share):
+        """With a share, a power of 1/2, of the samples, at least 1/64 of them."""
+        share = max(share, 1 / 64)
+        if share not in self._made:
+            layout = self._made[1.0]
+            self._made[share] = layout._replace(chance=np.float32(share) * layout.chance)
+        return self._made[share]
+
+
 class Explicit:
     """Paths from grain to grain.
 
@@ -33,6 +51,11 @@ class Explicit:
 
     def __init__(self, grains, occupied, colours, unseen=np.inf):
         self.grains, self.occupied, self.colours, self.unseen = grains, occupied, colours, unseen
+        self._seldom = Seldom(grains)
+
+    def sample_lights(self, share):
+        """Lights are sampled so often, against what the grains' `chance` says, until this is called again."""
+        self.grains = self._seldom.by(share)
 
     def advance(self, paths):
         """Takes paths on until they need something: what (n,), and normal and type of grain of those that need LIGHT."""

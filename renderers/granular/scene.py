@@ -10,7 +10,6 @@ from bakery.errors import Problem
 from bakery.grammar.fields import Path, number, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, Sequence, owner
-from bakery.grammar.units import FRACTION
 from renderers.common import Common, Length, node_at
 
 METHODS = ("auto", "ept", "vpt", "ept+vpt", "ept+vpt+da", "teleport")
@@ -54,9 +53,6 @@ class Granular(Section):
     spread: number(above=0, most=1e6) = Field(
         4.0, description="Radii of the largest sphere by which paths of neighbouring pixels come apart before they switch."
     )
-    accepted: number(FRACTION, {"auto": None}, above=0, most=1) = Field(
-        None, description="Share of the paths that go on after they switch; auto: the one that a small first pass finds best."
-    )
 
     @property
     def bodies(self):
@@ -77,7 +73,6 @@ class SceneFile(Common):
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys."""
     method = values.get("granular.method", "auto")
-    for key in ("granular.spread", "granular.accepted"):
-        if node_at(root, key) is not None and method in ("ept", "vpt", "teleport"):
-            yield owner(node_at(root, key)).problem(f"found a key that method {method} does not use",
-                                                    "expected it with a method of grains and medium, such as ept+vpt")
+    if (node := node_at(root, "granular.spread")) is not None and method in ("ept", "vpt", "teleport"):
+        yield owner(node).problem(f"found a spread, which method {method} does not use",
+                                  "expected it with a method of grains and medium, such as ept+vpt")

@@ -7,6 +7,7 @@ that it meets next is then a scattering of the medium, in which it goes on (`bun
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,9 @@ from renderers.mitsuba.world import LightSample
 from renderers.threads import run
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
+_MANY = 2048  # paths, below which a call of Mitsuba's takes as long as for so many
 GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques
+ALL, BEFORE, AFTER = range(3)  # which light a pass brings: all, that before the switch, that after it
 
 
 class Body(NamedTuple):
@@ -40,14 +43,12 @@ class Transport(NamedTuple):
     bodies : tuple of `Body`;  colours : `Colours`
     technique : with which paths begin, GRAINS or MEDIUM
     switch : `bundles.Switch`, or None where paths do not switch
-    accepted : share of the paths that go on after the switch, and bring the more light
     """
 
     bodies: tuple[Body, ...]
     colours: Colours
     technique: int = GRAINS
     switch: bundles.Switch | None = None
-    accepted: float = 1.0
 
     def way(self, body, technique):
         """The loops of a body: those of its grains or those of its medium."""
@@ -60,19 +61,28 @@ class Sums:
     by_order, by_technique : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
     work : (2,) surfaces met explicitly, scatterings in media
+    which : ALL, BEFORE or AFTER
     """
 
-    def __init__(self, pixels, lights):
+    def __init__(self, pixels, lights, which):
+        self.which = which
         self.by_order, self.by_technique = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((wavefront.ORDERS, pixels, 3))
         self.by_light, self.switched, self.work = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3)), np.zeros(2)
 
     def add(self, paths, light, added):
         """What paths bring, added (n, 3), from lights (n,)."""
+        if self.skips(paths):
+            return
         wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
         wavefront.accumulate(added, paths.technique, light, paths.pixel, self.by_technique, self.by_light[:0])
 
 
-def one_pass(world, transport, camera, height, width, number, seed, *, chosen=None) -> Sums:
+    def skips(self, paths):
+        """Whether the light of paths, all of one technique, is left to other passes."""
+        return self.which == AFTER and len(paths) > 0 and bool(paths.technique[0] == GRAINS)
+
+
+def one_pass(world, transport, camera, height, width, number, seed, which=ALL) -> Sums:
     """One camera path for each pixel.
 
     Parameters
@@ -81,11 +91,9 @@ def one_pass(world, transport, camera, height, width, number, seed, *, chosen=No
     transport : `Transport`
     camera : `renderers.camera.Camera`
     number, seed : of the pass: its random numbers
-    chosen : (m,) pixels, all of the bundles that they are in; None for all pixels
+    which : light it brings: ALL, that BEFORE the switch or that AFTER it
     """
-    order = bundles.by_bundle(height, width)
-    order = order if chosen is None else order[np.isin(order, chosen)]
-    sums = Sums(height * width, len(world.light_names))
+    order, sums = bundles.by_bundle(height, width), Sums(height * width, len(world.light_names), which)
     for first in range(0, len(order), _ALL):
         paths = _begin(transport, camera, width, order[first : first + _ALL], number, seed, first)
         for later in _stages(world, transport, paths, width, sums):
@@ -150,6 +158,7 @@ def _through(world, transport, paths, body, sums):
     if body < 0:  # nothing but surfaces of the scene ahead
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
     way = transport.way(body, paths.technique[0])
+    way.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(len(paths) / _MANY, 1e-9)))))
     before = paths.bounces.sum()
     status, found = way.advance(paths)
     sums.work[int(paths.technique[0] != GRAINS)] += paths.bounces.sum() - before
@@ -237,13 +246,10 @@ def _open(transport, technique, point, direction, distance, apart=-1):
 
 def _switched(world, transport, paths, sums):
     """Parts of paths that go on in the medium, with a scattering where they have met a grain."""
-    if not len(paths):
-        return []
-    parts, number = [], np.empty((len(paths), 1))
-    wavefront.draw(paths.states, number)
     sums.switched[paths.pixel, 0], sums.switched[paths.pixel, 1] = paths.order, 1
-    paths = paths.of(number[:, 0] < transport.accepted)
-    paths.weight /= transport.accepted
+    parts = []
+    if not len(paths) or sums.which == BEFORE:
+        return parts
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
         here, way = paths.of(paths.body == body), transport.way(body, MEDIUM)
@@ -255,8 +261,8 @@ def _switched(world, transport, paths, sums):
 def _at_grains(world, transport, way, paths, found, sums):
     """Paths that go on from where light samples are taken, after those have been added."""
     n = len(paths)
-    if n == 0:
-        return paths
+    if n == 0 or sums.skips(paths):
+        return _turned(way, paths, found)
     numbers, added = np.empty((n, 3)), np.empty((n, 3))
     wavefront.draw(paths.states, numbers)
     sample = world.lights(paths.origin, numbers)
@@ -308,6 +314,8 @@ def _at_surfaces(world, transport, paths, sums):
 
 def _lit_surfaces(transport, paths, point, sample, sums):
     """Adds what light samples send by way of surfaces of the scene, through what is between the grains."""
+    if sums.skips(paths):
+        return
     bright = (sample.radiance > 0).any(axis=1)
     for technique in np.unique(paths.technique[bright]):
         here = np.flatnonzero(bright & (paths.technique == technique))

@@ -19,7 +19,7 @@ from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, ST
 VIEW = camera((24, 24), (0.0, -40.0, 3.0), (0.0, 0.0, 0.0), 34)
 
 
-def joined(bodies, technique=transport.GRAINS, spread=4.0, accepted=1.0, albedo=1.0, **more):
+def joined(bodies, technique=transport.GRAINS, spread=4.0, albedo=1.0, **more):
     """How light goes through bodies of grains and isotropic media, each with the extinction 0.4."""
     made = []
     for one in bodies:
@@ -33,7 +33,7 @@ def joined(bodies, technique=transport.GRAINS, spread=4.0, accepted=1.0, albedo=
         made.append(transport.Body(paths.Explicit(one, around, COLOURS, **more), medium.Continuous(stands, around, COLOURS),
                                    material.radius_of(one)))
     switch = bundles.Switch(spread) if technique == transport.GRAINS else None
-    return transport.Transport(tuple(made), COLOURS, technique, switch, accepted)
+    return transport.Transport(tuple(made), COLOURS, technique, switch)
 
 
 def halves(size, x=0.3):
@@ -66,34 +66,20 @@ def test_when_paths_switch():
     assert switch.due(pixel[:1], place[:1], np.full(1, 1e9), 8).all()
 
 
-def test_the_share_that_goes_on_is_the_best():
-    """Least variance times time among all shares, by brute force over the picture's mean variance."""
-    random = np.random.default_rng(1)
-    low = random.exponential(1.0, (4000, 3))
-    high = 0.5 * low + random.exponential(0.3, (4000, 3)) + 0.2
-    work = np.array([1.0, 4.0])
-
-    def cost(share):
-        taken = random.random(low.shape) < share
-        return (low + np.where(taken, high / share, 0.0)).var(axis=0).mean() * (work[0] + share * work[1])
-
-    found = bundles.accepted(low, high, work)
-    assert 0.2 < found < 0.9 and cost(found) < 1.02 * min(cost(share) for share in np.linspace(0.1, 1, 19))
-    assert bundles.accepted(low, 100 * high, work) == 1.0 and bundles.accepted(low, 0 * high, work) == 1.0
-
-
 # ---- switching
 
 
-@pytest.mark.parametrize("accepted", [1.0, slow(0.4)])
-def test_nothing_is_lost_where_paths_switch(accepted):
-    """Lossless grains and media in light from everywhere: 1, whoever switches when."""
+def test_nothing_is_lost_where_paths_switch():
+    """Lossless grains and media in light from everywhere: 1, whoever switches when, and by passes of light before and after it."""
     kinds = [Kind(GLASS), Kind(MATT, STONE)]
-    how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))], accepted=accepted)
-    found = [transport.one_pass(Sky(above=1, below=1), how, VIEW, 24, 24, number, 0) for number in range(24)]
-    mean = np.array([one.by_order.sum(axis=0).mean() for one in found])
-    error = mean.std(ddof=1) / np.sqrt(len(mean))
-    assert error < 0.03 and abs(mean.mean() - 1) < 5.4 * error
+    how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))])
+    found, *apart = [[transport.one_pass(Sky(above=1, below=1), how, VIEW, 24, 24, number, which, which) for number in range(24)]
+                     for which in (transport.ALL, transport.BEFORE, transport.AFTER)]
+    whole, *parts = [np.array([one.by_order.mean() * len(one.by_order) for one in part]) for part in (found, *apart)]
+    for mean in (whole, sum(parts)):
+        error = mean.std(ddof=1) / np.sqrt(len(mean))
+        assert error < 0.03 and abs(mean.mean() - 1) < 5.4 * error
+    assert not any(one.by_technique[1:].any() for one in apart[0]) and not any(one.by_technique[0].any() for one in apart[1])
     parts = np.mean([one.by_technique.sum(axis=(1, 2)) for one in found], axis=0)
     assert parts[:2].min() > 0.05 * parts.sum() and np.isclose(parts.sum(), sum(one.by_order.sum() for one in found) / len(found))
     switched = np.sum([one.switched for one in found], axis=0)
