@@ -19,11 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from renderers.granular import medium
 from tests.physics.particles import Sky, camera
 from tests.physics.test_aggregate import bumpy, rays, tile, walked
 from tests.physics.test_granular_medium import continuous
-from tests.physics.test_granular_render import COLOURS, GLASS, NOTHING, STONE, Kind, grains, passes, place
+from tests.physics.test_granular_render import GLASS, STONE, Kind, grains, passes, place
 
 SIZE, COUNT, NEXT = 96, 4000, 32
 
@@ -50,7 +49,7 @@ def row(number, spheres):
     thick = continuous(0.45, 1.0, mesh=mesh)
     paths = [spent(passes, sky, how, view, (SIZE, SIZE), [0])[0] / SIZE**2
              for how in (place(balls), place(grains([Kind(GLASS, STONE)], mesh, spheres)),
-                         medium.Continuous(thick.medium, NOTHING, COLOURS))] if number <= 1e7 else [None] * 3
+                         thick)] if number <= 1e7 else [None] * 3
     return [f"{number:.0e}", f"{setup:.2f}", f"{balls.aggregate.voxels.nbytes / 2**20:.2f}", f"{1e6 * first / COUNT:.2f}",
             f"{1e6 * (several - first) / max(met, 1):.2f}", *("" if one is None else f"{1e6 * one:.0f}" for one in paths)]
 

@@ -71,7 +71,8 @@ def _ball(radius, x, y, z, dx, dy, dz, place, normal):
     return t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+# forceinline: a call hands over every array of the tuple, which took a quarter of the time of a path
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
     """Distance at which a ray from (x, y, z) meets the grain of sphere `met`, both in the unit sphere; inf where it does not.
 
@@ -100,7 +101,7 @@ def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
     return t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def next_surface(grains, p, d, far, met, at, normal, room):
     """Distance along unit d (3,) from p (3,), in units, to the next surface of a grain before `far`; inf where there is none.
 
