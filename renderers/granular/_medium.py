@@ -133,11 +133,12 @@ def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room)
 
     There fluence over 4 pi counts, the albedo of the scattering included.  alive : becomes whether the path goes on
     """
-    if diffuse.near == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, room) < max(diffuse.near, abs(diffuse.ahead)):
+    enough = max(diffuse.near, abs(diffuse.ahead))
+    if enough == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, enough, room) < enough:
         return False
     for k in range(3):
         q[k] = p[k] + diffuse.ahead * d[k]
-    radius = clear_in_mesh(medium.aggregate, diffuse, q, room)
+    radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
     if radius < diffuse.near:
         return False
     for w in range(weight.shape[1]):
@@ -151,7 +152,7 @@ def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room)
             weight[i, w] *= diffuse_share(diffuse.sigma_tr[w] * radius)
         bounces[i] += 1
         roulette(weight, states, bounces, alive, i, i + 1)
-        radius = clear_in_mesh(medium.aggregate, diffuse, q, room)
+        radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
         if not alive[i] or radius < diffuse.near:
             for k in range(3):
                 p[k] = q[k]

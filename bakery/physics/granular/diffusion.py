@@ -110,19 +110,22 @@ def never(sigma_t) -> Diffuse:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clear(aggregate, diffuse, p, room):
-    """Radius of a sphere around p (3,), which lies inside, that is inside too and meets nothing else."""
+def clear(aggregate, diffuse, p, enough, room):
+    """Radius of a sphere around p (3,), a point inside, that is inside too and meets nothing else.
+
+    0 where the voxels tell that it would be less than `enough`.
+    """
     low, edge, depth = aggregate.low, aggregate.edge, diffuse.depth
     a = min(max(math.floor((p[0] - low[0]) / edge[0]), 0), depth.shape[0] - 1)
     b = min(max(math.floor((p[1] - low[1]) / edge[1]), 0), depth.shape[1] - 1)
     c = min(max(math.floor((p[2] - low[2]) / edge[2]), 0), depth.shape[2] - 1)
-    radius = float(depth[a, b, c])
+    radius, free = float(depth[a, b, c]), float(diffuse.free[a, b, c]) if diffuse.free.size > 0 else np.inf
     diagonal = math.sqrt(edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2])
+    if min(radius + 2.0 * diagonal, free) < enough:
+        return 0.0
     if radius < _COARSE * diagonal:
-        radius = distance(aggregate.tree, aggregate.middle, aggregate.scale, p, radius + 2.0 * diagonal, room[0])
-    if diffuse.free.size > 0:
-        radius = min(radius, float(diffuse.free[a, b, c]))
-    return radius * _INSIDE
+        radius = distance(aggregate.tree, aggregate.middle, aggregate.scale, p, min(radius + 2.0 * diagonal, free), room[0])
+    return min(radius, free) * _INSIDE
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
