@@ -111,7 +111,7 @@ def _scattered(medium, d, weight, states, i, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _uniform(d, states, i):
+def _any_direction(d, states, i):
     """Makes d (3,) any direction."""
     z, turn = 2.0 * uniform(states, i) - 1.0, 2 * math.pi * uniform(states, i)
     sine = math.sqrt(max(1.0 - z * z, 0.0))
@@ -123,7 +123,7 @@ def _turned(medium, kind, d, weight, states, i, values):
     """As `_scattered`, where a path stands at a `kind` of point."""
     if kind == SCATTERED:
         return _scattered(medium, d, weight, states, i, values)
-    _uniform(d, states, i)
+    _any_direction(d, states, i)
     return _UNIFORM
 
 
@@ -145,7 +145,7 @@ def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room)
         weight[i, w] *= medium.albedo[w]
     while True:
         radius -= diffuse.skin
-        _uniform(d, states, i)
+        _any_direction(d, states, i)
         for k in range(3):
             q[k] += radius * d[k]
         for w in range(weight.shape[1]):

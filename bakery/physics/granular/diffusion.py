@@ -33,7 +33,7 @@ class Diffuse(NamedTuple):
 
     near : from so far inside on light diffuses; infinite: never
     skin : spheres end so far from the mesh and other things
-    ahead : light scattered once goes on by so much before it has lost its direction
+    ahead : a scattering sends on the fluence of so much farther on along the path
     sigma_tr : (L,) its decay
     depth : (X, Y, Z) float32, of voxels, lower bounds of distances to the mesh
     free : (X, Y, Z) float32, the same to other things; empty where there are none
@@ -95,7 +95,7 @@ def diffuse(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
         longest = float(np.max(1 / (sigma_t * (1 - albedo * g))))
     ahead = 0.0
     if np.isfinite(longest) and albedo.any():
-        # the light scattered towards a path counts as that by so much farther on: linear in the gradient, as phi - 3 D dphi/dx
+        # light that comes to a scattering, of fluence phi and flux -D grad phi, is sent on as phi + 3 g D dphi/dx along the path
         D = np.where(k > 0, (1 - albedo) / np.where(k > 0, k, 1) ** 2, 1 / (3 * (1 - g))) / sigma_t
         ahead = np.average(3 * g * D, weights=albedo)
     free = clearance(occupied > 0, aggregate.edge) if occupied.any() else np.zeros((0, 0, 0))
