@@ -112,7 +112,7 @@ def _scattered(medium, d, weight, states, i, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _uniform(d, states, i):
+def _any_direction(d, states, i):
     """Makes d (3,) any direction."""
     z, turn = 2.0 * uniform(states, i) - 1.0, 2 * math.pi * uniform(states, i)
     sine = math.sqrt(max(1.0 - z * z, 0.0))
@@ -124,7 +124,7 @@ def _turned(medium, kind, d, weight, states, i, values):
     """As `_scattered`, where a path stands at a `kind` of point."""
     if kind == SCATTERED:
         return _scattered(medium, d, weight, states, i, values)
-    _uniform(d, states, i)
+    _any_direction(d, states, i)
     return _UNIFORM
 
 
@@ -134,25 +134,26 @@ def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room)
 
     There fluence over 4 pi counts, the albedo of the scattering included.  alive : becomes whether the path goes on
     """
-    if diffuse.near == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, room) < max(diffuse.near, abs(diffuse.ahead)):
+    enough = max(diffuse.near, abs(diffuse.ahead))
+    if enough == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, enough, room) < enough:
         return False
     for k in range(3):
         q[k] = p[k] + diffuse.ahead * d[k]
-    radius = clear_in_mesh(medium.aggregate, diffuse, q, room)
+    radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
     if radius < diffuse.near:
         return False
     for w in range(weight.shape[1]):
         weight[i, w] *= medium.albedo[w]
     while True:
         radius -= diffuse.skin
-        _uniform(d, states, i)
+        _any_direction(d, states, i)
         for k in range(3):
             q[k] += radius * d[k]
         for w in range(weight.shape[1]):
             weight[i, w] *= diffuse_share(diffuse.sigma_tr[w] * radius)
         bounces[i] += 1
         roulette(weight, states, bounces, alive, i, i + 1)
-        radius = clear_in_mesh(medium.aggregate, diffuse, q, room)
+        radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
         if not alive[i] or radius < diffuse.near:
             for k in range(3):
                 p[k] = q[k]

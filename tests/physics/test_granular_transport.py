@@ -70,7 +70,7 @@ def test_when_paths_switch():
 
 
 def test_nothing_is_lost_where_paths_switch():
-    """Lossless grains and media in light from everywhere: 1, whoever switches when, also by passes of light before it and after."""
+    """Lossless grains and media in light from everywhere: 1, whoever switches when, also by passes of light before and after."""
     kinds = [Kind(GLASS), Kind(MATT, STONE)]
     how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))])
     sky = Sky(above=1, below=1)

@@ -33,7 +33,7 @@ class Diffuse(NamedTuple):
 
     near : from so far inside on light diffuses; infinite: never
     skin : spheres end so far from the mesh and other things
-    ahead : light scattered once goes on by so much before it has lost its direction
+    ahead : a scattering sends on the fluence of so much farther on along the path
     sigma_tr : (L,) its decay
     depth : (X, Y, Z) float32, of voxels, lower bounds of distances to the mesh
     free : (X, Y, Z) float32, the same to other things; empty where there are none
@@ -95,7 +95,7 @@ def diffuse(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
         longest = float(np.max(1 / (sigma_t * (1 - albedo * g))))
     ahead = 0.0
     if np.isfinite(longest) and albedo.any():
-        # the light scattered towards a path counts as that by so much farther on: linear in the gradient, as phi - 3 D dphi/dx
+        # light that comes to a scattering, of fluence phi and flux -D grad phi, is sent on as phi + 3 g D dphi/dx along the path
         D = np.where(k > 0, (1 - albedo) / np.where(k > 0, k, 1) ** 2, 1 / (3 * (1 - g))) / sigma_t
         ahead = np.average(3 * g * D, weights=albedo)
     free = clearance(occupied > 0, aggregate.edge) if occupied.any() else np.zeros((0, 0, 0))
@@ -110,19 +110,22 @@ def never(sigma_t) -> Diffuse:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clear(aggregate, diffuse, p, room):
-    """Radius of a sphere around p (3,), which lies inside, that is inside too and meets nothing else."""
+def clear(aggregate, diffuse, p, enough, room):
+    """Radius of a sphere around p (3,), a point inside, that is inside too and meets nothing else.
+
+    0 where the voxels tell that it would be less than `enough`.
+    """
     low, edge, depth = aggregate.low, aggregate.edge, diffuse.depth
     a = min(max(math.floor((p[0] - low[0]) / edge[0]), 0), depth.shape[0] - 1)
     b = min(max(math.floor((p[1] - low[1]) / edge[1]), 0), depth.shape[1] - 1)
     c = min(max(math.floor((p[2] - low[2]) / edge[2]), 0), depth.shape[2] - 1)
-    radius = float(depth[a, b, c])
+    radius, free = float(depth[a, b, c]), float(diffuse.free[a, b, c]) if diffuse.free.size > 0 else np.inf
     diagonal = math.sqrt(edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2])
+    if min(radius + 2.0 * diagonal, free) < enough:
+        return 0.0
     if radius < _COARSE * diagonal:
-        radius = distance(aggregate.tree, aggregate.middle, aggregate.scale, p, radius + 2.0 * diagonal, room[0])
-    if diffuse.free.size > 0:
-        radius = min(radius, float(diffuse.free[a, b, c]))
-    return radius * _INSIDE
+        radius = distance(aggregate.tree, aggregate.middle, aggregate.scale, p, min(radius + 2.0 * diagonal, free), room[0])
+    return min(radius, free) * _INSIDE
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
