@@ -71,6 +71,7 @@ class Paths:
     far : (n,) m, to the first surface of the scene; nan: not known
     density : (n,) 1/sr, with which the direction was drawn;  single : (n,) whether light sampling cannot take it
     order : (n,) grains met;  bounces : (n,) surfaces met
+    centre : (n, 3) m, of the sphere that each starts in where its place is drawn; nan elsewhere
     """
 
     origin: np.ndarray
@@ -85,6 +86,7 @@ class Paths:
     single: np.ndarray
     order: np.ndarray
     bounces: np.ndarray
+    centre: np.ndarray
 
     def of(self, chosen):
         """Some of the paths."""
@@ -127,7 +129,8 @@ def _begin(waves, camera, width, pixel, number, seed):
         + (pixel // width + offset[:, 1])[:, None] * camera.down
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
     return Paths(np.tile(camera.origin, (n, 1)), direction, np.ones((n, waves)), states, pixel, np.full((n, 4), UNKNOWN),
-                 np.full(n, -1), np.full(n, np.nan), np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64))
+                 np.full(n, -1), np.full(n, np.nan), np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64),
+                 np.full((n, 3), np.nan))
 
 
 def _on(world, method, paths, by_order, by_light):
