@@ -90,23 +90,9 @@ def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal,
         fresh = fresh or start > begin
         if not start < far:
             return np.inf
-        entry, ahead = start, _AHEAD
-        if fresh and uniform(states, i) < flights.fraction:  # anywhere in a sphere
-            met[0] = min(np.searchsorted(flights.volume, uniform(states, i), "right"), len(radii) - 1)
-            x, y, z = _sphere_point(states, i)
-            radius, ahead = radii[met[0]] * uniform(states, i) ** (1 / 3), 0.0
-            x, y, z = start * d[0] + radius * x, start * d[1] + radius * y, start * d[2] + radius * z
-        else:
-            entry += _flown(flights, fresh, states, i)
-            if not entry < far:
-                return np.inf
-            met[0] = min(np.searchsorted(flights.area, uniform(states, i), "right"), len(radii) - 1)
-            square, turn = uniform(states, i), 2.0 * math.pi * uniform(states, i)
-            radius = radii[met[0]]
-            u, v = radius * math.sqrt(square) * math.cos(turn), radius * math.sqrt(square) * math.sin(turn)
-            along = entry + radius * math.sqrt(1.0 - square)
-            sx, sy, sz, tx, ty, tz = surface_frame(d[0], d[1], d[2])
-            x, y, z = along * d[0] + u * sx + v * tx, along * d[1] + u * sy + v * ty, along * d[2] + u * sz + v * tz
+        met[0], entry, ahead, x, y, z = _sphere(flights, radii, fresh, start, d, states, i)
+        if not entry < far:
+            return np.inf
         begin, fresh = far_side(x, y, z, d, radii[met[0]]), False
         if in_mesh(aggregate, p[0] + x, p[1] + y, p[2] + z, room[0]):
             met[1], met[2], met[3] = np.int64(uniform(states, i) * 2.0**53), 0, 0
@@ -118,6 +104,27 @@ def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal,
                     continue
                 centre[0], centre[1], centre[2] = p[0] + x, p[1] + y, p[2] + z
                 return t if t < far else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sphere(flights, radii, fresh, start, d, states, i):
+    """The sphere that a ray along d (3,) meets from `start` on, where it leaves another one or, if fresh, is anywhere.
+
+    Returns its number, the distance at which the ray is first in it, how many radii before that the grain is looked for, and the
+    way to its centre from where `start` is counted.
+    """
+    if fresh and uniform(states, i) < flights.fraction:  # anywhere in a sphere
+        s = min(np.searchsorted(flights.volume, uniform(states, i), "right"), len(radii) - 1)
+        x, y, z = _sphere_point(states, i)
+        radius = radii[s] * uniform(states, i) ** (1 / 3)
+        return s, start, 0.0, start * d[0] + radius * x, start * d[1] + radius * y, start * d[2] + radius * z
+    entry = start + _flown(flights, fresh, states, i)
+    s = min(np.searchsorted(flights.area, uniform(states, i), "right"), len(radii) - 1)
+    square, turn = uniform(states, i), 2.0 * math.pi * uniform(states, i)
+    u, v = radii[s] * math.sqrt(square) * math.cos(turn), radii[s] * math.sqrt(square) * math.sin(turn)
+    along = entry + radii[s] * math.sqrt(1.0 - square)
+    sx, sy, sz, tx, ty, tz = surface_frame(d[0], d[1], d[2])
+    return (s, entry, _AHEAD, along * d[0] + u * sx + v * tx, along * d[1] + u * sy + v * ty, along * d[2] + u * sz + v * tz)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
