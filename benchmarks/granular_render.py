@@ -82,9 +82,8 @@ def child(path):
 
 class Ours:
     def __init__(self, path, vertices, faces, spheres, mesh):
-        from tests.physics.test_granular_render import GLASS, Kind, grains, place
-
         from renderers.mitsuba.world import World
+        from tests.physics.test_granular_render import GLASS, Kind, grains, place
 
         self.setup, before, begin = {}, resident(), time.process_time()
         self.world = World(path)
@@ -120,9 +119,8 @@ def written(folder, name, edge, more):
 
 def instanced(found, mesh):
     """XML of each grain of an aggregate in a mesh."""
-    from tests.physics.test_aggregate import listed
-
     from bakery.physics.packing.instances import instances, matrix
+    from tests.physics.test_aggregate import listed
 
     met, centre, radius = listed(*(getattr(found.aggregate, name) for name in ("centers", "radii", "cell")), *mesh)
     turn = instances(int(found.seed), met[:, 1:], met[:, 0], np.ones(1))[1]
@@ -135,9 +133,8 @@ def instanced(found, mesh):
 
 
 def explicit(options):
-    from tests.physics.test_aggregate import CUBE, tile
-
     from bakery.store import ply
+    from tests.physics.test_aggregate import CUBE, tile
 
     spheres, mesh = tile(0.6, 500), grain()
     edge = (options.grains / len(spheres[1]) * np.prod(spheres[2])) ** (1 / 3)

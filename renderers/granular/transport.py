@@ -193,12 +193,12 @@ def _entries(transport, paths, at, limit):
     t = np.full((len(at), len(transport.bodies)), np.inf)
     grains, own = paths.technique[at] == GRAINS, paths.body[at]
     for body in range(len(transport.bodies)):
-        for technique, inside, mine in ((GRAINS, True, grains & (own != body)), (MEDIUM, True, ~grains & (own != body)),
-                                        (MEDIUM, False, ~grains & (own == body))):
-            here = np.flatnonzero(mine)
-            if len(here):
-                t[here, body] = transport.way(body, technique).entry(paths.origin[at[here]], paths.direction[at[here]],
-                                                                     limit[here], inside)
+        for technique, mine in ((GRAINS, grains), (MEDIUM, ~grains)):
+            for inside in (True, False):
+                here = np.flatnonzero(mine & ((own != body) == inside))
+                if len(here):
+                    t[here, body] = transport.way(body, technique).entry(paths.origin[at[here]], paths.direction[at[here]],
+                                                                         limit[here], inside)
     return t
 
 

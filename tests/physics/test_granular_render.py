@@ -11,7 +11,7 @@ import pytest
 from bakery import kernels
 from bakery.physics.packing.instances import instances, matrix
 from bakery.store import ply
-from renderers.granular import material, paths, transport
+from renderers.granular import material, medium, paths, transport
 from renderers.granular._grains import Grains
 from renderers.mitsuba.world import World
 from tests.conftest import slow
@@ -52,9 +52,9 @@ def through(way):
     """How light goes through one body, by its grains or its medium alone; as it is, if that is said already."""
     if isinstance(way, transport.Transport):
         return way
-    if isinstance(way, paths.Explicit):
-        return transport.Transport((transport.Body(way, None, 1.0),), COLOURS)
-    return transport.Transport((transport.Body(None, way, 1.0),), COLOURS, transport.MEDIUM)
+    if isinstance(way, medium.Continuous):
+        return transport.Transport((transport.Body(None, way, 1.0),), COLOURS, transport.MEDIUM)
+    return transport.Transport((transport.Body(way, None, 1.0),), COLOURS)
 
 
 def passes(world, where, view, size, numbers):
