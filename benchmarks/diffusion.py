@@ -7,7 +7,9 @@ First table: mean radiance of pictures that bodies fill, sky above them and none
 min(1/sigma_t', 0.5/sigma_tr) (Meng et al. 2015); processor time of a path; variance of a pixel, with over without.  Lengths in
 1/sigma_t'.
 
-Second table: light of an isotropic source in a ball of radius 10/sigma_t', isotropic scattering: the share that gets out, and the
+Then a lossless ball in light from everywhere, of which exactly 1 is to be seen.
+
+Last table: light of an isotropic source in a ball of radius 10/sigma_t', isotropic scattering: the share that gets out, and the
 mean height (over the radius) where it does, by random walks; and off by how much the spheres are, and appendix A of that paper:
 multipoles (net flux) of slabs through the first intersections along random directions.  Appendix A as it stands, and so that
 lossless light is conserved: shares over those without absorption.
@@ -45,10 +47,10 @@ def box(half):
     return (2 * CUBE[0] - 1) * half, CUBE[1]
 
 
-def seen(how, mesh, count):
-    """Mean radiance, its error, variance of a pixel, seconds a path."""
+def seen(how, mesh, count, below=0):
+    """Mean radiance, its error, variance of a pixel, seconds a path; sky of 1 above and of `below` elsewhere."""
     far = 5 * np.abs(mesh[0]).max()
-    view, sky = camera((SIZE, SIZE), (0.0, -far, 0.4 * far), (0.0, 0.0, 0.0), 16), Sky(above=1, below=0)
+    view, sky = camera((SIZE, SIZE), (0.0, -far, 0.4 * far), (0.0, 0.0, 0.0), 16), Sky(above=1, below=below)
     passes(sky, how, view, (SIZE, SIZE), [0])
     begin = time.process_time()
     found = passes(sky, how, view, (SIZE, SIZE), range(count))[..., 0]
@@ -66,6 +68,13 @@ def row(name, mesh, albedo, g, count):
     a, b, c = (seen(how, mesh, count) for how in (plain, ours, theirs))
     return (f"{name} | {albedo} | {g} | {a[0]:.4f} | {100 * (b[0] / a[0] - 1):+.2f} | {100 * np.hypot(a[1], b[1]) / a[0]:.2f} | "
             f"{100 * (c[0] / a[0] - 1):+.2f} | {1e6 * a[3]:.0f} | {1e6 * b[3]:.0f} | {b[2] / a[2]:.2f}")
+
+
+def white(mesh, count):
+    """What is seen of a lossless body in light of 1 from everywhere, without and with diffusion, and errors."""
+    plain = continuous(1.0, 1.0, mesh=mesh)
+    both = plain, medium.Continuous(plain.medium, NOTHING, COLOURS, diffuse=True)
+    return tuple(figure for how in both for figure in seen(how, mesh, count, below=1)[:2])
 
 
 def directions(random, n):
@@ -142,6 +151,8 @@ def main():
     bodies += [("box, 2 x 2 x 2", box([1.0, 1.0, 1.0]), 1.0, 0.0, 4), ("ball, 200", ball(200.0), 1.0, 0.0, 8)]
     for one in bodies:
         print("| " + row(*one) + " |", flush=True)
+    print("\nball, 200, lossless, light from everywhere: "
+          "{:.4f} +- {:.4f} without, {:.4f} +- {:.4f} with".format(*white(ball(200.0), 24)))
     print("\n| albedo | depth | gets out | height | spheres, % | height | appendix A, % | height | normalised, % | height |")
     print("|---" * 10 + "|")
     for albedo in (1.0, 0.99, 0.9):
