@@ -1,8 +1,13 @@
-"""The renderer of grains against others: python benchmarks/granular_render.py [--only explicit] [--rounds 4] [--grains 1e5]
+"""The renderer of grains against others, and its methods against each other.
 
-explicit  paths from grain to grain (`ept`) against `path` of Mitsuba, scalar_rgb with Embree, where each grain is an instance of a
-          shape group: the same grains of 20,480 triangles at the same places, the same floor and lights, no limit of depth.  Both
-          are unbiased: what counts is processor time times variance.  Memory: what the resident set grows by in the setup.
+    python benchmarks/granular_render.py [--only explicit methods] [--rounds 4] [--grains 1e5] [--scenes …] [--seconds 60]
+
+explicit  paths from grain to grain (`ept`) against `path` of Mitsuba, scalar_rgb with Embree, where each grain is an instance of
+          a shape group: the same grains of 20,480 triangles at the same places, the same floor and lights, no limit of depth.
+          Both are unbiased: what counts is processor time times variance.  Memory: what the resident set grows by in the setup.
+          and the time in which the variance of a pixel would be 1: variance of a pass times its time.  Where light before and after
+          and the time in which a pixel's variance would be 1: variance of a pass times its time.  Where light before and after
+          the switch has passes of its own, that of the best division between them.
 """
 
 from __future__ import annotations
@@ -25,10 +30,12 @@ SCENE = """<scene version="3.0.0">
 <integrator type="path"><integer name="max_depth" value="-1"/><integer name="rr_depth" value="1000"/></integrator>
 <sensor type="perspective"><float name="fov" value="24"/><transform name="to_world">
   <lookat origin="{x}, {y}, {z}" target="0, 0, 0" up="0, 0, 1"/></transform>
-  <film type="hdrfilm"><integer name="width" value="256"/><integer name="height" value="192"/><rfilter type="box"/></film></sensor>
+  <film type="hdrfilm"><integer name="width" value="256"/><integer name="height" value="192"/><rfilter type="box"/></film>
+</sensor>
 <shape type="rectangle"><transform name="to_world"><scale value="{wide}"/><translate z="{floor}"/></transform>
   <bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.4 0.3"/></bsdf></shape>
-<shape type="rectangle"><transform name="to_world"><scale value="{lamp}"/><rotate x="1" angle="180"/><translate z="{high}"/></transform>
+<shape type="rectangle">
+  <transform name="to_world"><scale value="{lamp}"/><rotate x="1" angle="180"/><translate z="{high}"/></transform>
   <emitter type="area"><rgb name="radiance" value="2 2 2"/></emitter></shape>
 <emitter type="constant"><rgb name="radiance" value="0.3 0.4 0.6"/></emitter>
 MORE</scene>"""
@@ -95,7 +102,8 @@ class Ours:
         from tests.physics.test_granular_render import passes
 
         begin = time.process_time()
-        picture = passes(self.world, self.where, self.world.camera, SIZE, range(SAMPLES * seed, SAMPLES * (seed + 1))).mean(axis=0)
+        numbers = range(SAMPLES * seed, SAMPLES * (seed + 1))
+        picture = passes(self.world, self.where, self.world.camera, SIZE, numbers).mean(axis=0)
         return time.process_time() - begin, picture
 
 
@@ -167,13 +175,53 @@ def report(count, mesh, peers, found):
         spent, variance = 1e6 * np.median(seconds) / paths, SAMPLES * grey.var(axis=0, ddof=1).mean()
         error = grey.mean(axis=(1, 2)).std(ddof=1) / len(grey) ** 0.5
         rows[key] = spent, variance
-        print(f"| {key} | {peer.setup['seconds']:.1f} | {peer.setup['memory']:.0f} | {spent:.0f} | {grey.mean():.4f} ± {error:.4f} | "
-              f"{variance:.4f} | {spent * variance:.1f} |")
+        print(f"| {key} | {peer.setup['seconds']:.1f} | {peer.setup['memory']:.0f} | {spent:.0f} | "
+              f"{grey.mean():.4f} ± {error:.4f} | {variance:.4f} | {spent * variance:.1f} |")
     (ours, noise), (theirs, other) = rows["ept"], rows["Mitsuba"]
     print(f"\ntime a path, ept over Mitsuba: {ours / theirs:.2f}; time to equal noise: {ours * noise / (theirs * other):.2f}")
 
 
-SECTIONS = {"explicit": explicit}
+SCENES = ("cube_of_beads", "snowman", "snowman_small", "sand_castle", "spices", "wet_beside_dry", "heap_of_sand")
+METHODS = ("ept", "vpt", "ept+vpt", "ept+vpt+da", "auto", "teleport")
+
+
+def methods(options):
+    print("| scene | method | share of ept | error | s to unit variance | ept over it |\n" + "|---" * 6 + "|", flush=True)
+    for scene in options.scenes:
+        first = None
+        for method in METHODS:
+            light, error, spent = measured(scene, method, options.seconds)
+            first = first or (light, error, spent)
+            ratio = light / first[0]
+            off = ratio * np.hypot(error / light, first[1] / first[0]) if method != "ept" else error / light
+            print(f"| {scene} | {method} | {ratio:.3f} | {off:.3f} | {spent:.3g} | {first[2] / spent:.3g} |", flush=True)
+
+
+def measured(scene, method, seconds):
+    """Mean luminance of the light that met grains, its error, and seconds to unit variance of a pixel."""
+    from renderers.granular import methods as granular
+    from renderers.mitsuba.world import World
+    from renderers.running import Render
+
+    path = Path(__file__).resolve().parents[1] / "assets" / "scenes" / f"{scene}.yaml"
+    with tempfile.TemporaryDirectory() as folder:
+        job = Render(path, Path(folder) / "x.png", overrides={"film": "{width: 160, height: 120}", "granular.method": method})
+    values = job.scene.values
+    world = World(job.scene.file(values.scene.mitsuba), values.scene.unit, view=values.camera, size=(120, 160))
+    parts, light, square, spent = granular.prepare(job, world, 0).parts, 0.0, 0.0, 0.0
+    for part in parts:
+        part.render(1000)  # compiles
+        begin, found = time.process_time(), []
+        while time.process_time() - begin < seconds / len(parts) or len(found) < 4:
+            found.append(part.render(len(found)))
+        each = (time.process_time() - begin) / len(found)
+        grains = [sum(one[name] for name in ("order1", "order2", "orders")).mean(axis=(0, 1)) @ LUMINANCE for one in found]
+        light, square = light + np.mean(grains), square + np.var(grains, ddof=1) / len(found)
+        spent += np.sqrt(each * np.var([one[""] @ LUMINANCE for one in found], axis=0, ddof=1).mean())
+    return light, np.sqrt(square), spent**2
+
+
+SECTIONS = {"explicit": explicit, "methods": methods}
 
 
 def main():
@@ -181,6 +229,8 @@ def main():
     parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--grains", type=float, default=1e5)
+    parser.add_argument("--scenes", nargs="+", default=SCENES)
+    parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:

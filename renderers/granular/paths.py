@@ -84,8 +84,8 @@ class Explicit:
         run(_paths.open_share, len(point), self.grains, point, direction, distance, share)
 
     def entry(self, point, direction, far, inside=True):
-        """Distances (n,) m to the first grain before far (n,) m, inf where there is none; inf for paths that have passed all grains
-        of the body, not `inside`."""
+        """Distances (n,) m to the first grain before far (n,) m, inf where there is none; not `inside`: of paths that have passed
+        all grains of the body."""
         t = np.full(len(point), np.inf)
         if not inside:
             return t
