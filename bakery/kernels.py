@@ -9,7 +9,8 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
-| that mesh | `depth_in_mesh` | `mesh_boundary`, `deep_in_mesh` |
+| that mesh | `depth_in_mesh` | `mesh_boundary`, `in_mesh`, `deep_in_mesh`, `within_reach` |
+| diffuse light in it | `Diffuse`, `diffuse_in_mesh`, `never_diffuse` | `clear_in_mesh`, `diffuse_share` |
 | voxels with triangles | | `mark_voxels` |
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
@@ -67,11 +68,17 @@ from bakery.physics.grains.surface import towards as surface_density
 from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.granular._voxels import mark as mark_voxels
-from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere
+from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere, within_reach
 from bakery.physics.granular.aggregate import boundary as mesh_boundary
 from bakery.physics.granular.aggregate import deep as deep_in_mesh
 from bakery.physics.granular.aggregate import depth as depth_in_mesh
+from bakery.physics.granular.aggregate import holds as in_mesh
 from bakery.physics.granular.aggregate import scratch as aggregate_scratch
+from bakery.physics.granular.diffusion import Diffuse
+from bakery.physics.granular.diffusion import clear as clear_in_mesh
+from bakery.physics.granular.diffusion import decayed as diffuse_share
+from bakery.physics.granular.diffusion import diffuse as diffuse_in_mesh
+from bakery.physics.granular.diffusion import never as never_diffuse
 from bakery.physics.granular.exemplars import Exemplars
 from bakery.physics.granular.exemplars import layout as exemplars
 from bakery.physics.lent import lent
@@ -101,12 +108,14 @@ __all__ = [
     "DIFFUSE",
     "NO_DISC",
     "Aggregate",
+    "Diffuse",
     "Exemplars",
     "Mesh",
     "Region",
     "aggregate",
     "aggregate_scratch",
     "at_surface",
+    "clear_in_mesh",
     "closed_mesh",
     "conductor",
     "cumulated_shares",
@@ -114,6 +123,8 @@ __all__ = [
     "depth_in_mesh",
     "dielectric",
     "diffuse",
+    "diffuse_in_mesh",
+    "diffuse_share",
     "disc_cells",
     "disc_order",
     "discs_of_cell",
@@ -126,6 +137,7 @@ __all__ = [
     "fresnel_conductor",
     "goa_amplitudes",
     "hashed",
+    "in_mesh",
     "instance",
     "lent",
     "mark_voxels",
@@ -134,6 +146,7 @@ __all__ = [
     "mie_amplitudes",
     "multiple_scratch",
     "nearest_triangle",
+    "never_diffuse",
     "open_wavelengths",
     "phase_at",
     "phase_integral",
@@ -157,6 +170,7 @@ __all__ = [
     "tile_grid",
     "triangle_normal",
     "turned_direction",
+    "within_reach",
 ]
 
 

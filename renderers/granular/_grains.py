@@ -101,6 +101,28 @@ def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
     return t
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def on_grain(grains, met, x, y, z, d, begin, ahead, at, normal, room):
+    """Distance along unit d (3,) to the surface of the grain of sphere `met`, whose centre is (x, y, z) away, from `begin` on.
+
+    ahead : radii that the grain is looked for before `begin`;  at, normal : as in `_in_sphere`;  inf where it is not met
+    """
+    radius = grains.aggregate.radii[met[0]]
+    start = begin - ahead * radius
+    t = start + radius * _in_sphere(
+        grains, met, (start * d[0] - x) / radius, (start * d[1] - y) / radius, (start * d[2] - z) / radius, d[0], d[1], d[2], at,
+        normal, room)
+    return max(t, begin)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def far_side(x, y, z, d, radius):
+    """Distance along unit d (3,) to where a ray leaves a sphere whose centre is (x, y, z) away."""
+    along = x * d[0] + y * d[1] + z * d[2]
+    x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
+    return along + math.sqrt(max(radius * radius - (x * x + y * y + z * z), 0.0))
+
+
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def next_surface(grains, p, d, far, met, at, normal, room):
     """Distance along unit d (3,) from p (3,), in units, to the next surface of a grain before `far`; inf where there is none.
@@ -125,16 +147,10 @@ def next_surface(grains, p, d, far, met, at, normal, room):
             if begin == np.inf:
                 return np.inf
         known = False
-        radius = aggregate.radii[met[0]]
         x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0] - p[0]
         y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1] - p[1]
         z = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2] - p[2]
-        start = begin - ahead * radius
-        t = start + radius * _in_sphere(
-            grains, met, (start * d[0] - x) / radius, (start * d[1] - y) / radius, (start * d[2] - z) / radius, d[0], d[1], d[2],
-            at, normal, own[0])
+        t = on_grain(grains, met, x, y, z, d, begin, ahead, at, normal, own[0])
         if t < np.inf:
-            return max(t, begin) if t < far else np.inf
-        along = x * d[0] + y * d[1] + z * d[2]
-        x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
-        begin = max(begin, along + math.sqrt(max(radius * radius - (x * x + y * y + z * z), 0.0)))
+            return t if t < far else np.inf
+        begin = max(begin, far_side(x, y, z, d, aggregate.radii[met[0]]))

@@ -11,7 +11,9 @@ from numba import njit
 from bakery.kernels import (
     Aggregate,
     aggregate_scratch,
+    clear_in_mesh,
     deep_in_mesh,
+    diffuse_share,
     lent,
     mesh_boundary,
     phase_sample,
@@ -19,8 +21,11 @@ from bakery.kernels import (
     turned_direction,
 )
 from renderers.granular._grains import NOWHERE
-from renderers.granular._paths import DEAD, LEAVES, LIGHT, TRACE, chance_at, crosses
-from renderers.wavefront import roulette, to_rgb, uniform
+from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, TRACE, chance_at, crosses
+from renderers.wavefront import ORDERS, roulette, to_rgb, uniform
+
+SCATTERED, DIFFUSE = range(2)  # where a path stands: at a scattering; at a point whose fluence counts, the same in all directions
+_UNIFORM = 1 / (4 * math.pi)  # 1/sr
 
 
 class Medium(NamedTuple):
@@ -107,15 +112,72 @@ def _scattered(medium, d, weight, states, i, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(medium, occupied, origin, direction, weight, states, met, place, far, density, order, bounces, single, status, alive,
-            begin, end):
+def _any_direction(d, states, i):
+    """Makes d (3,) any direction."""
+    z, turn = 2.0 * uniform(states, i) - 1.0, 2 * math.pi * uniform(states, i)
+    sine = math.sqrt(max(1.0 - z * z, 0.0))
+    d[0], d[1], d[2] = sine * math.cos(turn), sine * math.sin(turn), z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turned(medium, kind, d, weight, states, i, values):
+    """As `_scattered`, where a path stands at a `kind` of point."""
+    if kind == SCATTERED:
+        return _scattered(medium, d, weight, states, i, values)
+    _any_direction(d, states, i)
+    return _UNIFORM
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
+    """Whether light diffuses at a scattering at p (3,) of a path along d (3,): then both change, to a point near the mesh.
+
+    There fluence over 4 pi counts, the albedo of the scattering included.  alive : becomes whether the path goes on
+    """
+    enough = max(diffuse.near, abs(diffuse.ahead))
+    if enough == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, enough, room) < enough:
+        return False
+    for k in range(3):
+        q[k] = p[k] + diffuse.ahead * d[k]
+    radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
+    if radius < diffuse.near:
+        return False
+    for w in range(weight.shape[1]):
+        weight[i, w] *= medium.albedo[w]
+    while True:
+        radius -= diffuse.skin
+        _any_direction(d, states, i)
+        for k in range(3):
+            q[k] += radius * d[k]
+        for w in range(weight.shape[1]):
+            weight[i, w] *= diffuse_share(diffuse.sigma_tr[w] * radius)
+        bounces[i] += 1
+        roulette(weight, states, bounces, alive, i, i + 1)
+        radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
+        if not alive[i] or radius < diffuse.near:
+            for k in range(3):
+                p[k] = q[k]
+            return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _chance(medium, kind, p):
+    """Of a light sample at p (3,), a `kind` of point."""
+    return 1.0 if kind == DIFFUSE else chance_at(medium.aggregate, medium.chance, p)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(medium, diffuse, occupied, origin, direction, weight, states, met, place, far, density, order, bounces, single,
+            technique, kind, status, alive, begin, end):
     """Takes paths begin to end on until they need something of the scene; parameters as those of `_paths.advance`.
 
+    diffuse : `bakery.kernels.Diffuse` of the medium
     met : (n, 4), of which only UNKNOWN counts;  place : (n,) triangle of the mesh that each starts on, or -1
     density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there
-    A path that needs LIGHT has come to a scattering, and `scatter` takes it on.
+    technique : (n,) becomes DIFFUSION where light diffuses
+    kind : (n,) becomes SCATTERED or DIFFUSE where a path needs LIGHT; `scatter` takes it on from there
     """
-    medium = lent(medium)
+    medium, diffuse = lent(medium), lent(diffuse)
     room, p, q, d = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
     values, before = np.empty(weight.shape[1]), np.empty(weight.shape[1])
     unit = medium.unit
@@ -141,12 +203,18 @@ def advance(medium, occupied, origin, direction, weight, states, met, place, far
                     p[k] += t * d[k]
                 order[i] += 1
                 bounces[i] += 1
-                met[i, 0], place[i], far[i], single[i] = NOWHERE, -1, np.nan, False
-                chance = chance_at(medium.aggregate, medium.chance, p)
+                met[i, 0], place[i], far[i], single[i], kind[i] = NOWHERE, -1, np.nan, False, SCATTERED
+                # what was scattered once or twice is left to itself, for its layers
+                if order[i] >= ORDERS - 1 and _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
+                    kind[i], technique[i] = DIFFUSE, DIFFUSION
+                    if not alive[i]:
+                        status[i] = DEAD
+                        break
+                chance = _chance(medium, kind[i], p)
                 if uniform(states, i) < chance:
                     status[i] = LIGHT
                 else:
-                    density[i] = _scattered(medium, d, weight, states, i, values) / chance
+                    density[i] = _turned(medium, kind[i], d, weight, states, i, values) / chance
                     roulette(weight, states, bounces, alive, i, i + 1)
                     if not alive[i]:
                         status[i] = DEAD
@@ -197,8 +265,24 @@ def _passed(medium, p, d, far, q, passed, room):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, colours, origin, direction, weight, lit, distance, radiance, density, single, added, begin, end):
-    """What sampled lights send by way of scatterings: added (n, 3) linear sRGB; parameters as those of `_paths.light`."""
+def _towards(medium, kind, weight, i, v, values):
+    """Density (1/sr) with which `_turned` draws a direction; values (L,) become what the weights take towards it."""
+    if kind == DIFFUSE:
+        for w in range(len(values)):
+            values[w] = _UNIFORM
+        return _UNIFORM
+    mean = _mixture(medium, weight, i, v, values)
+    for w in range(len(values)):
+        values[w] *= medium.albedo[w]
+    return mean
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light(medium, colours, origin, direction, weight, kind, lit, distance, radiance, density, single, added, begin, end):
+    """What sampled lights send by way of scatterings: added (n, 3) linear sRGB; parameters as those of `_paths.light`.
+
+    kind : (n,) as `advance` found it
+    """
     medium = lent(medium)
     room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
     values, passed = np.empty(weight.shape[1]), np.empty(weight.shape[1])
@@ -210,24 +294,24 @@ def light(medium, colours, origin, direction, weight, lit, distance, radiance, d
         for k in range(3):
             p[k], d[k] = origin[i, k] / medium.unit, lit[i, k]
             square += (d[k] - direction[i, k]) ** 2
-        chance = chance_at(medium.aggregate, medium.chance, p)
-        ahead = _mixture(medium, weight, i, min(0.5 * square, 2.0), values)
+        chance = _chance(medium, kind[i], p)
+        ahead = _towards(medium, kind[i], weight, i, min(0.5 * square, 2.0), values)
         balance = 1.0 if single[i] else density[i] / (density[i] + ahead / chance)
         _passed(medium, p, d, distance[i] / medium.unit, q, passed, room)
         for w in range(len(values)):
-            values[w] *= weight[i, w] * medium.albedo[w] * passed[w] * balance / chance
+            values[w] *= weight[i, w] * passed[w] * balance / chance
         to_rgb(colours, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scatter(medium, origin, direction, weight, states, bounces, density, alive, begin, end):
-    """New directions of paths at scatterings, their densities (as `advance`), and whether they go on."""
+def scatter(medium, origin, direction, weight, states, bounces, kind, density, alive, begin, end):
+    """New directions of paths where `advance` found a `kind` (n,), their densities, and whether they go on."""
     medium = lent(medium)
     p, d, values = np.empty(3), np.empty(3), np.empty(weight.shape[1])
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = origin[i, k] / medium.unit, direction[i, k]
-        density[i] = _scattered(medium, d, weight, states, i, values) / chance_at(medium.aggregate, medium.chance, p)
+        density[i] = _turned(medium, kind[i], d, weight, states, i, values) / _chance(medium, kind[i], p)
         for k in range(3):
             direction[i, k] = d[k]
         roulette(weight, states, bounces, alive, i, i + 1)

@@ -14,6 +14,7 @@ from renderers.wavefront import roulette, to_rgb, uniform
 # What a path needs next: a surface of the scene or the light beyond, the distance to that, a light sample, nothing; that other
 # paths have come as far, a medium instead of the grain that it has met.
 LEAVES, TRACE, LIGHT, DEAD, WAITS, SWITCHES = range(6)
+GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques: how a path goes on
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

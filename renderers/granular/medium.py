@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery import kernels
 from renderers.granular import _medium
 from renderers.granular.paths import Seldom
 from renderers.threads import run
@@ -13,10 +14,15 @@ class Continuous:
     """As `paths.Explicit`, among scatterings of a medium.
 
     medium : `_medium.Medium`;  occupied, colours : as in `paths.Explicit`
+    diffuse : whether light far inside, after its second scattering, diffuses (`bakery.physics.granular.diffusion`)
     """
 
-    def __init__(self, medium, occupied, colours):
+    def __init__(self, medium, occupied, colours, diffuse=False):
         self.medium, self.occupied, self.colours = medium, occupied, colours
+        self.diffuse = kernels.never_diffuse(medium.sigma_t)
+        if diffuse:
+            self.diffuse = kernels.diffuse_in_mesh(medium.aggregate, medium.sigma_t, medium.albedo, medium.v, medium.phase,
+                                                   occupied)
         self._seldom = Seldom(medium)
 
     def sample_lights(self, share):
@@ -24,22 +30,24 @@ class Continuous:
         self.medium = self._seldom.by(share)
 
     def advance(self, paths):
-        """As `paths.Explicit.advance`; nothing is found besides."""
+        """As `paths.Explicit.advance`; found is, of each that needs LIGHT, `_medium.SCATTERED` or `_medium.DIFFUSE`."""
         n = len(paths)
-        status, alive = np.empty(n, np.int64), np.empty(n, bool)
-        run(_medium.advance, n, self.medium, self.occupied, paths.origin, paths.direction, paths.weight, paths.states, paths.met,
-            paths.place, paths.far, paths.density, paths.order, paths.bounces, paths.single, status, alive)
-        return status, ()
+        kind, status, alive = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
+        run(_medium.advance, n, self.medium, self.diffuse, self.occupied, paths.origin, paths.direction, paths.weight,
+            paths.states, paths.met, paths.place, paths.far, paths.density, paths.order, paths.bounces, paths.single,
+            paths.technique, kind, status, alive)
+        return status, (kind,)
 
     def lit(self, paths, found, sample, added):
         """What light samples send by way of scatterings, added (n, 3)."""
-        run(_medium.light, len(paths), self.medium, self.colours, paths.origin, paths.direction, paths.weight, *sample[:5], added)
+        run(_medium.light, len(paths), self.medium, self.colours, paths.origin, paths.direction, paths.weight, *found,
+            *sample[:5], added)
 
     def scattered(self, paths, found, alive):
         """Turns paths at scatterings; alive (n,) becomes whether they go on."""
         paths.single[:] = False
         run(_medium.scatter, len(paths), self.medium, paths.origin, paths.direction, paths.weight, paths.states, paths.bounces,
-            paths.density, alive)
+            *found, paths.density, alive)
 
     def open(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance."""
@@ -53,8 +61,8 @@ class Continuous:
         return t
 
     def arrive(self, paths):
-        """Makes scatterings of what paths have met: which of them (n,) sample a light there."""
+        """Makes scatterings of what paths have met: which of them (n,) sample a light there, and what was found."""
         samples = np.empty(len(paths), bool)
         run(_medium.arrive, len(paths), self.medium, paths.origin, paths.states, paths.met, paths.place, paths.far, paths.order,
             paths.bounces, paths.single, samples)
-        return samples
+        return samples, (np.full(len(paths), _medium.SCATTERED),)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.granular import bundles, material, medium, paths, transport
+from renderers.granular import bundles, material, medium, paths, teleport, transport
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.progressive import Part
 
@@ -64,13 +64,17 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
     for number, (asset, one) in enumerate(zip(assets, grains)):
         others = [(*mesh, reach[other]) for other, mesh in enumerate(meshes) if other != number]
         around = material.occupied_by(world, one.aggregate, one.unit, others), colours
-        ways = paths.Explicit(one, *around, unseen if _clear(asset) else np.inf), None
-        if name != "ept":
-            ways = ways[0], medium.Continuous(material.medium_of(asset, one.aggregate, one.unit), *around)
+        if name == "teleport":
+            ways = teleport.Teleports(one, *around), None
+        else:
+            ways = paths.Explicit(one, *around, unseen if _clear(asset) else np.inf), None
+        if name not in ("ept", "teleport"):
+            ways = ways[0], medium.Continuous(material.medium_of(asset, one.aggregate, one.unit), *around,
+                                              diffuse=name in ("ept+vpt+da", "auto"))
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
         said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)
-    technique, switch = (MEDIUM if name == "vpt" else GRAINS), (bundles.Switch(spread) if name not in ("ept", "vpt") else None)
+    technique, switch = (MEDIUM if name == "vpt" else GRAINS), (bundles.Switch(spread) if name not in ("ept", "vpt", "teleport") else None)
     return Transport(tuple(bodies), colours, technique, switch), list(dict.fromkeys(said))
 
 

@@ -81,8 +81,11 @@ class Explicit:
         run(_paths.open_share, len(point), self.grains, point, direction, distance, share)
 
     def entry(self, point, direction, far, inside=True):
-        """Distances (n,) m to the first grain before far (n,) m, inf where there is none."""
-        t = np.empty(len(point))
+        """Distances (n,) m to the first grain before far (n,) m, inf where there is none, and for paths of this body, not `inside`:
+        those have passed all its grains."""
+        t = np.full(len(point), np.inf)
+        if not inside:
+            return t
         run(_paths.first_grain, len(point), self.grains, point, direction, far, t)
         return t
 
@@ -101,7 +104,7 @@ class Paths:
     technique : (n,) GRAINS, MEDIUM or DIFFUSION
     last : (n, 3) m, where it met the last grain
     stage, switching : (n,) grains after which it waits for others; whether the next one is a scattering of the medium
-    centre : (n, 3) m, of the sphere that it is in, where spheres have no places of their own
+    centre : (n, 3) m, of the sphere that each starts in where its place is drawn; nan elsewhere
     """
 
     origin: np.ndarray

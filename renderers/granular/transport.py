@@ -16,13 +16,13 @@ from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.granular import _paths, bundles
 from renderers.granular._grains import UNKNOWN
+from renderers.granular._paths import GRAINS, MEDIUM
 from renderers.granular.paths import NEVER, Colours, Explicit, Paths, joined
 from renderers.mitsuba.world import LightSample
 from renderers.threads import run
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
-_MANY = 2048  # paths, below which a call of Mitsuba's takes as long as for so many
-GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques
+_MANY, _SHARE = 1024, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
 ALL, BEFORE, AFTER = range(3)  # which light a pass brings: all, that before the switch, that after it
 
 
@@ -61,11 +61,11 @@ class Sums:
     by_order, by_technique : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
     work : (2,) surfaces met explicitly, scatterings in media
-    which : ALL, BEFORE or AFTER
+    which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
     """
 
     def __init__(self, pixels, lights, which):
-        self.which = which
+        self.which, self.many = which, min(_MANY, _SHARE * min(pixels, _ALL))
         self.by_order, self.by_technique = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((wavefront.ORDERS, pixels, 3))
         self.by_light, self.switched, self.work = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3)), np.zeros(2)
 
@@ -94,11 +94,14 @@ def one_pass(world, transport, camera, height, width, number, seed, which=ALL) -
     which : light it brings: ALL, that BEFORE the switch or that AFTER it
     """
     order, sums = bundles.by_bundle(height, width), Sums(height * width, len(world.light_names), which)
-    for first in range(0, len(order), _ALL):
-        paths = _begin(transport, camera, width, order[first : first + _ALL], number, seed, first)
-        for later in _stages(world, transport, paths, width, sums):
-            while len(later):
-                later, _ = _on(world, transport, later, sums)
+    begun, paths = 0, _begin(transport, camera, width, order[:0], number, seed, 0)
+    while begun < len(order) or len(paths):
+        if begun < len(order) and len(paths) < _ALL // 2:
+            new = _begin(transport, camera, width, order[begun : begun + _ALL], number, seed, begun)
+            begun += len(new)
+            paths = joined([paths, new if transport.switch is None else _until_switched(world, transport, new, width, sums)])
+        if len(paths):
+            paths, _ = _on(world, transport, paths, sums)
     return sums
 
 
@@ -114,24 +117,21 @@ def _begin(transport, camera, width, pixel, number, seed, first):
                        transport.technique)
 
 
-def _stages(world, transport, paths, width, sums):
-    """Takes paths on from grain to grain, all of a bundle together, until they have switched: those paths, as they come."""
-    if transport.switch is None:
-        yield paths
-        return
-    stage = 0
+def _until_switched(world, transport, paths, width, sums):
+    """Takes paths on from grain to grain, all of a bundle together, until they have switched: those that have, and go on."""
+    stage, switched = 0, [paths.of(slice(0, 0))]
     while len(paths):
-        stage, waiting, switched = stage + 1, [], []
+        stage, waiting = stage + 1, []
         paths.stage[:] = stage
         while len(paths):
             paths, waits = _on(world, transport, paths, sums)
             switched.append(paths.of(paths.technique != GRAINS))
             waiting.append(waits)
             paths = paths.of(paths.technique == GRAINS)
-        yield joined(switched)
         paths = joined(waiting)
         radius = np.array([body.radius for body in transport.bodies])[paths.body]
         paths.switching |= transport.switch.due(paths.pixel, paths.last, radius, width)
+    return joined(switched)
 
 
 def _on(world, transport, paths, sums):
@@ -158,7 +158,7 @@ def _through(world, transport, paths, body, sums):
     if body < 0:  # nothing but surfaces of the scene ahead
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
     way = transport.way(body, paths.technique[0])
-    way.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(len(paths) / _MANY, 1e-9)))))
+    way.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(len(paths) / sums.many, 1e-9)))))
     before = paths.bounces.sum()
     status, found = way.advance(paths)
     sums.work[int(paths.technique[0] != GRAINS)] += paths.bounces.sum() - before
@@ -193,12 +193,12 @@ def _entries(transport, paths, at, limit):
     t = np.full((len(at), len(transport.bodies)), np.inf)
     grains, own = paths.technique[at] == GRAINS, paths.body[at]
     for body in range(len(transport.bodies)):
-        for technique, inside, mine in ((GRAINS, True, grains & (own != body)), (MEDIUM, True, ~grains & (own != body)),
-                                        (MEDIUM, False, ~grains & (own == body))):
-            here = np.flatnonzero(mine)
-            if len(here):
-                t[here, body] = transport.way(body, technique).entry(paths.origin[at[here]], paths.direction[at[here]],
-                                                                     limit[here], inside)
+        for technique, mine in ((GRAINS, grains), (MEDIUM, ~grains)):
+            for inside in (True, False):
+                here = np.flatnonzero(mine & ((own != body) == inside))
+                if len(here):
+                    t[here, body] = transport.way(body, technique).entry(paths.origin[at[here]], paths.direction[at[here]],
+                                                                         limit[here], inside)
     return t
 
 
@@ -253,8 +253,9 @@ def _switched(world, transport, paths, sums):
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
         here, way = paths.of(paths.body == body), transport.way(body, MEDIUM)
-        samples = way.arrive(here)
-        parts += [_at_grains(world, transport, way, here.of(samples), (), sums), _turned(way, here.of(~samples), ())]
+        samples, found = way.arrive(here)
+        parts += [_at_grains(world, transport, way, here.of(samples), [one[samples] for one in found], sums),
+                  _turned(way, here.of(~samples), [one[~samples] for one in found])]
     return parts
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from bakery import kernels
 from bakery.store import ply
-from renderers.granular import material, medium, transport
+from renderers.granular import material, medium
 from renderers.granular._medium import Medium
 from renderers.mitsuba.world import World
 from tests.conftest import slow
@@ -29,8 +29,7 @@ def continuous(sigma_t, albedo, g=0.0, world=None, mesh=MESH):
     found = Medium(aggregate, 1.0, sigma_t, np.array(np.broadcast_to(albedo, 3), float), layouts[0][0], layouts[0][1], phase, cdf,
                    material.seldom(aggregate, sigma_t.min()))
     around = NOTHING if world is None else material.occupied_by(world, aggregate, 1.0)
-    body = transport.Body(None, medium.Continuous(found, around, COLOURS), 1.0)
-    return transport.Transport((body,), COLOURS, transport.MEDIUM)
+    return medium.Continuous(found, around, COLOURS)
 
 
 def test_the_depth_is_not_more_than_it_is():
@@ -50,15 +49,15 @@ def test_absorption_is_that_of_the_way_inside():
     origin, direction = rays(MESH[0], 300, 2)
     steps = np.linspace(0, 2 * np.linalg.norm(np.ptp(MESH[0], axis=0)) + 4, 1500)
     share = np.empty((300, 3))
-    how.bodies[0].medium.open(origin, direction, np.full(300, 1e12), share)
+    how.open(origin, direction, np.full(300, 1e12), share)
     for o, d, found in zip(origin[::20], direction[::20], share[::20]):
         inside = winding(o + (steps[:, None] + 1e-4) * d, *MESH).sum() * steps[1]
-        assert -np.log(found) == pytest.approx(inside * how.bodies[0].medium.medium.sigma_t, abs=0.3 * steps[1] * 4)
+        assert -np.log(found) == pytest.approx(inside * how.medium.sigma_t, abs=0.3 * steps[1] * 4)
     view = camera((64, 64), (0.0, -40.0, 3.0), (0.0, 0.0, 0.0), 16)
     picture = passes(Sky(above=1, below=1), how, view, (64, 64), range(12)).mean(axis=(1, 2))
     fine = camera((256, 256), (0.0, -40.0, 3.0), (0.0, 0.0, 0.0), 16).rays(256, 256).reshape(-1, 3)
     through = np.empty((len(fine), 3))
-    how.bodies[0].medium.open(np.tile(view.origin, (len(fine), 1)), fine, np.full(len(fine), 1e12), through)
+    how.open(np.tile(view.origin, (len(fine), 1)), fine, np.full(len(fine), 1e12), through)
     error = picture.std(axis=0, ddof=1) / np.sqrt(12)
     assert error.max() < 4e-3 and np.all(np.abs(picture.mean(axis=0) - through.mean(axis=0)) < student(12) * error)
 

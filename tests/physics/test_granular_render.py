@@ -11,7 +11,7 @@ import pytest
 from bakery import kernels
 from bakery.physics.packing.instances import instances, matrix
 from bakery.store import ply
-from renderers.granular import material, paths, transport
+from renderers.granular import material, medium, paths, transport
 from renderers.granular._grains import Grains
 from renderers.mitsuba.world import World
 from tests.conftest import slow
@@ -43,15 +43,23 @@ NOTHING = np.zeros((0, 0, 0), np.uint8)
 
 
 def place(found, world=None):
-    """How light goes among explicit grains."""
+    """The way of light among explicit grains."""
     around = NOTHING if world is None else material.occupied_by(world, found.aggregate, found.unit)
-    body = transport.Body(paths.Explicit(found, around, COLOURS), None, material.radius_of(found))
-    return transport.Transport((body,), COLOURS)
+    return paths.Explicit(found, around, COLOURS)
+
+
+def through(way):
+    """How light goes through one body, by its grains or its medium alone; as it is, if that is said already."""
+    if isinstance(way, transport.Transport):
+        return way
+    if isinstance(way, medium.Continuous):
+        return transport.Transport((transport.Body(None, way, 1.0),), COLOURS, transport.MEDIUM)
+    return transport.Transport((transport.Body(way, None, 1.0),), COLOURS)
 
 
 def passes(world, where, view, size, numbers):
     """Pictures (passes, H, W, 3)."""
-    return np.array([transport.one_pass(world, where, view, *size, number, 0).by_order.sum(axis=0).reshape(*size, 3)
+    return np.array([transport.one_pass(world, through(where), view, *size, number, 0).by_order.sum(axis=0).reshape(*size, 3)
                      for number in numbers])
 
 
@@ -102,7 +110,7 @@ def test_orders_are_grains():
     alone = np.array([[0.5, 0.5, 0.5]]), np.ones(1), np.full(3, 2.5)
     one = grains([Kind(GLASS)], (0.2 * CUBE[0] + 0.4, CUBE[1]), alone)
     view = camera((16, 16), (0.5, -20.0, 0.5), (0.5, 0.5, 0.5), 5)
-    sums = transport.one_pass(Sky(above=1, below=1), place(one), view, 16, 16, 0, 0)
+    sums = transport.one_pass(Sky(above=1, below=1), through(place(one)), view, 16, 16, 0, 0)
     by_order, by_light = sums.by_order, sums.by_light
     assert np.all(by_order[2:] == 0) and np.allclose(by_order.sum(axis=0), 1) and np.allclose(by_light.sum(axis=0), 1)
     assert by_order[1].mean() == pytest.approx(np.pi / (2 * 20.5 * np.tan(np.radians(2.5))) ** 2, rel=0.1)
@@ -209,7 +217,7 @@ def test_mitsuba_sees_the_same_grains(tmp_path, case):
     (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
     world = World(tmp_path / "scene.xml", size=(72, 96))
     where = place(found, world)
-    assert where.bodies[0].grains.occupied.any()
+    assert where.occupied.any()
     ours = passes(world, where, world.camera, (72, 96), range(12))
     scene = mi.load_file(str(tmp_path / "explicit.xml"))
     theirs = np.array([np.array(mi.render(scene, seed=seed, spp=16))[..., :3] for seed in range(12)])

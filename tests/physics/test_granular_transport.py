@@ -70,10 +70,11 @@ def test_when_paths_switch():
 
 
 def test_nothing_is_lost_where_paths_switch():
-    """Lossless grains and media in light from everywhere: 1, whoever switches when, and by passes of light before and after it."""
+    """Lossless grains and media in light from everywhere: 1, whoever switches when, also by passes of light before and after."""
     kinds = [Kind(GLASS), Kind(MATT, STONE)]
     how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))])
-    found, *apart = [[transport.one_pass(Sky(above=1, below=1), how, VIEW, 24, 24, number, which, which) for number in range(24)]
+    sky = Sky(above=1, below=1)
+    found, *apart = [[transport.one_pass(sky, how, VIEW, 24, 24, number, which, which) for number in range(24)]
                      for which in (transport.ALL, transport.BEFORE, transport.AFTER)]
     whole, *parts = [np.array([one.by_order.mean() * len(one.by_order) for one in part]) for part in (found, *apart)]
     for mean in (whole, sum(parts)):

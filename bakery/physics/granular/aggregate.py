@@ -84,10 +84,15 @@ def scratch():
 @njit(cache=True, nogil=True, error_model="numpy")
 def exists(aggregate, met, room):
     """Whether the centre of the sphere `met` (4,) (number, copy of the tile) is inside of the mesh."""
+    return holds(aggregate, aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0],
+                 aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1],
+                 aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2], room)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def holds(aggregate, x, y, z, room):
+    """Whether a point is inside of the mesh."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
-    x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0]
-    y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1]
-    z = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2]
     i, j, k = math.floor((x - low[0]) / edge[0]), math.floor((y - low[1]) / edge[1]), math.floor((z - low[2]) / edge[2])
     if not (0 <= i < voxels.shape[0] and 0 <= j < voxels.shape[1] and 0 <= k < voxels.shape[2]):
         return False
@@ -173,6 +178,43 @@ def first_sphere(aggregate, p, d, begin, end, left, met, room):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def within_reach(aggregate, p, d, begin):
+    """Distance along unit d (3,) from p (3,), `begin` or more, to the next voxel that some sphere may reach into, or inf."""
+    low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
+    t, stop = begin, np.inf
+    for axis in range(3):
+        high = low[axis] + voxels.shape[axis] * edge[axis]
+        if d[axis] == 0.0:
+            if not low[axis] <= p[axis] < high:
+                return np.inf
+        else:
+            u, v = (low[axis] - p[axis]) / d[axis], (high - p[axis]) / d[axis]
+            t, stop = max(t, min(u, v)), min(stop, max(u, v))
+    if not t < stop:
+        return np.inf
+    a = min(max(math.floor((p[0] + t * d[0] - low[0]) / edge[0]), 0), voxels.shape[0] - 1)
+    b = min(max(math.floor((p[1] + t * d[1] - low[1]) / edge[1]), 0), voxels.shape[1] - 1)
+    c = min(max(math.floor((p[2] + t * d[2] - low[2]) / edge[2]), 0), voxels.shape[2] - 1)
+    if voxels[a, b, c] & NEAR:
+        return t
+    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
+    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
+    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
+    while True:
+        t = min(wall_x, min(wall_y, wall_z))
+        if t == wall_x:
+            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
+        elif t == wall_y:
+            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
+        else:
+            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
+        if not (0 <= a < voxels.shape[0] and 0 <= b < voxels.shape[1] and 0 <= c < voxels.shape[2]):
+            return np.inf
+        if voxels[a, b, c] & NEAR:
+            return max(t, begin)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def boundary(aggregate, p, d, place, room):
     """The mesh along unit d (3,) from p (3,), which lies on its triangle `place`, or -1: distance, triangle, whether outward.
 
@@ -222,8 +264,12 @@ def deep(aggregate, p, d, t):
 
 def depth(aggregate):
     """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside."""
+    return clearance(np.pad(aggregate.voxels & CLASS != INSIDE, 1, constant_values=True), aggregate.edge)[1:-1, 1:-1, 1:-1]
+
+
+def clearance(marked, edge):
+    """(X, Y, Z) for each voxel of edges (3,) a lower bound of its distance to those marked (X, Y, Z), of which there are some."""
     from scipy.ndimage import distance_transform_edt
 
-    padded = np.pad(aggregate.voxels & CLASS == INSIDE, 1)
-    between = distance_transform_edt(padded, sampling=aggregate.edge)[1:-1, 1:-1, 1:-1]
-    return np.maximum(between - np.linalg.norm(aggregate.edge), 0.0)  # of middles: half a diagonal each
+    between = distance_transform_edt(~marked, sampling=edge)
+    return np.maximum(between - np.linalg.norm(edge), 0.0)  # of middles: half a diagonal each
