@@ -67,7 +67,7 @@ SHIPPED = sorted(path for path in (ROOT / "assets/scenes").glob("*.yaml") if "\n
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_scenes(path):
-    """Each is understood, and its meshes, which grains fill, are closed; lengths are those of things on a table or in a garden."""
+    """Each is understood, and its meshes, which grains fill, are closed; lengths are those of things on a table or a lawn."""
     loaded = scene.load(path)
     assert loaded.section == "granular" and loaded.values.stop.time
     for vertices, faces in material.meshes_of(loaded):
