@@ -85,12 +85,15 @@ def accumulate(added, order, index, pixel, by_order, by_light):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def roulette(weight, states, bounces, alive, begin, end):
-    """Russian roulette: paths of little weight end, and those of more than a thousand bounces do so one time in a hundred."""
+    """Russian roulette: paths of little weight end, and those of more than 100,000 bounces do so one time in a thousand.
+
+    Many paths in a large lossless body are as long as that; what ends them earlier makes the others bright.
+    """
     for i in range(begin, end):
         most = 0.0
         for w in range(weight.shape[1]):
             most = max(most, weight[i, w])
-        chance = min(most, 1.0 if bounces[i] < 1000 else 0.99)
+        chance = min(most, 1.0 if bounces[i] < 100_000 else 0.999)
         if most > 0 and bounces[i] < 4:
             chance = 1.0
         alive[i] = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)

@@ -8,10 +8,9 @@ from bakery import kernels
 from renderers import colour
 from renderers.granular._grains import Grains
 from renderers.granular._medium import Medium
-from renderers.granular.paths import Colours
+from renderers.granular.paths import SELDOM, Colours
 
 SEED = 0  # of the hash that places grains: the same in all pictures of a scene
-_SELDOM = 1 / 64  # chance of a light sample
 
 
 def meshes_of(scene):
@@ -65,7 +64,7 @@ def medium_of(asset, aggregate, unit) -> Medium:
 
 def seldom(aggregate, sigma_t):
     """Chance (X, Y, Z) of a light sample in each voxel, less far inside, where hardly any light gets to; sigma_t in 1/unit."""
-    return np.maximum(np.exp(-sigma_t * kernels.depth_in_mesh(aggregate)), _SELDOM).astype(np.float32)
+    return np.maximum(np.exp(-sigma_t * kernels.depth_in_mesh(aggregate)), SELDOM).astype(np.float32)
 
 
 def grains_of(asset, vertices, faces) -> Grains:

@@ -74,8 +74,8 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
         said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)
-    technique, switch = (MEDIUM if name == "vpt" else GRAINS), (bundles.Switch(spread) if name not in ("ept", "vpt", "teleport") else None)
-    return Transport(tuple(bodies), colours, technique, switch), list(dict.fromkeys(said))
+    switch = None if name in ("ept", "vpt", "teleport") else bundles.Switch(spread)
+    return Transport(tuple(bodies), colours, MEDIUM if name == "vpt" else GRAINS, switch), list(dict.fromkeys(said))
 
 
 def _unseen(world, assets, reach):

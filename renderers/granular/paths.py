@@ -16,6 +16,8 @@ from renderers.granular._grains import UNKNOWN
 from renderers.threads import run
 
 NEVER = 2**62  # a stage that no path comes to
+SELDOM = 1 / 64  # chance of a light sample far inside
+_LEAST = 1 / 8  # of the light samples; with fewer, each of them would be seen
 
 class Colours(NamedTuple):
     """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
@@ -34,11 +36,12 @@ class Seldom:
         self._made = {1.0: layout}
 
     def by(self, share):
-        """With a share, a power of 1/2, of the samples, at least 1/64 of them."""
-        share = max(share, 1 / 64)
+        """With a share, a power of 1/2, of the samples; far inside, where they are seldom anyway, no less."""
+        share = max(share, _LEAST)
         if share not in self._made:
             layout = self._made[1.0]
-            self._made[share] = layout._replace(chance=np.float32(share) * layout.chance)
+            less = {"chance": np.maximum(np.float32(share) * layout.chance, np.float32(SELDOM))}
+            self._made[share] = layout._replace(**less | ({"often": share} if "often" in layout._fields else {}))
         return self._made[share]
 
 
@@ -81,8 +84,8 @@ class Explicit:
         run(_paths.open_share, len(point), self.grains, point, direction, distance, share)
 
     def entry(self, point, direction, far, inside=True):
-        """Distances (n,) m to the first grain before far (n,) m, inf where there is none, and for paths of this body, not `inside`:
-        those have passed all its grains."""
+        """Distances (n,) m to the first grain before far (n,) m, inf where there is none; inf for paths that have passed all grains
+        of the body, not `inside`."""
         t = np.full(len(point), np.inf)
         if not inside:
             return t

@@ -22,7 +22,7 @@ from renderers.mitsuba.world import LightSample
 from renderers.threads import run
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
-_MANY, _SHARE = 1024, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
+_MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
 ALL, BEFORE, AFTER = range(3)  # which light a pass brings: all, that before the switch, that after it
 
 
