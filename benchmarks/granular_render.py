@@ -183,7 +183,7 @@ def report(count, mesh, peers, found):
 
 
 def trimmed(values):
-    """Mean without the largest thousandth: the few paths of more than a thousand bounces may end with weights of hundreds in both,
+    """Mean without the largest thousandth: the few paths of more than a thousand bounces may have weights of hundreds in both,
     and one of them would be all of the variance of so few samples."""
     values = np.sort(values, axis=None)
     return values[: len(values) - len(values) // 1000].mean()
