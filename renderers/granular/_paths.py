@@ -17,7 +17,7 @@ LEAVES, TRACE, LIGHT, DEAD, WAITS, SWITCHES = range(6)
 GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques: how a path goes on
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def crosses(aggregate, occupied, p, d, t):
     """Whether a way of length t from p along d, both ends among the voxels, passes voxels with surfaces of the scene."""
     if occupied.size == 0:
@@ -43,7 +43,7 @@ def crosses(aggregate, occupied, p, d, t):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def chance_at(aggregate, chance, p):
     """Value at p (3,) of chances (X, Y, Z) in the voxels of an aggregate."""
     low, edge = aggregate.low, aggregate.edge
@@ -53,14 +53,14 @@ def chance_at(aggregate, chance, p):
     return chance[a, b, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _absorb(grains, which, weight, i, t):
     """Takes from weights (n, L) what the inside of a type of grain absorbs on a way of length t."""
     for w in range(weight.shape[1]):
         weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _is_rough(grains, which):
     """Whether directions at a type of grain have a density."""
     return grains.exemplars.table[which, 0] == DIFFUSE or grains.exemplars.table[which, 2] > 0.0
@@ -75,7 +75,7 @@ def _local(nx, ny, nz, dx, dy, dz, out):
             out[0] * nx + out[1] * ny + out[2] * nz)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _turn(grains, which, n, d, weight, states, i, chance):
     """Turns d (3,) at a surface with outward normal n (3,), and changes the weights.
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from bakery import kernels
+from renderers import scene
 from renderers.granular import material
+from tests.conftest import ROOT
 from tests.physics.test_aggregate import CUBE, bumpy, tile
 
 
@@ -58,3 +60,16 @@ def test_light_samples_are_seldom_far_inside():
     found = kernels.aggregate(*tile(), *bumpy(60.0))
     chance = material.seldom(found, 0.4)
     assert chance.max() == 1 and chance.min() == pytest.approx(1 / 64) and np.all(chance[found.voxels & 3 < 2] == 1)
+
+
+SHIPPED = sorted(path for path in (ROOT / "assets/scenes").glob("*.yaml") if "\ngranular:" in path.read_text())
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_scenes(path):
+    """Each is understood, and its meshes, which grains fill, are closed; lengths are those of things on a table or a lawn."""
+    loaded = scene.load(path)
+    assert loaded.section == "granular" and loaded.values.stop.time
+    for vertices, faces in material.meshes_of(loaded):
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        assert np.sum(a * np.cross(b, c)) > 0 and 1e-3 < np.ptp(vertices, axis=0).max() < 2
