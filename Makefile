@@ -15,6 +15,7 @@ help:
 	@echo "make scenes    bake and render the scenes of assets/scenes"
 	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
 	@echo "make figures-discrete  the same for pictures of separate particles (docs/discrete-claims.md)"
+	@echo "make figures-granular  the same for pictures of packed grains (docs/granular-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
@@ -90,12 +91,15 @@ scenes: $(VENV)/.ready
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) || exit 1; done
 
 # CLAIM="fig6 fig11" makes some of them
-.PHONY: figures-goa figures-discrete
+.PHONY: figures-goa figures-discrete figures-granular
 figures-goa: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.figures_goa $(if $(CLAIM),--only $(CLAIM))
 
 figures-discrete: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.figures_discrete $(if $(CLAIM),--only $(CLAIM))
+
+figures-granular: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.figures_granular $(if $(CLAIM),--only $(CLAIM))
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check bakery renderers tests benchmarks

@@ -1,4 +1,4 @@
-"""A page of claims that are measured again: what the commands of `figures_goa` and `figures_discrete` do alike."""
+"""A page of claims that are measured again: what the commands of `figures_goa`, `figures_discrete`, `figures_granular` share."""
 
 from __future__ import annotations
 

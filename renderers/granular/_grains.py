@@ -101,7 +101,8 @@ def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
     return t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+# inlined, as the one below: paths among balls take 5 % less time
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def on_grain(grains, met, x, y, z, d, begin, ahead, at, normal, room):
     """Distance along unit d (3,) to the surface of the grain of sphere `met`, whose centre is (x, y, z) away, from `begin` on.
 
@@ -115,7 +116,7 @@ def on_grain(grains, met, x, y, z, d, begin, ahead, at, normal, room):
     return max(t, begin)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def far_side(x, y, z, d, radius):
     """Distance along unit d (3,) to where a ray leaves a sphere whose centre is (x, y, z) away."""
     along = x * d[0] + y * d[1] + z * d[2]

@@ -84,11 +84,18 @@ def scratch():
 @njit(cache=True, nogil=True, error_model="numpy")
 def exists(aggregate, met, room):
     """Whether the centre of the sphere `met` (4,) (number, copy of the tile) is inside of the mesh."""
-    return holds(aggregate, aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0],
-                 aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1],
-                 aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2], room)
+    low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
+    x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0]
+    y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1]
+    z = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2]
+    i, j, k = math.floor((x - low[0]) / edge[0]), math.floor((y - low[1]) / edge[1]), math.floor((z - low[2]) / edge[2])
+    if not (0 <= i < voxels.shape[0] and 0 <= j < voxels.shape[1] and 0 <= k < voxels.shape[2]):
+        return False
+    kind = voxels[i, j, k] & CLASS
+    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, room[0]) if kind == PARTIAL else kind > PARTIAL
 
 
+# the same lines: paths among balls took a tenth longer when `exists` called this
 @njit(cache=True, nogil=True, error_model="numpy")
 def holds(aggregate, x, y, z, room):
     """Whether a point is inside of the mesh."""

@@ -1,0 +1,12 @@
+"""Command line: see the package."""
+
+from __future__ import annotations
+
+from benchmarks.claims import command
+
+CLAIMS = {  # name on the command line: (module, picture)
+    "fig9": ("fluence", "granular_fluence.png"), "orders": ("orders", "granular_orders.png"),
+}
+
+if __name__ == "__main__":
+    command(__package__, __doc__, CLAIMS, "granular-claims.md")
