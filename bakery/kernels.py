@@ -9,7 +9,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
-| that mesh | `depth_in_mesh` | `mesh_boundary`, `in_mesh`, `deep_in_mesh`, `within_reach` |
+| that mesh | `depth_in_mesh` | `mesh_boundary`, `in_mesh`, `deep_in_mesh`, `deepest_in_mesh`, `within_reach` |
 | diffuse light in it | `Diffuse`, `diffuse_in_mesh`, `never_diffuse` | `clear_in_mesh`, `diffuse_share` |
 | voxels with triangles | | `mark_voxels` |
 | types of grain | `Exemplars`, `exemplars` | |
@@ -66,6 +66,7 @@ from bakery.physics.grains.surface import (
 from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import towards as surface_density
 from bakery.physics.grains.surface import turned as at_surface
+from bakery.physics.granular._distance import deepest as deepest_in_mesh
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.granular._voxels import mark as mark_voxels
 from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere, within_reach
@@ -120,6 +121,7 @@ __all__ = [
     "conductor",
     "cumulated_shares",
     "deep_in_mesh",
+    "deepest_in_mesh",
     "depth_in_mesh",
     "dielectric",
     "diffuse",

@@ -1,7 +1,7 @@
 """The renderer of grains against others, and its methods against each other.
 
     python benchmarks/granular_render.py [--only explicit methods] [--rounds 3] [--grains 1e5]
-                                         [--scenes ...] [--width 160] [--seconds 60]
+                                         [--scenes ...] [--methods ...] [--width 160] [--lamp 1] [--seconds 60]
 
 explicit  paths from grain to grain (`ept`) against `path` of Mitsuba, scalar_rgb with Embree, where each grain is an instance of
           a shape group: the same grains of 20,480 triangles at the same places, the same floor and lights, no limit of depth.
@@ -9,13 +9,15 @@ explicit  paths from grain to grain (`ept`) against `path` of Mitsuba, scalar_rg
           setup, and by the end of the last picture; ours has compiled before.
 methods   shipped scenes, each method for so many seconds of processor time.  Light that met grains, over that of `ept`, and the
           time in which the variance of a pixel would be 1: variance of a pass times its time.  Where light before and after
-          the switch has passes of its own, that of the best division between them.
+          the switch has passes of its own, that of the best division between them.  --lamp 0.1 makes lamps of a tenth of the
+          width, as bright in all: how much is gained over paths that find lamps by chance hangs on their size.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -203,26 +205,50 @@ def methods(options):
     print("| scene | method | share of ept | error | s to unit variance | ept over it |\n" + "|---" * 6 + "|", flush=True)
     for scene in options.scenes:
         first = None
-        for method in METHODS:
-            light, error, spent = measured(scene, method, options.seconds, options.width)
+        for method in options.methods:
+            light, error, spent = measured(scene, method, options)
             first = first or (light, error, spent)
             ratio = light / first[0]
             off = ratio * np.hypot(error / light, first[1] / first[0]) if method != "ept" else error / light
             print(f"| {scene} | {method} | {ratio:.3f} | {off:.3f} | {spent:.3g} | {first[2] / spent:.3g} |", flush=True)
 
 
-def measured(scene, method, seconds, width):
+def smaller_lamps(folder, share):
+    """Copies of the shipped scenes, whose lamps (rectangles) have that share of their width and all of their power."""
+    shipped = Path(__file__).resolve().parents[1] / "assets" / "scenes"
+    for path in shipped.iterdir():
+        (folder / path.name).symlink_to(path)
+    for path in shipped.glob("*.xml"):
+        text = path.read_text()
+        for shape in re.findall(r"<shape .*?</shape>", text, re.DOTALL):
+            if "<emitter" in shape:
+                lamp = re.sub(r'<scale value="([^"]*)"', lambda m: f'<scale value="{_times(m[1], share)}"', shape, count=1)
+                lamp = re.sub(r'name="radiance" value="([^"]*)"',
+                              lambda m: f'name="radiance" value="{_times(m[1], share**-2)}"', lamp)
+                text = text.replace(shape, lamp)
+        (folder / path.name).unlink()
+        (folder / path.name).write_text(text)
+
+
+def _times(numbers, factor):
+    return ", ".join(f"{float(one) * factor:.6g}" for one in numbers.split(","))
+
+
+def measured(scene, method, options):
     """Mean luminance of the light that met grains, its error, and seconds to unit variance of a pixel."""
     from renderers.granular import methods as granular
     from renderers.mitsuba.world import World
     from renderers.running import Render
 
-    path = Path(__file__).resolve().parents[1] / "assets" / "scenes" / f"{scene}.yaml"
+    width, seconds = options.width, options.seconds
     with tempfile.TemporaryDirectory() as folder:
-        job = Render(path, Path(folder) / "x.png", overrides={"granular.method": method})
-    values = job.scene.values
-    world = World(job.scene.file(values.scene.mitsuba), values.scene.unit, view=values.camera, size=(3 * width // 4, width))
-    parts, light, square, spent = granular.prepare(job, world, 0).parts, 0.0, 0.0, 0.0
+        (scenes := Path(folder) / "assets" / "scenes").mkdir(parents=True)
+        (Path(folder) / "recipes").symlink_to(Path(__file__).resolve().parents[1] / "recipes")
+        smaller_lamps(scenes, options.lamp)
+        job = Render(scenes / f"{scene}.yaml", Path(folder) / "x.png", overrides={"granular.method": method})
+        values = job.scene.values
+        world = World(job.scene.file(values.scene.mitsuba), values.scene.unit, view=values.camera, size=(3 * width // 4, width))
+        parts, light, square, spent = granular.prepare(job, world, 0).parts, 0.0, 0.0, 0.0
     for part in parts:
         part.render(1000)  # compiles
         begin, found = time.process_time(), []
@@ -244,7 +270,9 @@ def main():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--grains", type=float, default=1e5)
     parser.add_argument("--scenes", nargs="+", default=SCENES)
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     parser.add_argument("--width", type=int, default=160)
+    parser.add_argument("--lamp", type=float, default=1.0)
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()

@@ -10,6 +10,7 @@ from renderers.granular._grains import Grains
 from renderers.granular._medium import Medium
 from renderers.granular.paths import SELDOM, Colours
 
+_PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
 SEED = 0  # of the hash that places grains: the same in all pictures of a scene
 
 
@@ -32,13 +33,12 @@ def meshes_of(scene):
 def overlap(grains, meshes):
     """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
     for outer, body in enumerate(grains):
-        depth = kernels.depth_in_mesh(body.aggregate)
         for inner, (vertices, _) in enumerate(meshes):
-            place = np.floor((vertices / body.unit - body.aggregate.low) / body.aggregate.edge).astype(int)
-            place = place[np.all((place >= 0) & (place < depth.shape), axis=1)]
-            deep = body.unit * depth[tuple(place.T)].max(initial=0.0)
-            if inner != outer and deep > radius_of(body):
-                return outer, inner, deep
+            if inner != outer:
+                corners = np.array(vertices / body.unit, order="C")
+                deep = body.unit * kernels.deepest_in_mesh(body.aggregate, corners, kernels.aggregate_scratch())
+                if deep > radius_of(body):
+                    return outer, inner, deep
     return None
 
 
@@ -54,12 +54,24 @@ def colours_of(asset) -> Colours:
 
 
 def medium_of(asset, aggregate, unit) -> Medium:
-    """The asset's effective medium in the mesh of an aggregate."""
+    """The asset's effective medium in the mesh of an aggregate, without the forward peak of its phase functions.
+
+    Panes such as two faces of a cube let light go on as it came.  Samples of lights would hardly ever find it.
+    """
     group = asset.medium
-    sigma_t, theta = unit * np.array(group.sigma_t, float), np.asarray(group.theta, float)
-    layouts = [kernels.phase_layout(theta, row) for row in np.asarray(group.phase, float)]
-    return Medium(aggregate, unit, sigma_t, np.array(group.albedo, float), layouts[0][0], layouts[0][1],
-                  np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]), seldom(aggregate, sigma_t.min()))
+    theta, phase = np.asarray(group.theta, float), np.asarray(group.phase, float)
+    sigma_t, albedo, phase = without_peak(unit * np.array(group.sigma_t, float), np.array(group.albedo, float), theta, phase)
+    layouts = [kernels.phase_layout(theta, row) for row in phase]
+    return Medium(aggregate, unit, sigma_t, albedo, layouts[0][0], layouts[0][1], np.array([one[2] for one in layouts]),
+                  np.array([one[3] for one in layouts]), seldom(aggregate, sigma_t.min()))
+
+
+def without_peak(sigma_t, albedo, theta, phase):
+    """The same (L,), (L,), (L, A) where what phase functions have above their value at `_PEAK`, within it, is not scattered."""
+    cut = np.where(theta < _PEAK, np.minimum(phase, kernels.phase_at(theta, phase, np.array([_PEAK]))), phase)
+    left = kernels.phase_integral(theta, cut)
+    scattered, extinction = albedo * left, 1 - albedo * (1 - left)
+    return sigma_t * extinction, scattered / extinction, cut / left[:, None]
 
 
 def seldom(aggregate, sigma_t):

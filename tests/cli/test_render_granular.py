@@ -122,6 +122,7 @@ def test_several_bodies(call, place):
     for change, said in [(("asset: beads.h5}]", "asset: gone.h5}]"), 'granular.where[1].asset: found "gone.h5"'),
                          (("mesh: right.ply", "mesh: open.ply"), "granular.where[1].mesh: not closed"),
                          (("unit: 1 mm, asset: beads.h5}]", "unit: 1 mm}]"), "asset: missing"),
+                         (("mesh: right.ply", "mesh: heap.ply"), "granular.where[1].mesh: reaches 0.00"),
                          (("mesh: right.ply", "mash: right.ply"), "granular.where[1].mash")]:
         assert change[0] in text
         (place / "s.yaml").write_text(text.replace(*change))

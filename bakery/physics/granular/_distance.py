@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES
+from bakery.physics.granular.aggregate import holds
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -85,3 +86,15 @@ def _to_triangle(blocks, at, x, y, z):
 def _square(x, y, z, ux, uy, uz, vx, vy, vz, s, t):
     dx, dy, dz = x - s * ux - t * vx, y - s * uy - t * vy, z - s * uz - t * vz
     return dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def deepest(aggregate, points, room):
+    """How far inside of an aggregate's mesh the deepest of points (n, 3) is, in its unit; 0 where none is inside."""
+    most, p = 0.0, np.empty(3)
+    for i in range(len(points)):
+        for k in range(3):
+            p[k] = points[i, k]
+        if holds(aggregate, p[0], p[1], p[2], room):
+            most = max(most, distance(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, room[0]))
+    return most
