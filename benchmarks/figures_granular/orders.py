@@ -8,9 +8,10 @@ import numpy as np
 
 from benchmarks.figures_goa import measures as of
 from renderers.camera import Camera
-from renderers.granular import material, medium, paths
+from renderers.granular import material, medium, paths, transport
 from renderers.granular.teleport import Teleports
 from tests.physics.particles import Sky
+from tests.physics.test_granular_render import through
 
 from . import stand
 
@@ -38,8 +39,8 @@ def _measured(asset, passes, packings):
                medium.Continuous(material.medium_of(asset, grains.aggregate, unit), *around))
         view = Camera.looking(middle - [0, 20 * RADIUS * unit, 0], middle, (0, 0, 1), 2 * math.atan(0.5 / 20), PIXELS, PIXELS)
         for method, one in zip(METHODS, how):
-            found[method].append(np.mean([paths.one_pass(Sky(above=1), one, view, PIXELS, PIXELS, n, number, lights=2)[0]
-                                          for n in range(passes)], axis=(0, 2, 3))[:, 0])
+            found[method].append(np.mean([transport.one_pass(Sky(above=1), through(one), view, PIXELS, PIXELS, n, number).by_order
+                                          for n in range(passes)], axis=(0, 2))[:, 0])
     return {method: np.array(values) for method, values in found.items()}
 
 

@@ -41,6 +41,7 @@ def test_nothing_is_lost_at_smooth_grains():
     assert np.allclose(passes(Sky(above=1, below=1), found, ALL_AROUND, (24, 24), [0]), 1.0, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_matt_white_grains_in_light_from_everywhere():
     """Light samples, whose way is drawn, and directions of the path together count all light once."""
     found = place(grains([Kind(MATT), Kind(MATT, STONE), Kind(GLASS, STONE)], bumpy(6.0), tile(0.3, 40)))
@@ -66,6 +67,7 @@ def test_rays_pass_as_much_of_the_grains_as_the_mesh_holds(size):
     assert error < 0.02 * wished and abs(mean - wished) < SIGMAS * error
 
 
+@pytest.mark.slow
 def test_light_gets_as_far_as_independent_steps_take_it():
     """Mean flight from hit to hit (Eq. 3) and growth of the mean square displacement a hit, glass balls of radius 1 and 0.8."""
     spheres = tile(0.6, 200)
@@ -84,6 +86,7 @@ def test_light_gets_as_far_as_independent_steps_take_it():
             assert error < 0.016 * wished and abs(mean - wished) < SIGMAS * error
 
 
+@pytest.mark.slow
 def test_the_same_bytes_whatever_threads(monkeypatch):
     from renderers import threads
 
@@ -100,6 +103,7 @@ WHITE = """<scene version="3.0.0"><sensor type="perspective"/>
 <emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter></scene>"""
 
 
+@pytest.mark.slow
 def test_a_white_floor_through_the_grains(tmp_path):
     """A floor that reflects all light, in a white world: radiance 1 everywhere, whether light comes by samples or by paths."""
     (tmp_path / "white.xml").write_text(WHITE)

@@ -11,7 +11,6 @@ import pytest
 from bakery import kernels
 from renderers.granular import bundles, material, medium, paths, transport
 from renderers.granular._medium import Medium
-from tests.conftest import slow
 from tests.physics.particles import ODDS, THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile
 from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, STONE, Kind, bumpy, grains, passes
@@ -116,7 +115,8 @@ def test_bodies_that_touch_are_as_one(technique):
     assert np.allclose(pictures[0], pictures[1], rtol=1e-9) and pictures[0].min() < 0.2
 
 
-@pytest.mark.parametrize("technique", [slow(transport.GRAINS), transport.MEDIUM], ids=["grains", "media"])
+@pytest.mark.slow
+@pytest.mark.parametrize("technique", [transport.GRAINS, transport.MEDIUM], ids=["grains", "media"])
 def test_light_goes_from_body_to_body(technique):
     """Matt grains and media in the sun, in two bodies or in one: the same blocks of the picture, and not if one were missing."""
     parts, whole = halves(4.0)
