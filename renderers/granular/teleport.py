@@ -12,7 +12,7 @@ from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.granular import _medium, _paths, _teleport
 from renderers.granular._grains import NOWHERE, UNKNOWN
-from renderers.granular.paths import Seldom
+from renderers.granular.paths import Explicit
 from renderers.threads import run
 
 _CHORDS, _EACH = 1 << 20, 16  # chords that are measured; how many neighbours of them, sorted, are kept as their mean
@@ -20,21 +20,16 @@ _LIMIT = 1000.0  # longest chord, in mean ones
 _POWERS = np.cumprod(np.full(7, 0x9E3779B97F4A7C15, np.uint64))  # odd, modulo 2^64: make a number of a way's seven words
 
 
-class Teleports:
-    """As `paths.Explicit`, among spheres that are drawn along each ray.
+class Teleports(Explicit):
+    """Paths among spheres that are drawn along each ray.
 
     grains, occupied, colours : as in `paths.Explicit`
     exponential : whether flights between spheres are exponential, with the same mean (Eq. 1), instead of as the tile has them
     """
 
     def __init__(self, grains, occupied, colours, *, exponential=False):
-        self.grains, self.occupied, self.colours = grains, occupied, colours
+        super().__init__(grains, occupied, colours)
         self.flights = flights(grains.aggregate, exponential=exponential)
-        self._seldom = Seldom(grains)
-
-    def sample_lights(self, share):
-        """As `paths.Explicit.sample_lights`."""
-        self.grains = self._seldom.by(share)
 
     def advance(self, paths):
         """As `paths.Explicit.advance`; no path waits or switches."""
@@ -54,11 +49,6 @@ class Teleports:
         run(_paths.light, n, self.grains, self.colours, paths.origin, paths.direction, paths.weight, np.full((n, 4), NOWHERE),
             np.full(n, -1), *found, sample.direction, np.zeros_like(sample.distance), sample.radiance * clear[:, None],
             sample.density, sample.delta, added)
-
-    def scattered(self, paths, found, alive):
-        """As `paths.Explicit.scattered`."""
-        run(_paths.scatter, len(paths), self.grains, paths.origin, paths.direction, paths.weight, paths.states, paths.bounces,
-            *found, paths.density, paths.single, alive)
 
     def open(self, point, direction, distance, share):
         """Share (n, L), 0 or 1, of light that gets from points along directions to a distance; the same for the same way."""

@@ -60,14 +60,13 @@ class Sums:
 
     by_order, by_technique : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
-    work : (2,) surfaces met explicitly, scatterings in media
     which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
     """
 
     def __init__(self, pixels, lights, which):
         self.which, self.many = which, min(_MANY, _SHARE * min(pixels, _ALL))
         self.by_order, self.by_technique = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((wavefront.ORDERS, pixels, 3))
-        self.by_light, self.switched, self.work = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3)), np.zeros(2)
+        self.by_light, self.switched = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3))
 
     def add(self, paths, light, added):
         """What paths bring, added (n, 3), from lights (n,)."""
@@ -159,9 +158,7 @@ def _through(world, transport, paths, body, sums):
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
     way = transport.way(body, paths.technique[0])
     way.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(len(paths) / sums.many, 1e-9)))))
-    before = paths.bounces.sum()
     status, found = way.advance(paths)
-    sums.work[int(paths.technique[0] != GRAINS)] += paths.bounces.sum() - before
     near = np.flatnonzero(status == _paths.TRACE)
     _look_ahead(world, transport, paths, near)
     leaves = np.flatnonzero(status == _paths.LEAVES)
