@@ -137,7 +137,7 @@ def test_diffusion_is_that_of_the_medium(albedo, g):
 def test_diffusion_seen_from_inside():
     """All light comes by spheres, 41, 13 and 1.4 % of it gets there: an albedo too many, or none ahead, would be seen."""
     how = continuous(1 / 0.35, [0.99, 0.97, 0.9], 0.65, mesh=BALL)
-    ratio, error = compared(how, Sky(above=1, below=1), camera((48, 48), (0.0, -5.0, 0.0), (0.0, 0.0, 0.0), 60), (48, 48), 30)
+    ratio, error = compared(how, Sky(above=1, below=1), camera((48, 48), (0.0, -5.0, 0.0), (0.0, 0.0, 0.0), 60), (48, 48), 40)
     assert error.max() < 0.02 and np.all(np.abs(ratio - 1) < np.array([0.01, 0.03, 0.08]) + SIGMAS * error)
 
 
