@@ -1,7 +1,7 @@
 """The renderer of grains against others, and its methods against each other.
 
     python benchmarks/granular_render.py [--only explicit methods] [--rounds 3] [--grains 1e5]
-                                         [--scenes ...] [--methods ...] [--width 160] [--lamp 1] [--seconds 60]
+                                         [--scenes ...] [--methods ...] [--width 160] [--lamp 1] [--seconds 10]
 
 explicit  paths from grain to grain (`ept`) against `path` of Mitsuba, scalar_rgb with Embree, where each grain is an instance of
           a shape group: the same grains of 20,480 triangles at the same places, the same floor and lights, no limit of depth.
@@ -273,7 +273,7 @@ def main():
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     parser.add_argument("--width", type=int, default=160)
     parser.add_argument("--lamp", type=float, default=1.0)
-    parser.add_argument("--seconds", type=float, default=60)
+    parser.add_argument("--seconds", type=float, default=10)
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:

@@ -250,6 +250,7 @@ def _switched(world, transport, paths, sums):
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
         here, way = paths.of(paths.body == body), transport.way(body, MEDIUM)
+        way.sample_lights(1.0)
         samples, found = way.arrive(here)
         parts += [_at_grains(world, transport, way, here.of(samples), [one[samples] for one in found], sums),
                   _turned(way, here.of(~samples), [one[~samples] for one in found])]

@@ -130,10 +130,12 @@ def test_several_bodies(call, place):
         assert status and not out and said in err and "Traceback" not in err, err
 
 
-def test_going_on_is_as_not_having_stopped(call, place):
-    straight = picture(rendered(call, place, "a", "stop={samples: 4, noise: 0.01%}")[1])
-    rendered(call, place, "b")
-    resumed = rendered(call, place, "b", "stop={samples: 4, noise: 0.01%}", options=("--resume",))[1]
+@pytest.mark.parametrize("method", ["ept", "auto"])
+def test_going_on_is_as_not_having_stopped(call, place, method):
+    method = f"granular.method={method}"
+    straight = picture(rendered(call, place, "a", method, "stop={samples: 4, noise: 0.01%}")[1])
+    rendered(call, place, "b", method)
+    resumed = rendered(call, place, "b", method, "stop={samples: 4, noise: 0.01%}", options=("--resume",))[1]
     assert np.allclose(picture(resumed), straight, rtol=1e-5, atol=1e-6)
     other = picture(rendered(call, place, "c", options=("--seed", "1"))[1])
     assert not np.array_equal(other, picture(rendered(call, place, "d")[1]))
