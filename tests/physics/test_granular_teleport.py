@@ -26,6 +26,7 @@ def place(found, world=None, **law):
     return Teleports(found, occupied, COLOURS, **law)
 
 
+@pytest.mark.slow
 def test_flights_are_the_tile_s():
     """Mean 4 V/S, the second moment of a tile of the walks at fraction 0.6 (0.944 to 0.2 %, ours to 0.4 %), or Dixmier's 1."""
     aggregate = grains([Kind(GLASS)], LARGE, tile(0.6, 500)).aggregate
