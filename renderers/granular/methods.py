@@ -12,7 +12,7 @@ from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
-_ACROSS = 4.0  # diameters of the smallest grain that a pixel covers where it need not be seen: its pattern is a quarter as strong
+_ACROSS = 4.0  # diameters of the largest grain that a pixel covers where it need not be seen: its pattern is a quarter as strong
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 

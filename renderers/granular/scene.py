@@ -20,18 +20,18 @@ UNUSED = {"film.wavelengths": "none: grains are rendered at the wavelengths of t
 RESUMES = True
 
 
-class Body(Section):
-    """One of the bodies of grains: a mesh, and what fills it."""
+class InMesh(Section):
+    """A mesh full of grains."""
 
     mesh: Path = Field(description="PLY, OBJ, STL or OFF file of a closed mesh: grains whose centre is inside are there.")
     unit: Length = Field(1.0, description="Length of one unit of the mesh.")
+
+
+class Body(InMesh):
+    """One of several bodies of grains."""
+
     asset: Path | None = Field(None, description="Asset of its grains; the scene's if absent.")
     recipe: Path | None = Field(None, description="Instead of the asset: its recipe.")
-
-
-class InMesh(Section):
-    mesh: Path = Field(description="PLY, OBJ, STL or OFF file of a closed mesh: grains whose centre is inside are there.")
-    unit: Length = Field(1.0, description="Length of one unit of the mesh.")
 
 
 Bodies = Annotated[list[Body], Field(min_length=1, max_length=256)]
