@@ -21,7 +21,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
 | its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc` (or `NO_DISC`), `open_wavelengths` |
 | one by one | | `disc_cells`, `discs_of_cell` |
-| closed meshes of files | `closed_mesh` | |
+| closed meshes, of files or of triangles | `closed_mesh`, `solid` | |
 | hashes | | `hashed` |
 | random streams, by name | `stream_key` (seed, a name of `bakery.rng.STREAMS`, its index) | |
 | tuples of arrays, uncounted | | `lent` |
@@ -164,6 +164,7 @@ __all__ = [
     "relative_density",
     "rotation_matrix",
     "segment_source",
+    "solid",
     "stored_discs",
     "stream_key",
     "surface_density",
@@ -183,7 +184,12 @@ def closed_mesh(data, kind):
 
     Raises ValueError, in words, where it is no such file, or no closed mesh.
     """
-    vertices, faces, _ = mended(*triangles(data, kind))
+    return solid(*triangles(data, kind))
+
+
+def solid(vertices, faces):
+    """Vertices (V, 3) and triangles (F, 3) of a closed mesh with outward normals, equal vertices made one; as `closed_mesh`."""
+    vertices, faces, _ = mended(vertices, faces)
     return vertices, faces
 
 

@@ -32,7 +32,8 @@ from renderers.inputs import files_of
 
 SUFFIXES = (".yaml", ".yml")
 # section of a scene -> the package that renders it
-RENDERERS = {"fog": "renderers.fog", "discrete": "renderers.discrete", "granular": "renderers.granular"}
+RENDERERS = {"fog": "renderers.fog", "discrete": "renderers.discrete", "granular": "renderers.granular",
+             "translucent": "renderers.translucent"}
 
 
 # ---- reading

@@ -86,6 +86,25 @@ class Shading(NamedTuple):
     delta: np.ndarray
 
 
+class Shape(NamedTuple):
+    """A surface of the scene.
+
+    Attributes
+    ----------
+    name : its id
+    vertices, faces : (V, 3) m and (F, 3) of a mesh, as the file has them; None of another shape
+    box : (2, 3) m, corners of the box around it
+    index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
+        (`null`); None of other surfaces
+    """
+
+    name: str
+    vertices: np.ndarray | None
+    faces: np.ndarray | None
+    box: np.ndarray
+    index: float | None
+
+
 class World:
     """Surfaces, lights and camera.
 
@@ -137,17 +156,28 @@ class World:
         box = self._scene.bbox()
         self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
 
+    def shapes(self) -> list[Shape]:
+        """All surfaces of the scene."""
+        found = []
+        for shape in self._scene.shapes():
+            vertices = faces = None
+            if shape.is_mesh():
+                vertices = self._unit * np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
+                faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
+            box = shape.bbox()
+            box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
+            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf())))
+        return found
+
     def extents(self):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes."""
         triangles, boxes = [np.zeros((0, 3, 3))], [np.zeros((0, 2, 3))]
-        for shape in self._scene.shapes():
-            if shape.is_mesh():
-                vertices = np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
-                triangles.append(vertices[np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)])
+        for shape in self.shapes():
+            if shape.faces is None:
+                boxes.append(shape.box[None])
             else:
-                box = shape.bbox()
-                boxes.append(np.array([box.min, box.max], float).reshape(1, 2, 3))
-        return self._unit * np.concatenate(triangles), self._unit * np.concatenate(boxes)
+                triangles.append(shape.vertices[shape.faces])
+        return np.concatenate(triangles), np.concatenate(boxes)
 
     def _view(self, path, sensor, view, size):
         if sensor is None:
@@ -202,25 +232,29 @@ class World:
         distance, valid = _arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
-    def lights(self, point, random) -> LightSample:
-        """A light from each of n points in the medium, (n, 3) m; `random` (n, 2) or more columns, of which two are used."""
+    def lights(self, point, random, *, hidden=True) -> LightSample:
+        """A light from each of n points in the medium, (n, 3) m; `random` (n, 2) or more columns, of which two are used.
+
+        hidden : surfaces hide lights; else the caller looks what is in between
+        """
         import drjit as dr
         import mitsuba as mi
 
         if not len(point):
-            return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
+            return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2)), hidden=hidden))
         here = dr.zeros(mi.Interaction3f, len(point))
         here.p = self._inside(mi, point)
-        sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), True)
+        sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self._index(sample.emitter)))
 
-    def shade(self, origin, direction, random, density, delta) -> Shading:
+    def shade(self, origin, direction, random, density, delta, drawn=None) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
 
         Parameters
         ----------
-        origin, direction : (n, 3) m, (n, 3) unit; the origin is where the direction was drawn
+        origin, direction : (n, 3) m, (n, 3) unit
+        drawn : (n, 3) m, where the direction was drawn; at the origin if None
         random : (n, 5) or more columns, of which five are used
         density : (n,) 1/sr, of the direction
         delta : (n,) bool, the direction has no density, as camera rays and reflections have none: emission counts in full
@@ -235,7 +269,7 @@ class World:
         valid, delta = si.is_valid(), _single(mi, delta) > 0
 
         before = dr.zeros(mi.Interaction3f, len(origin))
-        before.p = self._inside(mi, origin)
+        before.p = self._inside(mi, origin if drawn is None else drawn)
         seen = mi.DirectionSample3f(scene, si, before)
         by_ray = _single(mi, density)
         by_light = scene.pdf_emitter_direction(before, seen, ~delta)
@@ -277,6 +311,17 @@ class World:
 
     def _ray(self, mi, origin, direction):
         return mi.Ray3f(self._inside(mi, origin), mi.Vector3f(*_columns(mi, direction)))
+
+
+def _index(bsdf):
+    """Of refraction, as `Shape.index` says."""
+    import mitsuba as mi
+
+    flags, values = bsdf.flags(), mi.traverse(bsdf)
+    if mi.has_flag(flags, mi.BSDFFlags.Null):
+        return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
+    through = any(mi.has_flag(flags, one) for one in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
+    return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
 
 
 def _single(mi, values):

@@ -1,0 +1,203 @@
+"""What beams of light send to lines of sight inside a body: second events by connecting them, later ones from the tables.
+
+Beams and lines of sight are joined in points drawn on both, in proportion to what light gets there.  Of many beams a few are
+drawn for a line of sight, in proportion to what they would bring it if it did not matter which way they point.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from bakery.kernels import hashed, lent, mesh_scratch, multiple_scratch, phase_value, point_source, triangle_normal
+from renderers.translucent._geometry import first
+from renderers.wavefront import uniform
+
+LATER, SECOND, OTHER = range(3)  # what `gather` finds
+_FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
+_SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
+
+
+class Beams(NamedTuple):
+    """N straight beams of light in a body.
+
+    origin, direction : (N, 3) m, unit;  length : (N,) m, inf of beams that end nowhere
+    power : (N, L) W, negative where light is taken away
+    before : (N,) scattering events before
+    real : (N,) bool, the way from a beam to the eye must not cross surfaces; others are in an infinite medium
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    length: np.ndarray
+    power: np.ndarray
+    before: np.ndarray
+    real: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _along(u, sigma, length):
+    """A length (m) drawn in proportion to exp(-sigma t) up to a length, and the integral of that, m."""
+    share = -math.expm1(-sigma * length)
+    return min(-math.log1p(-u * share) / sigma, length), share / sigma
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _guess(beams, sigma, k0, w, ex, ey, ez, total):
+    """Cumulated guesses of what beams bring at wavelength w to a point e, m, into total (N,)."""
+    mean, n = 0.0, len(total)
+    for b in range(n):
+        s = min(1.0 / sigma, 0.5 * beams.length[b])
+        x = (beams.origin[b, 0] + s * beams.direction[b, 0] - ex) * sigma
+        y = (beams.origin[b, 1] + s * beams.direction[b, 1] - ey) * sigma
+        z = (beams.origin[b, 2] + s * beams.direction[b, 2] - ez) * sigma
+        r = math.sqrt(x * x + y * y + z * z)
+        # a short beam has little power to scatter
+        power = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
+        total[b] = power * math.exp(-k0 * r) / (r + _SOFT) * (1 + 1 / (r + _SOFT))
+        mean += total[b]
+    mean *= _FLOOR / max(n, 1)
+    sum_ = 0.0
+    for b in range(n):
+        sum_ += total[b] + mean * (beams.power[b, w] != 0.0)
+        total[b] = sum_
+    return sum_
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, around, origin, direction, far, states, brought,
+           begin, end):
+    """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
+
+    Parameters
+    ----------
+    medium : `Scatterer`;  table : ready table of points of wavelength w, whose tail falls off with k0, 1/mfp
+    beams : `Beams`
+    picks : beams drawn for each line of sight
+    later : whether third and later events count, by the table;  second : whether second ones do
+    beyond : m, how far outside a mirror lies whose light is taken away from later events; inf: there is none
+    around : (G + 1,) where groups of lines of sight begin, for which beams are chosen together
+    origin, direction, far : (n, 3) m, unit, (n,) m
+    states : (n,) uint64, of random numbers, which stay as they are: all wavelengths draw with the same
+    brought : (3, n, L) column w becomes the radiance of third and later events, of second ones, and of second ones on beams that
+        began with light scattered before, or take light away; W/m^2 sr
+    """
+    geometry, medium, table, beams = lent(geometry), lent(medium), lent(table), lent(beams)
+    a, b = multiple_scratch(table)
+    n = len(beams.length)
+    total, room, local = np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
+    p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
+    normal = np.empty(3)
+    sigma, albedo = medium.sigma_t[w], medium.albedo[w]
+    for g in range(begin, end):
+        one = around[g]
+        if one == around[g + 1] or n == 0:
+            continue
+        t = min(1.0 / sigma, 0.5 * far[one])
+        all_ = _guess(beams, sigma, k0, w, origin[one, 0] + t * direction[one, 0], origin[one, 1] + t * direction[one, 1],
+                      origin[one, 2] + t * direction[one, 2], total)
+        for i in range(one, around[g + 1]):
+            for kind in range(3):
+                brought[kind, i, w] = 0.0
+            if beyond < np.inf:
+                _facing(geometry, origin, direction, i, p, d, normal, room)
+            local[0] = hashed(states[i])
+            if not all_ > 0.0:
+                continue
+            for pick in range(picks):
+                u = (pick + uniform(local, 0)) / picks * all_
+                beam = min(np.searchsorted(total, u, side="right"), n - 1)
+                chance = (total[beam] - (total[beam - 1] if beam > 0 else 0.0)) / all_ * picks
+                s, weight = _along(uniform(local, 0), sigma, beams.length[beam])
+                weight *= beams.power[beam, w] * sigma / chance
+                u, v = uniform(local, 0), uniform(local, 0)
+                for k in range(3):
+                    p[0, k] = beams.origin[beam, k] + s * beams.direction[beam, k]
+                if later:
+                    t, lasting = _along(u, sigma, far[i])
+                    for k in range(3):
+                        d[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k])
+                        ray[k] = beams.direction[beam, k]
+                    value = _later(table, d, ray, direction, i, a, b)
+                    if beyond < np.inf:
+                        _mirror(beyond, sigma, normal, origin, i, p, d, ray, t, direction)
+                        value -= _later(table, d, ray, direction, i, a, b)
+                    brought[LATER, i, w] += weight * lasting * sigma**3 * value
+                if second:
+                    kind = OTHER if beams.power[beam, w] < 0.0 or beams.before[beam] > 0 else SECOND
+                    brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
+                        geometry, medium, beams, beam, w, v, p, d, origin, direction, far, i, room)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _later(table, away, ray, direction, i, a, b):
+    """The table at a place away (1, 3) mfp from a collision of light along ray (3,), against the direction of line of sight i."""
+    x, y, z = away[0, 0], away[0, 1], away[0, 2]
+    bx, by, bz = ray[0], ray[1], ray[2]
+    ox, oy, oz = -direction[i, 0], -direction[i, 1], -direction[i, 2]
+    along = x * bx + y * by + z * bz
+    px, py, pz = x - along * bx, y - along * by, z - along * bz
+    rho = math.sqrt(px * px + py * py + pz * pz)
+    forward = ox * bx + oy * by + oz * bz
+    if rho > 0.0:
+        radial = (ox * px + oy * py + oz * pz) / rho
+        across = math.sqrt(max(1.0 - forward * forward - radial * radial, 0.0))
+    else:
+        radial, across = math.sqrt(max(1.0 - forward * forward, 0.0)), 0.0
+    return point_source(table, rho, along, radial, across, forward, a, b)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _facing(geometry, origin, direction, i, p, d, normal, room):
+    """Makes normal (3,) that of the boundary where line of sight i starts, outward."""
+    for k in range(3):
+        p[0, k], d[0, k] = origin[i, k] + 1e-4 * geometry.scale * direction[i, k], -direction[i, k]
+    place, _ = first(geometry, p, d, 0, np.int64(-1), room)
+    normal[0], normal[1], normal[2] = triangle_normal(geometry.blocks, place) if place >= 0 else (d[0, 0], d[0, 1], d[0, 2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _mirror(beyond, sigma, normal, origin, i, p, away, ray, t, direction):
+    """Changes away (1, 3) and ray (3,) to those of the collision at p (1, 3) mirrored in the plane a length `beyond` (m) outside
+    of where line of sight i starts."""
+    height, rise = -beyond, 0.0
+    for k in range(3):
+        height += (p[0, k] - origin[i, k]) * normal[k]
+        rise += ray[k] * normal[k]
+    for k in range(3):
+        ray[k] -= 2 * rise * normal[k]
+        away[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k] + 2 * height * normal[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _second(geometry, medium, beams, beam, w, u, p, d, origin, direction, far, i, room):
+    """Light of a collision at p (1, 3) that scatters a second time on line of sight i: at a place drawn in proportion to the
+    inverse square of the distance from p.  1/m^2 sr: the phase functions, attenuation, and the line's element."""
+    along, square = 0.0, 0.0
+    for k in range(3):
+        along += (p[0, k] - origin[i, k]) * direction[i, k]
+    for k in range(3):
+        away = origin[i, k] + along * direction[i, k] - p[0, k]
+        square += away * away
+    h = math.sqrt(square)
+    if not h > 0.0:
+        return 0.0
+    low, high = math.atan2(-along, h), math.atan2(far[i] - along, h)
+    turn = low + u * (high - low)
+    t = along + h * math.tan(turn)
+    distance = h / math.cos(turn)
+    cosine, last = 0.0, 0.0
+    for k in range(3):
+        d[0, k] = (origin[i, k] + t * direction[i, k] - p[0, k]) / distance
+        cosine += d[0, k] * beams.direction[beam, k]
+        last -= d[0, k] * direction[i, k]
+    if beams.real[beam]:
+        _, wall = first(geometry, p, d, 0, np.int64(-1), room)
+        if wall < distance * (1 - 1e-6):
+            return 0.0
+    value = phase_value(medium.v, medium.steps, medium.phase[w], 1 - cosine) \
+        * phase_value(medium.v, medium.steps, medium.phase[w], 1 - last)
+    return value * math.exp(-medium.sigma_t[w] * (distance + t)) * (high - low) / h

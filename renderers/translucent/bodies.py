@@ -1,0 +1,124 @@
+"""The bodies of a scene: their boundaries among the shapes of the Mitsuba scene, their media, and the triangles that rays in
+them meet."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from bakery import kernels
+from renderers.scattering import Scatterer, scatterer
+from renderers.translucent._geometry import Geometry
+
+_VOXELS = 64  # along the longest edge of the box around all bodies
+
+
+class Body(NamedTuple):
+    """A body of a translucent material.
+
+    name : of its shape
+    vertices, faces : (V, 3) m, (F, 3), closed, outward
+    index : refractive index inside over that outside; 1 where there is no boundary to light
+    medium : `Scatterer`, of the events that the tables count
+    tables : of each wavelength the point table, ready for look-ups
+    convex : whether no straight way between two of its points leaves it, or meets another surface
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    index: float
+    medium: Scatterer
+    tables: list
+    convex: bool
+
+    @property
+    def matched(self):
+        """Whether light crosses the boundary as if there were none."""
+        return self.index == 1.0
+
+
+def medium_of(asset) -> Scatterer:
+    """The asset's medium, without the forward peak of its phase function where its tables do without it."""
+    events = asset.multiple
+    return scatterer(np.asarray(asset.medium.sigma_t) * np.asarray(events.extinction), np.asarray(events.albedo),
+                     np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
+
+
+def laid_out(world, bodies) -> tuple[list[Body], Geometry]:
+    """Bodies, with `convex` as the scene has it, and the layout for their rays.
+
+    bodies : list of `Body`
+
+    Raises
+    ------
+    ValueError : a surface that is no mesh reaches into the box of a body, in words
+    """
+    boxes = [np.array([one.vertices.min(axis=0), one.vertices.max(axis=0)]) for one in bodies]
+    names = [one.name for one in bodies]
+    corners = [one.vertices[one.faces] for one in bodies]
+    owners = [np.full(len(one.faces), number) for number, one in enumerate(bodies)]
+    crowded = np.zeros(len(bodies), bool)
+    for shape in world.shapes():
+        if shape.name in names:
+            continue
+        triangles = None if shape.faces is None else shape.vertices[shape.faces]
+        for number, box in enumerate(boxes):
+            if not np.all((shape.box[0] <= box[1]) & (shape.box[1] >= box[0])):
+                continue
+            if triangles is None:
+                if _reaches(shape.box, box):
+                    raise ValueError(f"{shape.name} reaches into the box around {names[number]} and is no mesh; a mesh would do")
+                continue
+            near = np.all((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0]), axis=1)
+            crowded[number] |= bool(near.any())
+            corners.append(triangles[near])
+            owners.append(np.full(int(near.sum()), -1))
+    for number, box in enumerate(boxes):
+        crowded[number] |= any(np.all((other[0] <= box[1]) & (other[1] >= box[0]))
+                               for place, other in enumerate(boxes) if place != number)
+    corners, owners = np.concatenate(corners), np.concatenate(owners)
+    bodies = [one._replace(convex=not full and _is_convex(one.vertices, one.faces)) for one, full in zip(bodies, crowded)]
+    return bodies, _geometry(corners, owners, np.concatenate([one.vertices for one in bodies]))
+
+
+def _reaches(inner, outer):
+    """Whether a box reaches into another by more than the rounding of single precision."""
+    slack = 1e-5 * float(np.ptp(outer, axis=0).max())
+    return bool(np.all((inner[0] < outer[1] - slack) & (inner[1] > outer[0] + slack)))
+
+
+def _geometry(corners, owners, vertices):
+    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    centre, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 * (1 + 1e-9)
+    points = (corners.reshape(-1, 3) - centre) / scale
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    nodes, children, blocks, names = kernels.Mesh(points, faces).tree
+    owner = np.full(len(names), -1, np.int64)
+    owner[names >= 0] = owners[names[names >= 0]]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = float((high - low).max())
+    count = np.maximum(1, np.ceil(_VOXELS * (high - low) / size)).astype(int)
+    edge = np.maximum(high - low, 1e-6 * size) / count
+    marked = np.zeros(count, np.uint8)
+    kernels.mark_voxels(marked, low, edge, np.array(corners.reshape(-1, 3), order="C"), faces.astype(np.int64), 1e-6 * size,
+                        np.uint8(1))
+    # between the middles of voxels; a point of each may be half a diagonal nearer
+    clear = distance_transform_edt(marked == 0, sampling=edge) - np.linalg.norm(edge)
+    return Geometry(nodes, children, blocks, centre, scale, owner, low, edge, np.maximum(clear, 0).astype(np.float32))
+
+
+def _is_convex(vertices, faces, share=1e-4):
+    """Whether no vertex lies outside of the plane of a face by more than a share of the mesh's size."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    size = float(np.ptp(vertices, axis=0).max())
+    level = np.einsum("fk,fk->f", normal, a)
+    for begin in range(0, len(faces), 1024):
+        some = slice(begin, begin + 1024)
+        if np.any(vertices @ normal[some].T - level[some] > share * size):
+            return False
+    return True

@@ -1,0 +1,180 @@
+"""Light in bodies as straight beams: light that comes in through the boundary, and what walks on from there.
+
+Places on the boundary are drawn; light comes to them from a light sample, and from a direction in which a path looks for light.
+Both begin a beam inside.  Light walks on from some of them, and where it meets the boundary after k events it
+
+- begins a beam of negative power outside, as far as the infinite medium of the tables goes: its later events are those of light
+  that has left, which the tables of the other beams count and the body does not;
+- begins a beam of what is reflected, from which light walks on, as from the first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers import wavefront
+from renderers.threads import run
+from renderers.translucent import _geometry, _walk, transport
+from renderers.translucent._gather import Beams
+from renderers.translucent.paths import Paths, joined
+from renderers.translucent.transport import UNLIMITED, Sums
+
+_APART = 1 << 28  # random streams of bodies are so far apart
+_LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
+
+
+def beams(how, number, entries, walks, boundary, ways, pass_number, seed) -> Beams:
+    """Beams in body `number` of a pass.
+
+    how : `transport.Transport`
+    entries : places on the boundary, two beams each
+    walks : of the light, from some of those beams
+    boundary : whether light that leaves is taken away (negative beams)
+    ways : whether every way between two events is a beam (virtual ray lights); then no beam is negative
+    """
+    body = how.bodies[number]
+    paths, power = _entered(how, number, entries, stream_key(seed, "render.entries", pass_number))
+    made = _Made(not body.convex)
+    body_of, far, _ = transport.located(how.geometry, paths)
+    inside = body_of == number
+    paths, power, far = paths.of(inside), power[inside], far[inside]
+    if not ways:
+        made.add(paths, far, power, 0)
+    if (boundary or ways) and len(paths):
+        _walked(how, number, *_chosen(paths, power, walks), made, ways)
+    return made.beams(len(how.colours.to_waves))
+
+
+class _Made:
+    """Beams, as they are made."""
+
+    def __init__(self, real):
+        self._real, self._parts = real, []
+
+    def add(self, paths, length, power, before, real=True):
+        n = len(paths)
+        self._parts.append((paths.origin.copy(), paths.direction.copy(), np.broadcast_to(length, n).astype(float), power,
+                            np.broadcast_to(before, n).astype(np.int64), np.full(n, real and self._real)))
+
+    def beams(self, waves):
+        none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0, np.int64), np.zeros(0, bool)
+        return Beams(*(np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(none, *self._parts, strict=True)))
+
+
+# ---- light that comes in
+
+
+def _entered(how, number, entries, key):
+    """Paths just inside of the boundary, and their power (n, L), W."""
+    body, world, waves = how.bodies[number], how.world, len(how.colours.to_waves)
+    states, numbers = np.empty(entries, np.uint64), np.empty((entries, 10))
+    wavefront.begin_streams(key, number * _APART, states)
+    wavefront.draw(states, numbers)
+    point, normal, area = _on_boundary(body, numbers)
+    outside = point + _LOOK * how.geometry.scale * normal
+    sample = world.lights(outside, numbers[:, 3:])
+    cosine = np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
+    lit = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ how.colours.to_waves.T
+    # light from all other ways that it can come
+    direction = _about(normal, numbers[:, 5:7])
+    looking = Paths.begun(outside, direction, np.ones((entries, waves)), states, np.arange(entries))
+    looking.density[:] = np.einsum("nk,nk->n", direction, normal) / np.pi
+    looking.single[:] = False
+    seen = Sums(entries)
+    while len(looking):
+        looking = transport.onward(how, looking, UNLIMITED, seen)
+    found = seen.by_order.sum(axis=0) @ how.colours.to_waves.T * np.pi
+    towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([lit, found]) * area / entries
+    some = np.flatnonzero((power > 0).any(axis=1))
+    at = some % entries
+    return _refracted(how, body, point[at], towards[some], power[some], states[at] ^ np.uint64(some[0] if len(some) else 0))
+
+
+def _refracted(how, body, point, towards, power, states):
+    """Paths that go in at points of a boundary, of light from directions, and their power."""
+    paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
+    if body.matched or not len(paths):
+        paths.origin += how.off * paths.direction
+        return paths, power
+    numbers = np.empty((len(paths), 6))
+    wavefront.draw(paths.states, numbers)
+    shading = how.world.shade(point + _LOOK * how.geometry.scale * towards, -towards, numbers, paths.density, paths.single)
+    paths.origin, paths.direction = shading.origin, shading.direction.astype(float)
+    # Mitsuba's weights are of radiance, which is larger inside by the square of the index; power is not
+    goes = shading.hit & (shading.weight > 0).any(axis=1)
+    return paths.of(goes), (power * shading.weight[:, :1] * body.index**2)[goes]
+
+
+def _on_boundary(body, numbers):
+    """Points (n, 3) m on a boundary, evenly spread, the outward normals there, and its area, m^2."""
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    double = np.linalg.norm(normal, axis=1)
+    total = np.cumsum(double)
+    n = len(numbers)
+    at = np.minimum(np.searchsorted(total, (np.arange(n) + numbers[:, 0]) / n * total[-1], side="right"), len(total) - 1)
+    root = np.sqrt(numbers[:, 1])
+    u, v = 1 - root, numbers[:, 2] * root
+    point = a[at] + u[:, None] * (b[at] - a[at]) + v[:, None] * (c[at] - a[at])
+    return point, normal[at] / double[at][:, None], total[-1] / 2
+
+
+def _about(normal, numbers):
+    """Directions (n, 3) in proportion to the cosine to normals."""
+    radius, turn = np.sqrt(numbers[:, 0]), 2 * np.pi * numbers[:, 1]
+    side = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0, 0]], [[0, 1.0, 0]]))
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    other = np.cross(normal, side)
+    made = (radius * np.cos(turn))[:, None] * side + (radius * np.sin(turn))[:, None] * other \
+        + np.sqrt(1 - numbers[:, :1]) * normal
+    return made / np.linalg.norm(made, axis=1)[:, None]
+
+
+# ---- light that walks on
+
+
+def _chosen(paths, power, walks):
+    """So many paths, drawn in proportion to their power, and the power (n,) W that a weight of 1 stands for."""
+    most = power.max(axis=1)
+    total = np.cumsum(most)
+    first = np.empty((1, 1))
+    wavefront.draw(paths.states[:1], first)
+    at = np.minimum(np.searchsorted(total, (np.arange(walks) + first[0, 0]) / walks * total[-1], side="right"), len(total) - 1)
+    chosen = paths.of(at)
+    chosen.weight = power[at] / most[at][:, None]
+    wavefront.begin_streams(chosen.states[0], 0, chosen.states)
+    return chosen, total[-1] / walks
+
+
+def _walked(how, number, paths, scale, made, ways):
+    """Adds the beams of walks."""
+    body, fresh = how.bodies[number], False
+    while len(paths):
+        body_of, far, place = transport.located(how.geometry, paths)
+        inside = body_of == number
+        paths, far, place = paths.of(inside), far[inside], place[inside]
+        if ways or fresh:
+            made.add(paths, far, scale * paths.weight, paths.order)
+        fresh = True
+        status = transport.through(how, number, paths, far, place, UNLIMITED, ways)
+        met, events = status == _walk.CONTACT, status == _walk.EVENT
+        turned = paths.of(events)
+        if len(turned):
+            alive = np.empty(len(turned), bool)
+            run(_walk.scatter, len(turned), body.medium, turned.origin, turned.direction, turned.weight, turned.states,
+                turned.drawn, turned.density, turned.single, turned.bounces, alive)
+            turned = turned.of(alive)
+        meets, far, place = paths.of(met), far[met], place[met]
+        if not ways:
+            left = meets.of(meets.events > 0)
+            left.origin = left.origin + far[meets.events > 0][:, None] * left.direction
+            made.add(left, np.inf, -scale * left.weight, left.order, real=False)
+        paths = joined([turned, _turned_back(how, number, meets, place)])
+
+
+def _turned_back(how, number, paths, place):
+    """Paths that go on in the body from a surface."""
+    own = how.geometry.owner[place]
+    crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
+    return transport.shaded(how, paths.of(~crosses), Sums(int(paths.pixel.max(initial=0)) + 1))

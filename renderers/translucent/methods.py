@@ -1,0 +1,128 @@
+"""The methods of a scene: which passes make its picture, and what is to be said of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery import kernels
+from renderers import colour
+from renderers.progressive import Part
+from renderers.translucent import light, transport
+from renderers.translucent.bodies import Body, laid_out, medium_of
+from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
+
+ENTRIES, WALKS, PICKS = 4096, 8192, 8
+_LAYERS = ("order0", "order1", "order2", "orders")
+
+
+class Method(NamedTuple):
+    """How a scene is rendered.
+
+    parts : of `renderers.progressive`
+    reasons : sentences
+    """
+
+    parts: tuple
+    reasons: list
+
+
+def prepare(job, world, seed) -> Method:
+    """The method that a scene asks for; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
+    settings, assets = job.scene.values.translucent, job.assets
+    if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
+        raise job.scene.wrong("translucent.bodies", "the assets have different wavelengths; assets of the same ones would do")
+    bodies = [_body(job.scene, world, number, asset) for number, asset in enumerate(assets)]
+    try:
+        bodies, geometry = laid_out(world, bodies)
+    except ValueError as fault:
+        raise job.scene.wrong("scene.mitsuba", fault) from None
+    waves = np.asarray(assets[0].wavelength, float)
+    colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+    how = Transport(world, bodies, geometry, colours)
+    name = "vrl+tables" if settings.method == "auto" else settings.method
+    return Method((Part(name, one_pass(how, name, settings.boundary, seed)),), _reasons(assets, bodies))
+
+
+def _body(scene, world, number, asset):
+    """A body of the scene, by its number."""
+    entry = scene.values.translucent.bodies[number]
+    key = f"translucent.bodies[{number}]"
+    found = [shape for shape in world.shapes() if shape.name == entry.shape]
+    names = ", ".join(sorted(shape.name for shape in world.shapes())) or "none"
+    if len(found) != 1:
+        raise scene.wrong(f"{key}.shape", f"found {entry.shape!r}; expected the id of a shape of the Mitsuba scene: {names}")
+    shape = found[0]
+    if shape.faces is None:
+        raise scene.wrong(f"{key}.shape", f"{entry.shape} is no mesh; a closed mesh would do")
+    try:
+        vertices, faces = kernels.solid(shape.vertices, shape.faces)
+    except ValueError as fault:
+        raise scene.wrong(f"{key}.shape", f"{entry.shape} is no closed mesh: {fault}") from None
+    if shape.index is None:
+        raise scene.wrong(f"{key}.shape", f"the BSDF of {entry.shape} lets no light in; dielectric, roughdielectric or null "
+                          "would do")
+    index = shape.index if entry.boundary is None else entry.boundary.index
+    if abs(index - shape.index) > 1e-3 * index:
+        raise scene.wrong(f"{key}.boundary.index", f"found {index:g}, and the BSDF of {entry.shape} has {shape.index:g}; the same "
+                          "would do")
+    tables = [one for one, _, _ in asset.multiple.point.tables()]
+    return Body(entry.shape, vertices, faces, shape.index, medium_of(asset), tables, False)
+
+
+def one_pass(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
+    """A pass as `Part` takes it: its number -> layers.
+
+    how : `transport.Transport`;  name, boundary : method and boundary as a scene names them
+    entries, walks, picks : places where light comes in, walks, beams of a line of sight
+    """
+    height, width = how.world.size
+    tabled = name == "vrl+tables"
+
+    def render(number):
+        gather = None
+        if name != "paths":
+            made = [light.beams(how, body, entries, walks, tabled and boundary == "negative", not tabled, number, seed)
+                    for body in range(len(how.bodies))]
+            gather = Gather(made, tabled, True, picks, [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies],
+                            width)
+        sums = transport.from_eye(how, UNLIMITED if name == "paths" else 1, gather, number, seed)
+        images = {"": sums.by_order.sum(axis=0) + sums.gathered}
+        images |= dict(zip(_LAYERS, sums.by_order))
+        images["orders"] = images["orders"] + sums.gathered
+        return {layer: image.reshape(height, width, 3) for layer, image in images.items()}
+
+    return render
+
+
+def _beyond(body, mirrored):
+    """Distances (L,) m of the extrapolated boundary outside of a body's, 2 A D; inf where nothing is mirrored.
+
+    D = 1 / (3 sigma_t'), A = (1 + R2) / (1 - R1) with R1 = 2 int R c dc, R2 = 3 int R c^2 dc, R the reflectance from inside.
+    """
+    medium = body.medium
+    if not mirrored:
+        return np.full(len(medium.sigma_t), np.inf)
+    g = np.array([np.sum(2 * np.pi * _moments(medium.v, phase)) for phase in medium.phase])
+    x, weight = np.polynomial.legendre.leggauss(64)
+    c, weight = (x + 1) / 2, weight / 2
+    r = np.array([kernels.fresnel(1 / body.index, one) for one in c]) if not body.matched else np.zeros(64)
+    a = (1 + 3 * np.sum(weight * r * c**2)) / (1 - 2 * np.sum(weight * r * c))
+    return 2 * a / (3 * medium.sigma_t * (1 - medium.albedo * g))
+
+
+def _moments(v, phase):
+    """Integral of phase cos theta over each step of v = 1 - cos theta, both linear in it."""
+    p, q, a, b = phase[:-1], phase[1:], 1 - v[:-1], 1 - v[1:]
+    return np.diff(v) * (2 * p * a + p * b + q * a + 2 * q * b) / 6
+
+
+def _reasons(assets, bodies):
+    said = []
+    if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
+        said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
+    if any(not body.matched for body in bodies):
+        said.append("light that scatters once reaches the eye through refracting boundaries by chance: lights without extent do "
+                    "not show in it")
+    return said

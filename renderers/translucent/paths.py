@@ -1,0 +1,56 @@
+"""Paths from the eye, or from the lights, through bodies and the surfaces around them: their state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass
+class Paths:
+    """n paths on their way.
+
+    origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,) random streams;  pixel : (n,)
+    start : (n,) place of the triangle (`_geometry.Geometry`) that each starts on, or -1
+    drawn, density : (n, 3) m, (n,) 1/sr, where the direction was drawn, and how likely
+    single : (n,) whether light samples cannot take the place of the direction;  scattered : (n,) whether an event drew it
+    order : (n,) events of all;  events : (n,) since the last surface;  bounces : (n,) events and surfaces
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    states: np.ndarray
+    pixel: np.ndarray
+    start: np.ndarray
+    drawn: np.ndarray
+    density: np.ndarray
+    single: np.ndarray
+    scattered: np.ndarray
+    order: np.ndarray
+    events: np.ndarray
+    bounces: np.ndarray
+
+    @classmethod
+    def begun(cls, origin, direction, weight, states, pixel):
+        """Paths in the open, or on a surface."""
+        n = len(pixel)
+        return cls(origin=np.array(origin, float), direction=np.array(direction, float), weight=np.array(weight, float),
+                   states=states, pixel=pixel, start=np.full(n, -1), drawn=np.array(origin, float), density=np.zeros(n),
+                   single=np.ones(n, bool), scattered=np.zeros(n, bool), order=np.zeros(n, np.int64),
+                   events=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64))
+
+    def of(self, chosen):
+        """Some of the paths."""
+        return Paths(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def __len__(self):
+        return len(self.pixel)
+
+
+def joined(parts) -> Paths:
+    """Paths of several."""
+    some = [part for part in parts if len(part)] or parts[:1]
+    return some[0] if len(some) == 1 else Paths(*(np.concatenate([getattr(part, field.name) for part in some])
+                                                  for field in fields(Paths)))

@@ -1,0 +1,68 @@
+"""What a scene of the renderer of translucent bodies may say: which shapes are bodies, how they are rendered."""
+
+# no annotations from __future__: pydantic would have to compile each of them again
+from collections.abc import Iterator
+from typing import Annotated
+
+from pydantic import Field
+
+from bakery.errors import Problem
+from bakery.grammar.fields import Path, Text, number, word
+from bakery.grammar.section import Section
+from bakery.grammar.text import Mapping, owner
+from renderers.common import Common, node_at
+
+METHODS = ("auto", "paths", "vrl", "vrl+tables")
+BOUNDARIES = ("negative", "mirrored", "none")
+NEEDS = ("medium", "multiple")  # stages of the asset
+FILES = ()
+BODIES = "translucent.bodies"  # a list, each with its own asset
+UNUSED = {"film.wavelengths": "none: bodies are rendered at the wavelengths of the asset"}  # common keys
+RESUMES = True
+
+
+class Boundary(Section):
+    """Between a body and what is around it."""
+
+    index: number(above=0, most=10) = Field(
+        description="Refractive index inside over that outside, as the shape's BSDF has it; 1 for a BSDF of type null."
+    )
+
+
+class Body(Section):
+    """A shape of the Mitsuba scene that a translucent material fills."""
+
+    shape: Text = Field(description="Its id in the Mitsuba scene: a closed mesh.")
+    boundary: Boundary | None = Field(None, description="Its boundary; what the shape's BSDF says if absent.")
+    asset: Path | None = Field(None, description="Asset of its material; the scene's if absent.")
+    recipe: Path | None = Field(None, description="Instead of the asset: its recipe.")
+
+
+class Translucent(Section):
+    """Translucent bodies."""
+
+    bodies: Annotated[list[Body], Field(min_length=1, max_length=256)] = Field(description="Shapes that are translucent.")
+    method: word(*METHODS) = Field(
+        "auto", description="paths: light is followed event by event; vrl: beams of light, each event begins one, are joined with "
+        "lines of sight; vrl+tables: third and later events from the tables; auto: vrl+tables."
+    )
+    boundary: word(*BOUNDARIES) = Field(
+        "negative", description="Of the tables, which know none. negative: light that leaves a body is taken away, exactly; "
+        "mirrored: by a mirror outside of the boundary, approximately; none: it is not."
+    )
+
+
+class SceneFile(Common):
+    """A scene of the renderer of translucent bodies."""
+
+    translucent: Translucent = Field(description="Translucent bodies.")
+
+
+def problems(root: Mapping, values: dict) -> Iterator[Problem]:
+    """What has to hold between keys."""
+    method = values.get("translucent.method", "auto")
+    if (node := node_at(root, "translucent.boundary")) is not None and method in ("paths", "vrl"):
+        yield owner(node).problem(f"found a boundary of tables, which method {method} does not use",
+                                  "expected it with method: vrl+tables")
+    if node_at(root, "scene") is None:
+        yield owner(root).problem("missing", "expected scene: {mitsuba: …}, with the shapes that are bodies", key="scene")

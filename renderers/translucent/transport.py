@@ -1,0 +1,275 @@
+"""Paths through bodies and the surfaces and lights around them, all of a pass together.
+
+A path is followed from surface to surface.  Inside of a body it brings the light of beams (`_gather`), scatters as often as its
+method lets it, and goes on to the next surface, where Mitsuba turns it.  Boundaries to which light is blind are crossed here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers import wavefront
+from renderers.threads import run
+from renderers.translucent import _gather, _geometry, _walk
+from renderers.translucent.bodies import Body
+from renderers.translucent.paths import Paths, joined
+
+_ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
+_CELL = 8  # edge, in pixels, of the blocks whose lines of sight draw beams by one guess
+_OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
+UNLIMITED = 1 << 40  # events between two surfaces
+
+
+class Colours(NamedTuple):
+    """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
+
+    to_rgb: np.ndarray
+    to_waves: np.ndarray
+
+
+class Transport(NamedTuple):
+    """How light goes.
+
+    world : `renderers.mitsuba.world.World`;  bodies : list of `Body`;  geometry : `_geometry.Geometry`;  colours : `Colours`
+    """
+
+    world: object
+    bodies: list[Body]
+    geometry: _geometry.Geometry
+    colours: Colours
+
+    @property
+    def matched(self):
+        """(bodies,) bool, boundaries to which light is blind."""
+        return np.array([body.matched for body in self.bodies])
+
+    @property
+    def sigma_t(self):
+        """(bodies, L) 1/m"""
+        return np.array([body.medium.sigma_t for body in self.bodies])
+
+    @property
+    def off(self):
+        """m, that a path is put beyond a boundary."""
+        return _OFF * self.geometry.scale
+
+
+class Sums:
+    """Light that a pass has brought, linear sRGB.
+
+    by_order : (ORDERS, pixels, 3), without what `gathered` holds
+    gathered : (pixels, 3) of beams, by the tables
+    """
+
+    def __init__(self, pixels):
+        self.by_order, self.gathered = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
+        self._no_light = np.zeros((0, pixels, 3))
+
+    def add(self, paths, added, more=0):
+        """What paths bring, added (n, 3), with so many events more."""
+        wavefront.accumulate(added, paths.order + more, np.full(len(paths), -1), paths.pixel, self.by_order, self._no_light)
+
+    def add_gathered(self, paths, added):
+        """What the tables bring, added (n, 3)."""
+        for c in range(3):
+            self.gathered[:, c] += np.bincount(paths.pixel, added[:, c], len(self.gathered))
+
+
+class Gather(NamedTuple):
+    """How lines of sight gather beams.
+
+    beams : of each body, `_gather.Beams`, or None
+    later, second : whether third and later events count, and second ones
+    picks : beams for each line of sight
+    beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
+    width : of the picture, pixels
+    """
+
+    beams: list
+    later: bool
+    second: bool
+    picks: int
+    beyond: list
+    width: int
+
+
+def from_eye(transport, most, gather, number, seed) -> Sums:
+    """One path from the eye for each pixel.
+
+    most : events between two surfaces that a path may have
+    gather : `Gather`, or None
+    number, seed : of the pass: its random numbers
+    """
+    height, width = transport.world.size
+    sums, begun, paths = Sums(height * width), 0, None
+    while begun < height * width or paths:
+        if begun < height * width and (not paths or len(paths) < _ALL // 2):
+            pixel = np.arange(begun, min(begun + _ALL, height * width))
+            new, begun = _begin(transport, pixel, number, seed), begun + len(pixel)
+            paths = joined([paths, new]) if paths else new
+        paths = onward(transport, paths, most, sums, gather)
+    return sums
+
+
+def _begin(transport, pixel, number, seed):
+    n, width = len(pixel), transport.world.size[1]
+    states, offset = np.empty(n, np.uint64), np.empty((n, 2))
+    wavefront.begin_streams(stream_key(seed, "render.translucent", number), int(pixel[0]), states)
+    wavefront.draw(states, offset)
+    origin, direction = transport.world.camera_rays(offset, np.stack([pixel // width, pixel % width], axis=1))
+    return Paths.begun(origin, direction, np.ones((n, len(transport.colours.to_waves))), states, pixel)
+
+
+def onward(transport, paths, most, sums, gather=None) -> Paths:
+    """Paths after their next surface or event, those that go on."""
+    body, far, place = located(transport.geometry, paths)
+    outside = body == _geometry.OUTSIDE
+    parts = [_at_surfaces(transport, paths.of(outside), sums, far[outside], place[outside])]
+    for number in np.unique(body[~outside]):
+        here = body == number
+        parts += _inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
+    return joined(parts)
+
+
+def located(geometry, paths):
+    """Bodies (n,) in which paths are, and distance (m) and place of the first triangle ahead of each."""
+    n = len(paths)
+    body, far, place = np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64)
+    run(_geometry.locate, n, geometry, paths.origin, paths.direction, paths.start, body, far, place)
+    return body, far, place
+
+
+def through(transport, number, paths, far, place, most, waits):
+    """Takes paths through a body: how far they have come (`_walk`), and distance and place of what they meet."""
+    n, before = len(paths), paths.events.copy()
+    status, alive = np.empty(n, np.int64), np.empty(n, bool)
+    run(_walk.advance, n, transport.geometry, transport.bodies[number].medium, most, waits, paths.origin, paths.direction,
+        paths.weight, paths.states, far, place, paths.start, paths.drawn, paths.density, paths.single, paths.events,
+        paths.bounces, status, alive)
+    paths.order += paths.events - before
+    paths.scattered |= paths.events > before
+    return status
+
+
+def _inside(transport, paths, number, far, place, most, sums, gather):
+    """Parts of the paths in a body after their next surface or event."""
+    body = transport.bodies[number]
+    if gather is not None and gather.beams[number] is not None:
+        _gathered(transport, paths, number, far, sums, gather)
+    status = through(transport, number, paths, far, place, most, body.matched)
+    met, events = status == _walk.CONTACT, status == _walk.EVENT
+    parts = [_at_events(transport, number, paths.of(events), sums)]
+    meets = paths.of(met)
+    if not body.matched:
+        return [*parts, _at_surfaces(transport, meets, sums, far[met], place[met])]
+    own = transport.geometry.owner[place[met]]
+    crosses = (own >= 0) & transport.matched[np.maximum(own, 0)]
+    return [*parts, crossed(transport, meets.of(crosses), far[met][crosses], place[met][crosses]),
+            shaded(transport, meets.of(~crosses), sums)]
+
+
+def crossed(transport, paths, far, place):
+    """Paths beyond boundaries to which light is blind."""
+    paths.origin += (far + transport.off)[:, None] * paths.direction
+    paths.start[:], paths.events[:] = place, 0
+    # light samples at surfaces end at any boundary, those at events do not
+    paths.single |= ~paths.scattered
+    return paths
+
+
+def _at_events(transport, number, paths, sums):
+    """Paths that go on from events in a body, after light samples have been added."""
+    n = len(paths)
+    if n == 0:
+        return paths
+    medium, numbers, added = transport.bodies[number].medium, np.empty((n, 3)), np.empty((n, 3))
+    wavefront.draw(paths.states, numbers)
+    sample = transport.world.lights(paths.origin, numbers, hidden=False)
+    towards = sample.direction.astype(float)
+    inside, last, bright = np.empty((n, len(transport.bodies))), np.empty(n), (sample.radiance > 0).any(axis=1)
+    run(_geometry.lengths, n, transport.geometry, transport.matched, paths.origin, towards, sample.distance * bright, inside,
+        last)
+    seen = bright & np.isfinite(inside).all(axis=1)
+    some = np.flatnonzero(seen)
+    last, towards_some = last[some] + transport.off, towards[some]
+    ahead = sample.distance[some] * (1 - 1e-4) - last
+    hidden = transport.world.trace(paths.origin[some] + last[:, None] * towards_some, towards_some, np.maximum(ahead, 0))
+    seen[some] = ~(hidden < ahead)
+    run(_walk.lit, n, medium, transport.colours, transport.sigma_t, inside, seen, paths.direction, paths.weight, towards,
+        sample.radiance, sample.density, sample.delta, added)
+    sums.add(paths, added)
+    alive = np.empty(n, bool)
+    run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
+        paths.single, paths.bounces, alive)
+    return paths.of(alive)
+
+
+def _at_surfaces(transport, paths, sums, far, place):
+    """Paths outside of bodies, or at a boundary that turns light, after their next surface."""
+    if not len(paths):
+        return paths
+    matched = np.flatnonzero(place >= 0)
+    own = transport.geometry.owner[place[matched]]
+    matched = matched[(own >= 0) & transport.matched[np.maximum(own, 0)]]
+    if not len(matched):
+        return shaded(transport, paths, sums)
+    # nothing else may stand before the body
+    free = ~(transport.world.trace(paths.origin[matched], paths.direction[matched], far[matched] * (1 - 1e-4)) < np.inf)
+    crosses = np.zeros(len(paths), bool)
+    crosses[matched[free]] = True
+    return joined([crossed(transport, paths.of(crosses), far[crosses], place[crosses]),
+                   shaded(transport, paths.of(~crosses), sums)])
+
+
+def shaded(transport, paths, sums):
+    """Paths that Mitsuba has turned at surfaces, after their light has been added."""
+    n, colours = len(paths), transport.colours
+    if n == 0:
+        return paths
+    numbers, added = np.empty((n, 6)), np.empty((n, 3))
+    wavefront.draw(paths.states, numbers)
+    shading = transport.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn)
+    wavefront.emitted(colours, paths.weight, paths.order, shading.emitted, added)
+    sums.add(paths, added)
+    hit = np.flatnonzero(shading.hit)
+    paths = paths.of(hit)
+    m = len(hit)
+    if m == 0:
+        return paths
+    added = np.empty((m, 3))
+    wavefront.emitted(colours, paths.weight, paths.order, shading.light.radiance[hit], added)
+    sums.add(paths, added)
+    run(wavefront.reflect, m, colours, paths.weight, shading.weight[hit])
+    paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
+    paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
+    paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
+    paths.bounces += 1
+    alive = np.empty(m, bool)
+    run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
+    return paths.of(alive)
+
+
+def _gathered(transport, paths, number, far, sums, gather):
+    """Adds what beams bring to lines of sight that come from a surface."""
+    rows = np.flatnonzero((paths.events == 0) & (paths.weight > 0).any(axis=1))
+    if not len(rows):
+        return
+    body, beams = transport.bodies[number], gather.beams[number]
+    y, x = np.divmod(paths.pixel[rows], gather.width)
+    cell = (y // _CELL) * (gather.width // _CELL + 1) + x // _CELL
+    order = np.lexsort((cell, paths.bounces[rows]))
+    rows, key = rows[order], cell[order] + (cell.max() + 1) * paths.bounces[rows][order]
+    around = np.append(np.flatnonzero(np.diff(key, prepend=-1)), len(rows))
+    some = paths.of(rows)
+    brought = np.zeros((3, *some.weight.shape))
+    for w, table in enumerate(body.tables):
+        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, table, table.k0, w, beams, gather.picks,
+            gather.later, gather.second, gather.beyond[number][w], around, some.origin, some.direction, far[rows], some.states,
+            brought, block=16)
+    later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
+    sums.add_gathered(some, later)
+    sums.add(some, second, 2)
+    sums.add(some, other, 3)
