@@ -114,6 +114,7 @@ class World:
     size : (height, width) of the picture, pixels, or None
     light_names : names of the emitters, all different: their id, that of their shape, or their kind
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
+    without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
 
     Notes
@@ -211,6 +212,8 @@ class World:
         positions[numbers] = np.arange(len(numbers))
         infinite = [mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) for one in emitters]
         self._positions = mi.Int32(positions)
+        self.without_extent = any(mi.has_flag(one.flags(), flag) for one in emitters
+                                  for flag in (mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection))
         self._infinite = np.array([*infinite, False])  # -1, no light, is the last one
 
     def camera_rays(self, random, pixel):

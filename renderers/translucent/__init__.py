@@ -58,7 +58,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=method.parts[0].name, reasons=method.reasons)
+    return estimate.finish(job, method=method.name, reasons=method.reasons)
 
 
 def _made_of(scene):

@@ -77,13 +77,14 @@ def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, 
     medium : `Scatterer`;  table : ready table of points of wavelength w, whose tail falls off with k0, 1/mfp
     beams : `Beams`
     picks : beams drawn for each line of sight
-    later : whether third and later events count, by the table;  second : whether second ones do
+    later : whether third and later events count, by the table, and second ones on beams of negative power
+    second : whether second ones on others do
     beyond : m, how far outside a mirror lies whose light is taken away from later events; inf: there is none
     around : (G + 1,) where groups of lines of sight begin, for which beams are chosen together
     origin, direction, far : (n, 3) m, unit, (n,) m
     states : (n,) uint64, of random numbers, which stay as they are: all wavelengths draw with the same
     brought : (3, n, L) column w becomes the radiance of third and later events, of second ones, and of second ones on beams that
-        began with light scattered before, or take light away; W/m^2 sr
+        began with light scattered before; W/m^2 sr
     """
     geometry, medium, table, beams = lent(geometry), lent(medium), lent(table), lent(beams)
     a, b = multiple_scratch(table)
@@ -126,8 +127,9 @@ def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, 
                         _mirror(beyond, sigma, normal, origin, i, p, d, ray, t, direction)
                         value -= _later(table, d, ray, direction, i, a, b)
                     brought[LATER, i, w] += weight * lasting * sigma**3 * value
-                if second:
-                    kind = OTHER if beams.power[beam, w] < 0.0 or beams.before[beam] > 0 else SECOND
+                negative = beams.power[beam, w] < 0.0
+                if second or negative and later:
+                    kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
                     brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
                         geometry, medium, beams, beam, w, v, p, d, origin, direction, far, i, room)
 

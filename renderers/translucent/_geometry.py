@@ -138,3 +138,11 @@ def lengths(geometry, matched, origin, direction, distance, inside, last, begin,
             for k in range(3):
                 q[0, k] += far[0] * direction[i, k]
             start[0] = place[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normals(geometry, place, normal, begin, end):
+    """Outward unit normals (n, 3) of triangles at places (n,); as they were where the place is -1."""
+    for i in range(begin, end):
+        if place[i] >= 0:
+            normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, place[i])

@@ -83,7 +83,7 @@ def _entered(how, number, entries, key):
     looking.single[:] = False
     seen = Sums(entries)
     while len(looking):
-        looking = transport.onward(how, looking, UNLIMITED, seen)
+        looking = transport.onward(how, looking, [UNLIMITED] * len(how.bodies), seen)
     found = seen.by_order.sum(axis=0) @ how.colours.to_waves.T * np.pi
     towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([lit, found]) * area / entries
     some = np.flatnonzero((power > 0).any(axis=1))
@@ -177,4 +177,4 @@ def _turned_back(how, number, paths, place):
     """Paths that go on in the body from a surface."""
     own = how.geometry.owner[place]
     crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
-    return transport.shaded(how, paths.of(~crosses), Sums(int(paths.pixel.max(initial=0)) + 1))
+    return transport.shaded(how, paths.of(~crosses), Sums(int(paths.pixel.max(initial=0)) + 1, found=False))

@@ -9,21 +9,25 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import light, transport
+from renderers.translucent import light, smooth, transport
 from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 ENTRIES, WALKS, PICKS = 4096, 8192, 8
+_LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
+CLOSER = "closer"  # layer: what sharing over half the distance changes
 _LAYERS = ("order0", "order1", "order2", "orders")
 
 
 class Method(NamedTuple):
     """How a scene is rendered.
 
+    name : of the method
     parts : of `renderers.progressive`
     reasons : sentences
     """
 
+    name: str
     parts: tuple
     reasons: list
 
@@ -42,7 +46,7 @@ def prepare(job, world, seed) -> Method:
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
     how = Transport(world, bodies, geometry, colours)
     name = "vrl+tables" if settings.method == "auto" else settings.method
-    return Method((Part(name, one_pass(how, name, settings.boundary, seed)),), _reasons(assets, bodies))
+    return Method(name, parts(how, name, settings.boundary, seed), _reasons(assets, bodies))
 
 
 def _body(scene, world, number, asset):
@@ -71,29 +75,43 @@ def _body(scene, world, number, asset):
     return Body(entry.shape, vertices, faces, shape.index, medium_of(asset), tables, False)
 
 
-def one_pass(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
-    """A pass as `Part` takes it: its number -> layers.
+def parts(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
+    """The parts of a method, as `renderers.progressive` takes them.
 
     how : `transport.Transport`;  name, boundary : method and boundary as a scene names them
     entries, walks, picks : places where light comes in, walks, beams of a line of sight
     """
     height, width = how.world.size
     tabled = name == "vrl+tables"
+    # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
+    second = [name == "vrl" or how.world.without_extent and not body.matched for body in how.bodies]
+    most = [UNLIMITED if name == "paths" else 1 if joins else 2 for joins in second]
 
-    def render(number):
-        gather = None
-        if name != "paths":
-            made = [light.beams(how, body, entries, walks, tabled and boundary == "negative", not tabled, number, seed)
-                    for body in range(len(how.bodies))]
-            gather = Gather(made, tabled, True, picks, [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies],
-                            width)
-        sums = transport.from_eye(how, UNLIMITED if name == "paths" else 1, gather, number, seed)
-        images = {"": sums.by_order.sum(axis=0) + sums.gathered}
-        images |= dict(zip(_LAYERS, sums.by_order))
-        images["orders"] = images["orders"] + sums.gathered
-        return {layer: image.reshape(height, width, 3) for layer, image in images.items()}
+    def images(sums):
+        by_order = [image.reshape(height, width, 3) for image in sums.by_order]
+        return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
 
-    return render
+    def found(number):
+        return images(transport.from_eye(how, most, None, number, seed))
+
+    def gathered(number):
+        made = [light.beams(how, body, entries, walks, tabled and boundary == "negative", not tabled, number, seed)
+                for body in range(len(how.bodies))]
+        beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
+        number += _LATER
+        sums = transport.from_eye(how, most, Gather(made, tabled, second, picks, beyond, width), number, seed, found=False)
+        layers, later = images(sums), sums.gathered.reshape(height, width, 3)
+        if tabled:
+            seen = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
+            half = smooth.smoothed(later, seen, 0.5)
+            later = smooth.smoothed(later, seen)
+            layers |= {CLOSER: half - later}
+        layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
+        return layers
+
+    if name == "paths":
+        return (Part("paths", found),)
+    return Part("few", found), Part("beams", gathered)
 
 
 def _beyond(body, mirrored):
@@ -104,18 +122,11 @@ def _beyond(body, mirrored):
     medium = body.medium
     if not mirrored:
         return np.full(len(medium.sigma_t), np.inf)
-    g = np.array([np.sum(2 * np.pi * _moments(medium.v, phase)) for phase in medium.phase])
     x, weight = np.polynomial.legendre.leggauss(64)
     c, weight = (x + 1) / 2, weight / 2
-    r = np.array([kernels.fresnel(1 / body.index, one) for one in c]) if not body.matched else np.zeros(64)
+    r = np.array([kernels.fresnel(one, 1 / body.index)[0] for one in c]) if not body.matched else np.zeros(64)
     a = (1 + 3 * np.sum(weight * r * c**2)) / (1 - 2 * np.sum(weight * r * c))
-    return 2 * a / (3 * medium.sigma_t * (1 - medium.albedo * g))
-
-
-def _moments(v, phase):
-    """Integral of phase cos theta over each step of v = 1 - cos theta, both linear in it."""
-    p, q, a, b = phase[:-1], phase[1:], 1 - v[:-1], 1 - v[1:]
-    return np.diff(v) * (2 * p * a + p * b + q * a + 2 * q * b) / 6
+    return 2 * a / (3 * smooth.reduced(medium))
 
 
 def _reasons(assets, bodies):

@@ -62,11 +62,17 @@ class Sums:
 
     by_order : (ORDERS, pixels, 3), without what `gathered` holds
     gathered : (pixels, 3) of beams, by the tables
+    found : whether light counts that paths find by themselves; else only that of beams does
     """
 
-    def __init__(self, pixels):
-        self.by_order, self.gathered = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
+    def __init__(self, pixels, found=True):
+        self.by_order, self.gathered, self.found = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3)), found
         self._no_light = np.zeros((0, pixels, 3))
+
+    def add_found(self, paths, added):
+        """What paths have found, added (n, 3)."""
+        if self.found:
+            self.add(paths, added)
 
     def add(self, paths, added, more=0):
         """What paths bring, added (n, 3), with so many events more."""
@@ -81,8 +87,8 @@ class Sums:
 class Gather(NamedTuple):
     """How lines of sight gather beams.
 
-    beams : of each body, `_gather.Beams`, or None
-    later, second : whether third and later events count, and second ones
+    beams : of each body, `_gather.Beams`
+    later : whether third and later events count;  second : of each body, whether second ones do
     picks : beams for each line of sight
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
     width : of the picture, pixels
@@ -90,31 +96,33 @@ class Gather(NamedTuple):
 
     beams: list
     later: bool
-    second: bool
+    second: list
     picks: int
     beyond: list
     width: int
 
 
-def from_eye(transport, most, gather, number, seed) -> Sums:
+def from_eye(transport, most, gather, number, seed, found=True) -> Sums:
     """One path from the eye for each pixel.
 
-    most : events between two surfaces that a path may have
+    most : of each body, events between two surfaces that a path may have
     gather : `Gather`, or None
     number, seed : of the pass: its random numbers
+    found : as in `Sums`
     """
     height, width = transport.world.size
-    sums, begun, paths = Sums(height * width), 0, None
+    sums, begun, paths = Sums(height * width, found), 0, None
     while begun < height * width or paths:
         if begun < height * width and (not paths or len(paths) < _ALL // 2):
             pixel = np.arange(begun, min(begun + _ALL, height * width))
-            new, begun = _begin(transport, pixel, number, seed), begun + len(pixel)
+            new, begun = begin(transport, pixel, number, seed), begun + len(pixel)
             paths = joined([paths, new]) if paths else new
         paths = onward(transport, paths, most, sums, gather)
     return sums
 
 
-def _begin(transport, pixel, number, seed):
+def begin(transport, pixel, number, seed) -> Paths:
+    """The camera's path through each pixel (n,), ascending without gaps, of a pass."""
     n, width = len(pixel), transport.world.size[1]
     states, offset = np.empty(n, np.uint64), np.empty((n, 2))
     wavefront.begin_streams(stream_key(seed, "render.translucent", number), int(pixel[0]), states)
@@ -157,9 +165,9 @@ def through(transport, number, paths, far, place, most, waits):
 def _inside(transport, paths, number, far, place, most, sums, gather):
     """Parts of the paths in a body after their next surface or event."""
     body = transport.bodies[number]
-    if gather is not None and gather.beams[number] is not None:
+    if gather is not None:
         _gathered(transport, paths, number, far, sums, gather)
-    status = through(transport, number, paths, far, place, most, body.matched)
+    status = through(transport, number, paths, far, place, most[number], body.matched)
     met, events = status == _walk.CONTACT, status == _walk.EVENT
     parts = [_at_events(transport, number, paths.of(events), sums)]
     meets = paths.of(met)
@@ -185,7 +193,19 @@ def _at_events(transport, number, paths, sums):
     n = len(paths)
     if n == 0:
         return paths
-    medium, numbers, added = transport.bodies[number].medium, np.empty((n, 3)), np.empty((n, 3))
+    medium = transport.bodies[number].medium
+    if sums.found:
+        _lit(transport, medium, paths, sums)
+    alive = np.empty(n, bool)
+    run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
+        paths.single, paths.bounces, alive)
+    return paths.of(alive)
+
+
+def _lit(transport, medium, paths, sums):
+    """Adds what light samples send by way of events."""
+    n = len(paths)
+    numbers, added = np.empty((n, 3)), np.empty((n, 3))
     wavefront.draw(paths.states, numbers)
     sample = transport.world.lights(paths.origin, numbers, hidden=False)
     towards = sample.direction.astype(float)
@@ -200,11 +220,7 @@ def _at_events(transport, number, paths, sums):
     seen[some] = ~(hidden < ahead)
     run(_walk.lit, n, medium, transport.colours, transport.sigma_t, inside, seen, paths.direction, paths.weight, towards,
         sample.radiance, sample.density, sample.delta, added)
-    sums.add(paths, added)
-    alive = np.empty(n, bool)
-    run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
-        paths.single, paths.bounces, alive)
-    return paths.of(alive)
+    sums.add_found(paths, added)
 
 
 def _at_surfaces(transport, paths, sums, far, place):
@@ -233,7 +249,7 @@ def shaded(transport, paths, sums):
     wavefront.draw(paths.states, numbers)
     shading = transport.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn)
     wavefront.emitted(colours, paths.weight, paths.order, shading.emitted, added)
-    sums.add(paths, added)
+    sums.add_found(paths, added)
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     m = len(hit)
@@ -241,7 +257,7 @@ def shaded(transport, paths, sums):
         return paths
     added = np.empty((m, 3))
     wavefront.emitted(colours, paths.weight, paths.order, shading.light.radiance[hit], added)
-    sums.add(paths, added)
+    sums.add_found(paths, added)
     run(wavefront.reflect, m, colours, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
@@ -267,7 +283,7 @@ def _gathered(transport, paths, number, far, sums, gather):
     brought = np.zeros((3, *some.weight.shape))
     for w, table in enumerate(body.tables):
         run(_gather.gather, len(around) - 1, transport.geometry, body.medium, table, table.k0, w, beams, gather.picks,
-            gather.later, gather.second, gather.beyond[number][w], around, some.origin, some.direction, far[rows], some.states,
+            gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction, far[rows], some.states,
             brought, block=16)
     later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
     sums.add_gathered(some, later)

@@ -1,0 +1,114 @@
+"""Light of many events is smooth over a boundary: pixels that see the same stretch of it share what they have gathered.
+
+Each takes the value at its own place of a plane fitted to the pixels around (local linear regression), so what is lost is only
+how the light bends within a fraction of a transport mean free path; half the distance tells how much that is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from renderers.threads import run
+from renderers.translucent import _geometry
+from renderers.translucent.transport import located
+
+_REACH = 0.5  # transport mean free paths over which light is taken to be linear
+_MOST = 8  # pixels
+_FACING = 0.8  # cosine between normals, at least, of places that share
+
+
+class Seen(NamedTuple):
+    """What pixels see.
+
+    body : (H, W) of the boundary, or -1;  point, normal : (H, W, 3) m, unit;  reach : (H, W) m, over which pixels share
+    """
+
+    body: np.ndarray
+    point: np.ndarray
+    normal: np.ndarray
+    reach: np.ndarray
+
+
+def seen(transport, rays) -> Seen:
+    """Boundaries of bodies that one camera ray a pixel meets with nothing in between.
+
+    rays : `Paths` of all pixels from the camera, in their order
+    """
+    world, geometry = transport.world, transport.geometry
+    (height, width), origin, direction = world.size, rays.origin, rays.direction
+    _, far, place = located(geometry, rays)
+    found = np.where(place >= 0, geometry.owner[place], -1)
+    nearer = world.trace(origin, direction, np.where(np.isfinite(far), far * (1 - 1e-4), 0.0)) < np.inf
+    found[nearer] = -1
+    normal = np.zeros((len(rays), 3))
+    run(_geometry.normals, len(rays), geometry, place, normal)
+    reach = np.array([_REACH / np.min(reduced(body.medium)) for body in transport.bodies])
+    point = origin + np.where(found >= 0, far, 0.0)[:, None] * direction
+    return Seen(found.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
+                np.where(found >= 0, reach[found], 0.0).reshape(height, width))
+
+
+def reduced(medium):
+    """sigma_t' (L,) 1/m: of each wavelength the extinction, but for light that goes on as it came."""
+    g = np.array([np.sum(2 * np.pi * _forward(medium.v, phase)) for phase in medium.phase])
+    return medium.sigma_t * (1 - medium.albedo * g)
+
+
+def _forward(v, phase):
+    """Integral of phase cos theta over each step of v = 1 - cos theta, both linear in it."""
+    p, q, a, b = phase[:-1], phase[1:], 1 - v[:-1], 1 - v[1:]
+    return np.diff(v) * (2 * p * a + p * b + q * a + 2 * q * b) / 6
+
+
+def smoothed(image, what, share=1.0):
+    """An image (H, W, 3) where pixels that see a body share with those around; `share` of the distance."""
+    out = np.empty(image.shape)
+    run(_fit, len(image), np.ascontiguousarray(image, float), *what, float(share), out, block=8)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(image, body, point, normal, reach, share, out, begin, end):
+    height, width = body.shape
+    for y in range(begin, end):
+        for x in range(width):
+            for c in range(3):
+                out[y, x, c] = image[y, x, c]
+            if body[y, x] < 0:
+                continue
+            limit = share * reach[y, x]
+            m00 = m01 = m02 = m11 = m12 = m22 = 0.0
+            s0, s1, s2 = np.zeros(3), np.zeros(3), np.zeros(3)
+            for j in range(max(y - _MOST, 0), min(y + _MOST + 1, height)):
+                for i in range(max(x - _MOST, 0), min(x + _MOST + 1, width)):
+                    if body[j, i] != body[y, x]:
+                        continue
+                    facing, square = 0.0, 0.0
+                    for k in range(3):
+                        facing += normal[y, x, k] * normal[j, i, k]
+                        square += (point[y, x, k] - point[j, i, k]) ** 2
+                    u, v = i - x, j - y
+                    # both a distance on the body and one in the picture end what is shared
+                    w = 1.0 - max(square / (limit * limit), (u * u + v * v) / (share * share * (_MOST + 1.0) ** 2))
+                    if facing < _FACING or not w > 0.0:
+                        continue
+                    m00 += w
+                    m01 += w * u
+                    m02 += w * v
+                    m11 += w * u * u
+                    m12 += w * u * v
+                    m22 += w * v * v
+                    for c in range(3):
+                        value = w * image[j, i, c]
+                        s0[c] += value
+                        s1[c] += value * u
+                        s2[c] += value * v
+            # the first row of the inverse of the moments
+            a, b, c_ = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
+            whole = m00 * a + m01 * b + m02 * c_
+            flat = not whole > 1e-6 * m00 * m11 * m22
+            for c in range(3):
+                out[y, x, c] = s0[c] / m00 if flat else (a * s0[c] + b * s1[c] + c_ * s2[c]) / whole
