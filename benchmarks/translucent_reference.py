@@ -1,16 +1,18 @@
-"""Reference pictures of the scenes of translucent bodies by Mitsuba's path tracer: python benchmarks/translucent_reference.py SCENE.yaml ... [-o FOLDER]
+"""Scenes of translucent bodies by Mitsuba's path tracer: python benchmarks/translucent_reference.py [SCENE.yaml ...] [-o FOLDER]
 
-Each scene becomes a plain Mitsuba scene: `volpath` without a limit of depth, a homogeneous medium with the asset's sigma_t, albedo
-and phase function (`bakedphase`; with --hg the Henyey-Greenstein function of the same g) in each body.  One render a colour, whose medium
-is grey, so that no weight of a colour is carried along a path of another.  Writes NAME.npz (mean, noise: (H, W, 3), linear; samples) and NAME.exr, NAME.png,
-and prints a row a scene: sizes of the bodies, events of scattering, mean, noise, and processor seconds to a noise of 1 %.
+Each scene becomes a plain Mitsuba scene: in each body a homogeneous medium with the asset's sigma_t, albedo and phase function
+(`bakedphase`; with --hg the Henyey-Greenstein function of the same g), rendered by `volpath` without a limit of depth.  One
+render a colour, whose medium is grey: no path carries the weights of several colours.  Writes NAME.npz (mean and its standard
+error `noise`: (H, W, 3), linear; samples), NAME.exr and NAME.png, and prints a row a scene: sizes of its first body, events of
+scattering, mean, noise, and processor seconds to a noise of 1 %.  Assets are taken from FOLDER or baked there.
 
---room: the white room instead.  Albedo 1 in a room of radiance 1 has to be seen as 1, for every boundary and phase function.
+--room: what is seen of a ball of albedo 1 in a room of radiance 1, which has to be 1, for boundaries and phase functions.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 import xml.etree.ElementTree as xml
@@ -18,13 +20,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import numpy as np  # noqa: E402
-from ruamel.yaml import YAML  # noqa: E402
+import numpy as np
+from ruamel.yaml import YAML
 
-import bakery  # noqa: E402
-import renderers.mitsuba  # noqa: E402, F401
-from renderers import images  # noqa: E402
-from renderers.mitsuba import passes, variants  # noqa: E402
+import bakery
+import renderers.mitsuba  # noqa: F401
+from renderers import images
+from renderers.mitsuba import passes, variants
 
 DEEP = 1_000_000  # events without roulette: in effect none
 METRES = {"1 mm": 1e-3, "1 cm": 1e-2, "1 m": 1.0}
@@ -81,14 +83,13 @@ class Scene:
             root.remove(node)
         integrator = xml.SubElement(root, "integrator", type="volpath")
         if deep is None:  # paths have lost 95 % of their light by then: little is left to be noisy
-            deep = int(min(3 / (1 - min(max(albedo.values()), 0.9999)), DEEP)) + 5
+            deep = 5 + int(3 / max(1 - max(albedo.values()), 3 / DEEP))
         for key, value in (("max_depth", -1), ("rr_depth", deep)):
             xml.SubElement(integrator, "integer", name=key, value=str(value))
         film = root.find("sensor/film")
         for node in film.findall("integer"):
             node.set("value", str(size))
-        for key, value in (("rfilter", "box"),):
-            xml.SubElement(film, key, type=value)
+        xml.SubElement(film, "rfilter", type="box")
         return xml.tostring(root, encoding="unicode")
 
     def loaded(self, *args, **settings):
@@ -124,26 +125,31 @@ def reference(scene, size, samples, seconds, hg):
 
 
 def events(scene, size, samples, hg, step=0.01):
-    """Mean number of scattering events of the light that was scattered, by colour: d log L / d log albedo with the same random numbers."""
+    """Mean number of scattering events of the light seen that was scattered, by colour.
+
+    d log L / d log albedo: light of n events goes as albedo^n.  All three pictures have the same paths, none ended by roulette.
+    """
+    def light(colour, factor):
+        loaded = scene.loaded(size, colour, hg, factor, DEEP)
+        return sum(rendered(loaded, samples, seed)[..., colour].sum() for seed in (1, 2))
+
     found = []
     for colour in range(3):
-        dark, less, full = (sum(rendered(scene.loaded(size, colour, hg, factor, DEEP), samples, seed)[..., colour].sum() for seed in (1, 2))
-                            for factor in (0.0, 1 - step, 1.0))
-        # the middle of the step: full - less is the derivative there, to second order
-        found.append((full - less) / step / ((full + less) / 2 - dark) * (1 - step / 2))
+        dark, less, full = (light(colour, factor) for factor in (0.0, 1 - step, 1.0))
+        found.append(math.log((full - dark) / (less - dark)) / -math.log1p(-step))
     return found
 
 
 def sizes(scene):
-    """Edges of the box around each body, and its mean chord 4 V/S, in mean free paths of each colour."""
-    loaded = scene.loaded(8, 0)
-    for shape in loaded.shapes():
+    """Of each body: its medium, the edges of the box around it and its mean chord 4 V/S in mean free paths of each colour."""
+    for shape in scene.loaded(8, 0).shapes():
         if shape.id() in scene.media:
             medium = scene.media[shape.id()]
-            corner = np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)[np.array(shape.faces_buffer(), int).reshape(-1, 3)]
+            vertices = np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
+            corner = vertices[np.array(shape.faces_buffer(), int).reshape(-1, 3)]
             cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
             chord = 4 * np.einsum("ij,ij->", corner[:, 0], cross) / 6 / (np.linalg.norm(cross, axis=1).sum() / 2)
-            yield shape.id(), np.outer(np.ptp(corner.reshape(-1, 3), axis=0), medium.sigma_t), chord * medium.sigma_t
+            yield medium, np.outer(np.ptp(vertices, axis=0), medium.sigma_t), chord * medium.sigma_t
 
 
 def written(folder, name, mean, noise, samples):
@@ -156,45 +162,45 @@ def written(folder, name, mean, noise, samples):
     mi.util.write_bitmap(str(folder / f"{name}.png"), shown.astype(np.float32))
 
 
-def several(numbers, form=".3g"):
-    return " ".join(format(number, form) for number in np.ravel(numbers))
+def several(numbers):
+    return ", ".join(f"{number:.3g}" for number in np.ravel(numbers))
 
 
 def table(scenes, args):
-    print("| scene | sigma_t, 1/mm | albedo | g | box, mean free paths of green | mean chord, of red green blue | events | mean | noise | samples | processor s | to 1 % |")
-    print("|" + "---|" * 12, flush=True)
+    print("| scene | 1/sigma_t, mm | albedo | g | box, free paths of green | mean chord, of red, green, blue | events | mean "
+          "| noise | samples | processor s | to 1 % |\n|" + "---|" * 12, flush=True)
     for scene in scenes:
-        body, box, chord = next(sizes(scene))
-        medium = scene.media[body]
+        medium, box, chord = next(sizes(scene))
         counted = events(scene, 32, 16, args.hg) if not args.quick else [np.nan] * 3
         mean, noise, samples, seconds = reference(scene, args.size, args.samples, args.time, args.hg)
         written(args.output, scene.name, mean, noise, samples)
         relative = images.relative_noise(mean, noise**2)
-        print(f"| {scene.name} | {several(medium.sigma_t / medium.unit * 1e-3)} | {several(medium.albedo, '.4g')} | {several(medium.g[:1], '.2f')} | "
-              f"{several(box[:, 1])} | {several(chord)} | {several(counted)} | {several(mean.mean((0, 1)))} | {100 * relative:.2f} % | "
-              f"{samples} | {seconds:.0f} | {seconds * (relative / 0.01) ** 2:.2g} |", flush=True)
+        print(f"| {scene.name} | {several(1e3 * medium.unit / medium.sigma_t)} | {several(medium.albedo)} | {medium.g[0]:.2f} | "
+              f"{several(box[:, 1])} | {several(chord)} | {several(counted)} | {several(mean.mean((0, 1)))} | "
+              f"{100 * relative:.2f} % | {samples} | {seconds:.0f} | {seconds * (relative / 0.01) ** 2:.2g} |", flush=True)
 
 
-def room(assets, samples=256, size=16):
-    """A ball of radius 3 mean free paths, and a finely meshed one, in a room of radiance 1: mean over the ball, and its standard error."""
+def room(asset, samples=256, size=16):
+    """A ball of radius 3 mean free paths in a room of radiance 1: mean of the picture, and its standard error."""
     import mitsuba as mi
 
-    asset = Medium(next(iter(sorted(assets.glob("*.h5")))), 1.0)
+    asset = Medium(asset, 1.0)
     phases = {"isotropic": {"type": "isotropic"}, "hg 0.8": {"type": "hg", "g": 0.8},
               f"bakedphase, g {asset.g[0]:.2f}": {"type": "bakedphase", "filename": asset.path, "channel": 0}}
-    boundaries = {"null": {"type": "null"}, "dielectric 1.446": {"type": "dielectric", "int_ior": 1.446, "ext_ior": 1.0},
-                  "dielectric 0.9": {"type": "dielectric", "int_ior": 1.35, "ext_ior": 1.5},
-                  "roughdielectric 1.4, 0.3": {"type": "roughdielectric", "int_ior": 1.4, "ext_ior": 1.0, "alpha": 0.3, "distribution": "ggx"},
-                  "roughdielectric 1.4, 0.1": {"type": "roughdielectric", "int_ior": 1.4, "ext_ior": 1.0, "alpha": 0.1, "distribution": "ggx"}}
+    smooth, rough = {"type": "dielectric", "ext_ior": 1.0}, {"type": "roughdielectric", "ext_ior": 1.0, "distribution": "ggx"}
+    boundaries = {"null": {"type": "null"}, "dielectric 1.446": {**smooth, "int_ior": 1.446},
+                  "dielectric 1.35 in 1.5": {**smooth, "int_ior": 1.35, "ext_ior": 1.5},
+                  "roughdielectric 1.4, alpha 0.1": {**rough, "int_ior": 1.4, "alpha": 0.1},
+                  "roughdielectric 1.4, alpha 0.3": {**rough, "int_ior": 1.4, "alpha": 0.3}}
+    sensor = {"type": "perspective", "fov": 20, "to_world": mi.ScalarTransform4f().look_at([0, -5, 0], [0, 0, 0], [0, 0, 1]),
+              "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}}
     print("| boundary | phase function | radiance | standard error |\n|---|---|---|---|", flush=True)
     for boundary, bsdf in boundaries.items():
         for phase, function in phases.items():
             medium = {"type": "homogeneous", "sigma_t": 3.0, "albedo": 1.0, "phase": function}
             scene = mi.load_dict({
-                "type": "scene", "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": DEEP}, "sky": {"type": "constant"},
-                "ball": {"type": "sphere", "bsdf": bsdf, "interior": medium},
-                "sensor": {"type": "perspective", "fov": 20, "to_world": mi.ScalarTransform4f().look_at([0, -5, 0], [0, 0, 0], [0, 0, 1]),
-                           "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}}})
+                "type": "scene", "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": DEEP}, "sensor": sensor,
+                "sky": {"type": "constant"}, "ball": {"type": "sphere", "bsdf": bsdf, "interior": medium}})
             means = [rendered(scene, samples, seed).mean() for seed in range(8)]
             print(f"| {boundary} | {phase} | {np.mean(means):.5f} | {np.std(means, ddof=1) / 8**0.5:.5f} |", flush=True)
 
@@ -209,13 +215,14 @@ def main():
     parser.add_argument("--variant")
     parser.add_argument("--hg", action="store_true")
     parser.add_argument("--quick", action="store_true", help="without the number of events")
-    parser.add_argument("--room", action="store_true")
+    parser.add_argument("--room", metavar="ASSET", help="whose phase function is one of those")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     print(variants.activate("rgb", args.variant))
     if args.room:
-        room(args.output)
-    table([Scene(path, args.output) for path in args.scenes], args) if args.scenes else None
+        room(args.room)
+    if args.scenes:
+        table([Scene(path, args.output) for path in args.scenes], args)
 
 
 if __name__ == "__main__":

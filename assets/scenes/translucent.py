@@ -1,8 +1,12 @@
 """Writes the scenes of translucent bodies: python assets/scenes/translucent.py     (needs manifold3d, of the extra `test`)
 
 Meshes, Mitsuba files and scene files.  Lengths in mm, z up, the camera looks along y.  All meshes are closed, edges are rounded
-and vertices have no normals of their own, so Mitsuba shades them smoothly.  A body is a shape with an id whose BSDF is its boundary: `dielectric`,
-`roughdielectric`, or `null` where its index is matched; its medium is the asset that the scene file names.
+and vertices have no normals of their own, so Mitsuba shades them smoothly.  A body is a shape with an id whose BSDF is its
+boundary: `dielectric`, `roughdielectric`, or `null` where its index is matched; its medium is the asset in
+the scene file.
+
+`bumpy_ball` and `candle` have the media, boundaries and kinds of light of two scenes of Wang, Ge & Holzschuch, IEEE Trans. Vis.
+Comput. Graph. (2018): a point for one, an area for the other.  Shapes, sizes and places are ours: its text has none.
 """
 
 from __future__ import annotations
@@ -54,7 +58,7 @@ def lathe(half, radius, sides=96):
     return turned(right_half(rounded(mirrored(half), radius)), sides)
 
 
-def bumpy_sphere(radius=36.5, height=3.6, bumps=56):
+def bumpy_ball(radius=36.5, height=3.6, bumps=56):
     """A ball with round bumps at the points of a Fibonacci spiral."""
     k = np.arange(bumps) + 0.5
     z, turn = 1 - 2 * k / bumps, math.pi * (1 + 5**0.5) * k
@@ -179,8 +183,8 @@ def flame():
     return turned(CrossSection([list(zip(radius, 72 - 13 * np.cos(angle)))]), 32)
 
 
-MESHES = {"bumpy_sphere": bumpy_sphere, "candle": candle, "candle_hollow": lambda: candle(hollow=True), "tumbler": tumbler, "milk": milk,
-          "flame": flame, "head": head, "soap": soap}
+MESHES = {"bumpy_ball": bumpy_ball, "candle": candle, "candle_hollow": lambda: candle(hollow=True), "flame": flame,
+          "tumbler": tumbler, "milk": milk, "head": head, "soap": soap}
 
 # ---- Mitsuba files
 
@@ -227,8 +231,8 @@ def mesh(name, file, bsdf, more=""):
 
 
 def ball(name, centre, radius, more):
-    return (f'<shape type="sphere" id="{name}"> <point name="center" value="{text(centre)}"/> <float name="radius" value="{radius}"/> '
-            f'{more} </shape>')
+    return (f'<shape type="sphere" id="{name}"> <point name="center" value="{text(centre)}"/> '
+            f'<float name="radius" value="{radius}"/> {more} </shape>')
 
 
 def panel(name, centre, towards, half, more):
@@ -248,7 +252,8 @@ def sky(*radiance):
 
 
 def candle_parts(hollow=False):
-    """Facets where there is a shell: shading normals that differ from the true ones take 8 % of the light there (the solid candle: 0.01 %)."""
+    """Facets where there is a shell: shading normals that differ from the true ones take 8 % of the light there, of the solid
+    candle 0.01 %."""
     body = "candle_hollow" if hollow else "candle"
     return [*stage(matt(0.22, 0.16, 0.12), matt(0.16, 0.17, 0.2)),
             mesh("candle", body, glass(1.446), FACETS * hollow),
@@ -267,21 +272,24 @@ def head_parts(bsdf):
 
 WARM = [*stage(matt(0.42, 0.43, 0.45), matt(0.3, 0.33, 0.38)), sky(0.12, 0.13, 0.15)]
 PICTURES = {
-    "bumpy_sphere": ("A bumpy ball under a large lamp that stands behind it.", 30, (0, -190, 78), (0, 0, 38), [
-        *WARM, mesh("ball", "bumpy_sphere", glass(1.5)), panel("lamp", (120, 95, 110), (0, 0, 40), (50, 50), shines(15, 13.5, 12))]),
-    "bumpy_sphere_point": ("The same ball in the light of a point.", 30, (0, -190, 78), (0, 0, 38), [
-        *WARM, mesh("ball", "bumpy_sphere", glass(1.5)),
-        '<emitter type="point" id="lamp"> <point name="position" value="120, 95, 110"/> <rgb name="intensity" value="150e3, 135e3, 120e3"/> </emitter>']),
+    "bumpy_ball": ("A bumpy ball under a large lamp that stands behind it.", 30, (0, -190, 78), (0, 0, 38), [
+        *WARM, mesh("ball", "bumpy_ball", glass(1.5)),
+        panel("lamp", (120, 95, 110), (0, 0, 40), (50, 50), shines(15, 13.5, 12))]),
+    "bumpy_ball_point": ("The same ball in the light of a point.", 30, (0, -190, 78), (0, 0, 38), [
+        *WARM, mesh("ball", "bumpy_ball", glass(1.5)),
+        '<emitter type="point" id="lamp"> <point name="position" value="120, 95, 110"/> '
+        '<rgb name="intensity" value="150e3, 135e3, 120e3"/> </emitter>']),
     "candle": ("A candle that burns.", 34, (0, -165, 88), (0, 0, 43), candle_parts()),
     "candle_hollow": ("The same candle with air inside.", 34, (0, -165, 88), (0, 0, 43), candle_parts(hollow=True)),
     "candle_ball": ("The same candle with a black ball inside.", 34, (0, -165, 88), (0, 0, 43), [
         *candle_parts(), ball("ball", (0, 0, 38), 10, matt(0, 0, 0))]),
     "glass_of_milk": ("A glass of milk.", 34, (0, -190, 110), (0, 0, 40), [
-        *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)), mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
+        *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)),
+        mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
         panel("window", (-130, -40, 140), (0, 0, 45), (60, 60), shines(6, 6, 5.8)), sky(0.22, 0.24, 0.27)]),
     "head": ("A head of skin, with a lamp behind one ear.", 34, (-35, -190, 72), (0, 0, 50), head_parts(glass(1.4))),
     "bust": ("The head in marble, with an index that is matched.", 34, (-35, -190, 72), (0, 0, 50), head_parts(MATCHED)),
-    "soap": ("A bar of soap with a lamp behind it.", 32, (-45, -175, 62), (0, 0, 26), [
+    "soap_and_lamp": ("A bar of soap with a lamp behind it.", 32, (-45, -175, 62), (0, 0, 26), [
         *stage(matt(0.4, 0.38, 0.36), matt(0.2, 0.26, 0.3)), mesh("soap", "soap", glass(1.47, roughness=0.1)),
         ball("lamp", (10, 34, 40), 13, shines(19, 16.5, 13.5)),
         panel("window", (-120, -60, 140), (0, 0, 30), (45, 45), shines(2, 2, 2)), sky(0.1, 0.11, 0.13)]),
@@ -300,15 +308,15 @@ translucent:
 """
 # name: recipe, body, its boundary
 BODIES = {
-    "bumpy_sphere": ("bumpy_sphere", "ball", "{index: 1.5}"),
-    "bumpy_sphere_point": ("bumpy_sphere", "ball", "{index: 1.5}"),
+    "bumpy_ball": ("bumpy_sphere", "ball", "{index: 1.5}"),
+    "bumpy_ball_point": ("bumpy_sphere", "ball", "{index: 1.5}"),
     "candle": ("wax", "candle", "{index: 1.446}"),
     "candle_hollow": ("wax", "candle", "{index: 1.446}"),
     "candle_ball": ("wax", "candle", "{index: 1.446}"),
     "glass_of_milk": ("milk_dilute", "milk", "{index: 0.9}"),
     "head": ("skin", "head", "{index: 1.4}"),
     "bust": ("marble", "head", "none"),
-    "soap": ("soap", "soap", "{index: 1.47, roughness: 0.1}"),
+    "soap_and_lamp": ("soap", "soap", "{index: 1.47, roughness: 0.1}"),
 }
 
 
