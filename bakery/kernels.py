@@ -5,7 +5,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 
 | what | layout, in Python | compiled |
 |---|---|---|
-| tables of multiple scattering | `asset.multiple.point.tables()` | `multiple_scratch`, `point_source`, `segment_source` |
+| tables of multiple scattering | `asset.multiple.point.tables()` | `point_source`, `segment_source` |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
@@ -90,9 +90,8 @@ from bakery.physics.medium._kernels import turned as turned_direction
 from bakery.physics.medium.phase import evaluate as phase_at
 from bakery.physics.medium.phase import integral as phase_integral
 from bakery.physics.mie import amplitudes as mie_amplitudes
+from bakery.physics.multiple._look import value as point_source
 from bakery.physics.multiple.lookup import any_length as segment_source
-from bakery.physics.multiple.lookup import scratch as multiple_scratch
-from bakery.physics.multiple.lookup import value as point_source
 from bakery.physics.packing._cells import cells as tile_grid
 from bakery.physics.packing.instances import cumulated as cumulated_shares
 from bakery.physics.packing.instances import kind, rotation, uniforms
@@ -146,7 +145,6 @@ __all__ = [
     "mesh_boundary",
     "mesh_scratch",
     "mie_amplitudes",
-    "multiple_scratch",
     "nearest_triangle",
     "never_diffuse",
     "open_wavelengths",

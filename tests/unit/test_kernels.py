@@ -28,11 +28,9 @@ def test_all_is_documented():
 
 @njit
 def gathered(points, segments, length, rho, z, out):
-    a, b = kernels.multiple_scratch(points)
-    c, d = kernels.multiple_scratch(segments)
     for n in range(len(out)):
-        out[n, 0] = kernels.point_source(points, rho[n], z[n], 0.6, 0.0, 0.8, a, b)
-        out[n, 1] = kernels.segment_source(points, segments, length, rho[n], z[n], 0.6, 0.0, 0.8, a, b, c, d)
+        out[n, 0] = kernels.point_source(points, rho[n], z[n], 0.6, 0.0, 0.8)
+        out[n, 1] = kernels.segment_source(points, segments, length, rho[n], z[n], 0.6, 0.0, 0.8)
 
 
 @njit

@@ -68,7 +68,6 @@ def lobes(points, length, rho, z, polar, azimuth):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _along(points, length, rho, z, sine, cosine, towards, aside, out):
     out[:] = 0.0
-    a, b = lookup.scratch(points)
     for n in range(len(rho)):
         # s - z = close sinh(t): smooth however close the beam is, but for lobes that turn as fast as the beam is passed
         close = max(rho[n], frame.CLOSEST)
@@ -84,7 +83,7 @@ def _along(points, length, rho, z, sine, cosine, towards, aside, out):
                     for j in range(len(towards)):
                         side = sine[i] * towards[j]
                         out[n, i, j] += factor * lookup.value(points, close, -away, cosine[i] * outwards - side * along,
-                                                              sine[i] * aside[j], cosine[i] * along + side * outwards, a, b)
+                                                              sine[i] * aside[j], cosine[i] * along + side * outwards)
             t = last if last - t <= step else t + step
 
 

@@ -14,10 +14,14 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.multiple import frame, locate
-from bakery.physics.multiple.frame import CORE, SKEW
+from bakery.physics.multiple._blend import LANES
+from bakery.physics.multiple._elementary import exp
+from bakery.physics.multiple._look import add, emptied, total, value
+from bakery.physics.multiple.frame import CORE
 from bakery.physics.multiple.table import RINGS, Table, margins
 
 UPSAMPLED = 3  # of the basis by splines; between these points linear
+_LINE = 64  # bytes that memory is read in
 _OVERLAP = 8  # points beyond an end that a spline goes through
 GAUSS = 5  # points of a piece of an integral
 _PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
@@ -38,8 +42,8 @@ class Ready(NamedTuple):
     power: float  # 1, or 0 where nothing scatters
     stretch: float  # u of a place = arsinh(m / CORE) stretch
     turn: float  # how fast lobes turn as a beam is passed: 1 as soon as it does
-    grid: np.ndarray  # (U + 2, V + 2, K + 1) float32, a_0 .. a_K with margins
-    basis: np.ndarray  # (A, B, K + 1) float32, B_0 .. B_K
+    grid: np.ndarray  # (U + 2, V + 2, K') float32, a_0 .. a_K with margins, then zeros
+    basis: np.ndarray  # (A, B, K') float32, B_0 .. B_K, then zeros
 
 
 def ready(table: Table) -> Ready:
@@ -51,7 +55,18 @@ def ready(table: Table) -> Ready:
         grid, basis = margins(table.coefficients()), _upsampled(table.functions())
     turn = _TURN * max(2 * (table.basis.shape[1] - RINGS), 0)
     return Ready(table.kind, float(table.length), float(table.extent), float(table.k0), float(len(table.corner) > 0), stretch,
-                 turn, np.ascontiguousarray(grid, np.float32), np.ascontiguousarray(basis, np.float32))
+                 turn, padded(grid), padded(basis))
+
+
+def padded(array):
+    """An array (…, K + 1) as float32 with zeros up to a multiple of `LANES`, beginning where a line of the cache does."""
+    *shape, count = array.shape
+    shape += [-(-count // LANES) * LANES]
+    memory = np.zeros(math.prod(shape) * 4 + _LINE, np.uint8)
+    skipped = -memory.ctypes.data % _LINE
+    out = memory[skipped:skipped + math.prod(shape) * 4].view(np.float32).reshape(shape)
+    out[..., :count] = array
+    return out
 
 
 def _upsampled(functions):
@@ -69,63 +84,7 @@ def _upsampled(functions):
     return np.moveaxis(wide, 0, -1)
 
 
-# ---- one look-up
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _catmull_rom(t):
-    return (t * (-0.5 + t * (1 - 0.5 * t)), 1 + t * t * (1.5 * t - 2.5), t * (0.5 + t * (2 - 1.5 * t)), t * t * (0.5 * t - 0.5))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _interpolated(table, m, v, a):
-    """a_0 .. a_K at a place, into a."""
-    grid = table.grid
-    u = m / CORE[table.kind]
-    u = math.log(u + math.sqrt(u * u + 1)) * table.stretch * (grid.shape[0] - 3)
-    v *= grid.shape[1] - 3
-    i, j = min(int(u), grid.shape[0] - 4), min(int(v), grid.shape[1] - 4)
-    w0, w1, w2, w3 = _catmull_rom(v - j)
-    p = _catmull_rom(u - i)
-    a[:] = np.float32(0)
-    for n in range(4):
-        f0, f1, f2, f3 = np.float32(p[n] * w0), np.float32(p[n] * w1), np.float32(p[n] * w2), np.float32(p[n] * w3)
-        for k in range(len(a)):
-            a[k] += f0 * grid[i + n, j, k] + f1 * grid[i + n, j + 1, k] + f2 * grid[i + n, j + 2, k] + f3 * grid[i + n, j + 3, k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def value(table, rho, z, x, y, along, a, b):
-    """The source at (rho, z) into the direction (x along rho, y across, along z), mfp^-3 sr^-1; mfp; finite everywhere.
-
-    table : `Ready`, of a point, or of a segment of its own length;  a, b : from `scratch`, overwritten
-    """
-    rho = max(rho, frame.CLOSEST)
-    m, tangent, singular, sine, cosine = locate.place(table.kind, table.length, rho, z)
-    s, t = locate.direction(sine, cosine, x, y, along)
-    beyond = max(m - table.extent, 0.0)
-    m -= beyond
-    basis = table.basis
-    v = (2 / math.pi) * math.atan(SKEW[table.kind] * tangent)
-    _interpolated(table, m, v, a)
-    if beyond > 0:
-        # coefficients go on as 1/m, as they did from half the extent on
-        _interpolated(table, frame.INSIDE * m, v, b)
-        b[0] -= np.float32(table.k0 * (1 - frame.INSIDE) * m)
-        share = np.float32(beyond / (m + beyond) * frame.INSIDE / (1 - frame.INSIDE))
-        for k in range(len(a)):
-            a[k] += share * (a[k] - b[k])
-    s *= basis.shape[0] - 1
-    t *= basis.shape[1] - 1
-    i, j = min(int(s), basis.shape[0] - 2), min(int(t), basis.shape[1] - 2)
-    s, t = s - i, t - j
-    f0, f1, f2, f3 = np.float32((1 - s) * (1 - t)), np.float32((1 - s) * t), np.float32(s * (1 - t)), np.float32(s * t)
-    for k in range(len(b)):
-        b[k] = f0 * basis[i, j, k] + f1 * basis[i, j + 1, k] + f2 * basis[i + 1, j, k] + f3 * basis[i + 1, j + 1, k]
-    total = a[0] + b[0]
-    for k in range(1, len(a)):
-        total += a[k] * b[k]
-    return table.power * singular * math.exp(total - table.k0 * beyond)
+# ---- segments of any length
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -139,29 +98,33 @@ def piece(turn, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def any_length(points, segments, length, rho, z, x, y, along, a, b, c, d):
+def any_length(points, segments, length, rho, z, x, y, along):
     """`value` of a segment of any length >= 0 (mfp): whole tiles of the tabulated one, and the rest as an integral over points.
 
     So are tiles on whose ends or axis the position nearly lies: there the table of segments is too coarse.
-
-    a, b : scratch of the table of points;  c, d : of segments
     """
+    if length == segments.length and not _touches(rho, z, length):
+        return value(segments, rho, z, x, y, along)
+    of_points, of_tiles = emptied(), emptied()
+    add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, 1.0)
+    return total(of_points, points) + total(of_tiles, segments)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight):
+    """Adds weight times `any_length` to a `Sum` of the table of points and to one of the table of segments."""
     tile = segments.length
-    if length == tile and not _touches(rho, z, tile):
-        return value(segments, rho, z, x, y, along, c, d)
     length = min(length, max(z, 0.0) + GONE) if length > tile else length
     whole = int(length / tile * (1 + 1e-12))
-    total = 0.0
     for n in range(whole):
         start = n * tile
         if _touches(rho, z - start, tile):
-            total += _beam(points, start, start + tile, rho, z, x, y, along, a, b)
+            _add_integral(of_points, points, start, start + tile, rho, z, x, y, along, weight)
         else:
-            total += math.exp(-start) * value(segments, rho, z - start, x, y, along, c, d)
+            add(of_tiles, segments, rho, z - start, x, y, along, weight * exp(-start))
     start = whole * tile
     if length - start > 1e-12 * tile:
-        total += _beam(points, start, length, rho, z, x, y, along, a, b)
-    return total
+        _add_integral(of_points, points, start, length, rho, z, x, y, along, weight)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -172,23 +135,20 @@ def _touches(rho, z, length):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _beam(points, start, end, rho, z, x, y, along, a, b):
-    """Integral of exp(-s) times the table of points over places s from start to end of a beam."""
+def _add_integral(to, points, start, end, rho, z, x, y, along, weight):
+    """Adds weight times the integral of exp(-s) times the table of points over places s from start to end of a beam."""
     # s - z = close sinh(t): the source falls off as 1/cosh(t), however close the segment is; beside an end, where a forward peak
     # is cut off, pieces are short where the angle to the beam turns
     close = max(rho, frame.CLOSEST)
     t, last = math.asinh((start - z) / close), math.asinh((end - z) / close)
     shortest = _SHORT if _touches(rho, z - start, end - start) else _PIECE
-    total = 0.0
     while t < last:
         step = min(_PIECE, max(shortest, 0.5 * abs(t)), piece(points.turn, t), last - t)
         for n in range(GAUSS):
-            there = t + X[n] * step
-            away = close * math.sinh(there)
-            from_point = value(points, rho, -away, x, y, along, a, b)
-            total += WEIGHT[n] * step * close * math.cosh(there) * math.exp(-(z + away)) * from_point
+            up = exp(t + X[n] * step)
+            away, cosh = close * 0.5 * (up - 1 / up), 0.5 * (up + 1 / up)
+            add(to, points, rho, -away, x, y, along, weight * WEIGHT[n] * step * close * cosh * exp(-(z + away)))
         t = last if last - t <= step else t + step
-    return total
 
 
 # ---- arrays of look-ups
@@ -237,28 +197,21 @@ def _broadcast(*arrays):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _points(table, rho, z, theta, phi, out):
-    a, b = scratch(table)
     for n in range(len(out)):
         sine = math.sin(theta[n])
-        out[n] = value(table, rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]), math.cos(theta[n]), a, b)
+        out[n] = value(table, rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]), math.cos(theta[n]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _segments(points, segments, rho, z, theta, phi, length, out):
-    a, b = scratch(points)
-    c, d = scratch(segments)
     for n in range(len(out)):
         sine = math.sin(theta[n])
-        if length[n] == segments.length and not _touches(rho[n], z[n], length[n]):
-            out[n] = value(segments, rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]), math.cos(theta[n]), c, d)
-            continue
         out[n] = any_length(points, segments, length[n], rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]),
-                            math.cos(theta[n]), a, b, c, d)
+                            math.cos(theta[n]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lobes(table, rho, z, polar, azimuth, out):
-    a, b = scratch(table)
     for n in range(len(rho)):
         sine, cosine = locate.place(table.kind, table.length, max(rho[n], frame.CLOSEST), z[n])[3:]
         for i in range(len(polar)):
@@ -266,11 +219,4 @@ def _lobes(table, rho, z, polar, azimuth, out):
             for j in range(len(azimuth)):
                 side = across * math.cos(azimuth[j])
                 out[n, i, j] = value(table, rho[n], z[n], forward * sine - side * cosine, across * math.sin(azimuth[j]),
-                                     forward * cosine + side * sine, a, b)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def scratch(table):
-    """Memory of one thread for `value` and `any_length` of a table: two arrays (K + 1,) float32."""
-    count = table.grid.shape[2]
-    return np.empty(count, np.float32), np.empty(count, np.float32)
+                                     forward * cosine + side * sine)

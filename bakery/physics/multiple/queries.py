@@ -17,7 +17,9 @@ import numpy as np
 from numba import njit
 
 from bakery.physics.multiple import frame, lookup
-from bakery.physics.multiple.lookup import GAUSS, WEIGHT, Ready, X, any_length, piece, scratch, value
+from bakery.physics.multiple._elementary import exp
+from bakery.physics.multiple._look import add, emptied, total, value
+from bakery.physics.multiple.lookup import GAUSS, WEIGHT, Ready, X, add_beam, any_length, piece
 
 _PIECE = 1.0  # of arsinh, for one Gauss rule
 _STRIDE = 3.0  # mfp, the same where the source is far
@@ -99,27 +101,23 @@ def _local(px, py, pz, axis, outgoing, turn):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _point_to_point(points, vertex, incoming, target, outgoing, out):
-    a, b = scratch(points)
     for n in range(len(out)):
         p, q = target[n], vertex[n]
         rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], incoming[n], outgoing[n], 1.0)
-        out[n] = value(points, rho, z, x, y, along, a, b)
+        out[n] = value(points, rho, z, x, y, along)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _segment_to_point(points, segments, origin, direction, target, outgoing, length, out):
-    a, b = scratch(points)
-    c, d = scratch(segments)
     for n in range(len(out)):
         p, q = target[n], origin[n]
         rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], direction[n], outgoing[n], 1.0)
-        out[n] = any_length(points, segments, length[n], rho, z, x, y, along, a, b, c, d)
+        out[n] = any_length(points, segments, length[n], rho, z, x, y, along)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _to_segment(points, segments, beam, origin, direction, eye, view, length, distance, out):
-    a, b = scratch(points)
-    c, d = scratch(segments)
+    of_points, of_tiles = emptied(), emptied()
     for n in range(len(out)):
         o, e, v, axis = origin[n], eye[n], view[n], direction[n]
         ox, oy, oz = o[0] - e[0], o[1] - e[1], o[2] - e[2]
@@ -135,19 +133,18 @@ def _to_segment(points, segments, beam, origin, direction, eye, view, length, di
         close = max(math.sqrt(hx * hx + hy * hy + hz * hz), frame.CLOSEST)
         far = min(distance[n], max(middle, 0.0) + lookup.GONE)
         low, high = math.asinh(-middle / close), math.asinh((far - middle) / close)
-        total = 0.0
         while low < high:
             step = min(_PIECE, piece(points.turn, low), math.asinh(math.sinh(low) + _STRIDE / close) - low)
             step = max(min(step, high - low), 1e-9)
             for i in range(GAUSS):
-                at = low + X[i] * step
-                t = middle + close * math.sinh(at)
+                up = exp(low + X[i] * step)
+                t = middle + close * 0.5 * (up - 1 / up)
+                weight = WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
                 px, py, pz = e[0] + t * v[0] - o[0], e[1] + t * v[1] - o[1], e[2] + t * v[2] - o[2]
                 rho, z, x, y, along = _local(px, py, pz, axis, v, -1.0)
                 if beam:
-                    q = any_length(points, segments, length[n], rho, z, x, y, along, a, b, c, d)
+                    add_beam(of_points, of_tiles, points, segments, length[n], rho, z, x, y, along, weight)
                 else:
-                    q = value(points, rho, z, x, y, along, a, b)
-                total += WEIGHT[i] * step * close * math.cosh(at) * math.exp(-t) * q
+                    add(of_points, points, rho, z, x, y, along, weight)
             low += step
-        out[n] = total
+        out[n] = total(of_points, points) + total(of_tiles, segments)

@@ -126,7 +126,7 @@ def changed(ready: lookup.Ready, table: Table, change) -> lookup.Ready:
     """A table ready for look-ups with other coefficients: change (N, K + 1)."""
     a = np.column_stack([table.offset, table.coefficient * table.coefficient_scale.astype(float)]) + change
     grid = margins(a.reshape(2**DEPTH + 1, ASPECT * 2**DEPTH + 1, -1))
-    return ready._replace(grid=np.ascontiguousarray(grid, np.float32))
+    return ready._replace(grid=lookup.padded(grid))
 
 
 def _tree():

@@ -1,0 +1,99 @@
+"""The sum over the functions of a table, eight at a time: sum over k of (sum over 16 corners of a_k) (sum over 4 of B_k).
+
+Written in the compiler's own vectors: of the loop in Python numba makes single numbers or gathers (120 ns against 30 with 16
+functions).  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 8  # float32; arrays are padded with zeros to a multiple of it.  16 is slower on processors that have them
+
+_VECTOR = ir.VectorType(ir.FloatType(), LANES)
+_INT = ir.IntType(32)
+_BYTES = 4
+
+
+@intrinsic
+def blend(typingctx, grid, at, row, basis, there, ring, count, p, w, f):
+    """a_0 + B_0 + sum over k of a_k B_k, float32.
+
+    Parameters
+    ----------
+    grid, basis : C-contiguous float32, a_k and B_k with k along the last axis
+    at, there : of the first corner, counted in numbers; row, ring : from one corner to the next along the first axis
+    count : of k, padded, also from one corner to the next along the second axis
+    p, w : four float32 each, weights along the first and the second axis of the grid
+    f : four float32, weights in the basis: here, next along the second axis, along the first, along both
+    """
+    indices = [types.intp] * 5
+    signature = types.float32(grid, *indices[:2], basis, *indices[2:], p, w, f)
+    return signature, _code
+
+
+def _code(context, builder, signature, args):
+    grid, at, row, basis, there, ring, count, p, w, f = args
+    grid, basis = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
+    p, w, f = ([_splat(builder, builder.extract_value(four, k)) for k in range(4)] for four in (p, w, f))
+    step = count.type
+
+    def weighted(weights, numbers):
+        pairs = [_fma(builder, weights[n + 1], numbers[n + 1], builder.fmul(weights[n], numbers[n])) for n in (0, 2)]
+        return builder.fadd(*pairs)
+
+    def corners(base, first, stride, rows, columns):
+        return [[_load(builder, base, builder.add(builder.add(first, builder.mul(stride, step(n))), builder.mul(count, step(m))))
+                 for m in range(columns)] for n in range(rows)]
+
+    def factors(k):
+        a = weighted(p, [weighted(w, four) for four in corners(grid, builder.add(at, k), row, 4, 4)])
+        (b0, b1), (b2, b3) = corners(basis, builder.add(there, k), ring, 2, 2)
+        return a, weighted(f, [b0, b1, b2, b3])
+
+    # k = 0 is added, the others are multiplied
+    a, b = factors(step(0))
+    zeroth = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] + [0] * (LANES - 1))
+    start = builder.select(zeroth, builder.fadd(a, b), builder.fmul(a, b))
+    before = builder.block
+    head, body, done = (builder.append_basic_block(name) for name in ("blend", "blend.more", "blend.done"))
+    builder.branch(head)
+    builder.position_at_end(head)
+    k, total = builder.phi(step), builder.phi(_VECTOR)
+    builder.cbranch(builder.icmp_signed("<", k, count), body, done)
+    builder.position_at_end(body)
+    a, b = factors(k)
+    for phi, first, following in ((k, step(LANES), builder.add(k, step(LANES))), (total, start, _fma(builder, a, b, total))):
+        phi.add_incoming(first, before)
+        phi.add_incoming(following, body)
+    builder.branch(head)
+    builder.position_at_end(done)
+    return _sum(builder, total)
+
+
+def _splat(builder, x):
+    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), x, _INT(0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
+
+
+def _load(builder, base, index):
+    numbers = builder.load(builder.bitcast(builder.gep(base, [index]), _VECTOR.as_pointer()))
+    numbers.align = _BYTES
+    return numbers
+
+
+def _fma(builder, x, y, z):
+    kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.fmuladd.v{LANES}f32"), [x, y, z])
+
+
+def _sum(builder, numbers):
+    half = LANES
+    while half > 1:
+        half //= 2
+        turned = ir.Constant(ir.VectorType(_INT, LANES), [(n + half) % LANES for n in range(LANES)])
+        numbers = builder.fadd(numbers, builder.shuffle_vector(numbers, numbers, turned))
+    return builder.extract_element(numbers, _INT(0))
