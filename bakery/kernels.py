@@ -6,6 +6,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | what | layout, in Python | compiled |
 |---|---|---|
 | tables of multiple scattering | `asset.multiple.point.tables()` | `point_source`, `segment_source` |
+| sums of look-ups in them | | `no_look_ups`, `add_look_up`, `sum_of_look_ups` |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
@@ -90,6 +91,9 @@ from bakery.physics.medium._kernels import turned as turned_direction
 from bakery.physics.medium.phase import evaluate as phase_at
 from bakery.physics.medium.phase import integral as phase_integral
 from bakery.physics.mie import amplitudes as mie_amplitudes
+from bakery.physics.multiple._look import add as add_look_up
+from bakery.physics.multiple._look import emptied as no_look_ups
+from bakery.physics.multiple._look import total as sum_of_look_ups
 from bakery.physics.multiple._look import value as point_source
 from bakery.physics.multiple.lookup import any_length as segment_source
 from bakery.physics.packing._cells import cells as tile_grid
@@ -112,6 +116,7 @@ __all__ = [
     "Exemplars",
     "Mesh",
     "Region",
+    "add_look_up",
     "aggregate",
     "aggregate_scratch",
     "at_surface",
@@ -147,6 +152,7 @@ __all__ = [
     "mie_amplitudes",
     "nearest_triangle",
     "never_diffuse",
+    "no_look_ups",
     "open_wavelengths",
     "phase_at",
     "phase_integral",
@@ -165,6 +171,7 @@ __all__ = [
     "solid",
     "stored_discs",
     "stream_key",
+    "sum_of_look_ups",
     "surface_density",
     "surface_frame",
     "surface_share",

@@ -96,6 +96,7 @@ class Shape(NamedTuple):
     box : (2, 3) m, corners of the box around it
     index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
         (`null`); None of other surfaces
+    smooth : whether that is no rough dielectric
     """
 
     name: str
@@ -103,6 +104,7 @@ class Shape(NamedTuple):
     faces: np.ndarray | None
     box: np.ndarray
     index: float | None
+    smooth: bool
 
 
 class World:
@@ -159,6 +161,8 @@ class World:
 
     def shapes(self) -> list[Shape]:
         """All surfaces of the scene."""
+        import mitsuba as mi
+
         found = []
         for shape in self._scene.shapes():
             vertices = faces = None
@@ -167,7 +171,8 @@ class World:
                 faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
             box = shape.bbox()
             box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
-            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf())))
+            smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
+            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth))
         return found
 
     def extents(self):

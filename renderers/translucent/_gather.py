@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bakery.kernels import hashed, lent, mesh_scratch, multiple_scratch, phase_value, point_source, triangle_normal
+from bakery.kernels import add_look_up, hashed, lent, mesh_scratch, no_look_ups, phase_value, sum_of_look_ups, triangle_normal
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform
 
@@ -87,7 +87,7 @@ def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, 
         began with light scattered before; W/m^2 sr
     """
     geometry, medium, table, beams = lent(geometry), lent(medium), lent(table), lent(beams)
-    a, b = multiple_scratch(table)
+    looked_up = no_look_ups()
     n = len(beams.length)
     total, room, local = np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
     p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
@@ -122,21 +122,23 @@ def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, 
                     for k in range(3):
                         d[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k])
                         ray[k] = beams.direction[beam, k]
-                    value = _later(table, d, ray, direction, i, a, b)
+                    _later(looked_up, table, d, ray, direction, i, weight * lasting * sigma**3)
                     if beyond < np.inf:
                         _mirror(beyond, sigma, normal, origin, i, p, d, ray, t, direction)
-                        value -= _later(table, d, ray, direction, i, a, b)
-                    brought[LATER, i, w] += weight * lasting * sigma**3 * value
+                        _later(looked_up, table, d, ray, direction, i, -weight * lasting * sigma**3)
                 negative = beams.power[beam, w] < 0.0
                 if second or negative and later:
                     kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
                     brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
                         geometry, medium, beams, beam, w, v, p, d, origin, direction, far, i, room)
+            if later:
+                brought[LATER, i, w] += sum_of_look_ups(looked_up, table)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _later(table, away, ray, direction, i, a, b):
-    """The table at a place away (1, 3) mfp from a collision of light along ray (3,), against the direction of line of sight i."""
+def _later(looked_up, table, away, ray, direction, i, weight):
+    """Adds weight times the table at a place away (1, 3) mfp from a collision of light along ray (3,), against the direction of
+    line of sight i, to a sum of look-ups."""
     x, y, z = away[0, 0], away[0, 1], away[0, 2]
     bx, by, bz = ray[0], ray[1], ray[2]
     ox, oy, oz = -direction[i, 0], -direction[i, 1], -direction[i, 2]
@@ -149,7 +151,7 @@ def _later(table, away, ray, direction, i, a, b):
         across = math.sqrt(max(1.0 - forward * forward - radial * radial, 0.0))
     else:
         radial, across = math.sqrt(max(1.0 - forward * forward, 0.0)), 0.0
-    return point_source(table, rho, along, radial, across, forward, a, b)
+    add_look_up(looked_up, table, rho, along, radial, across, forward, weight)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

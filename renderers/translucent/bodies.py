@@ -21,6 +21,7 @@ class Body(NamedTuple):
     name : of its shape
     vertices, faces : (V, 3) m, (F, 3), closed, outward
     index : refractive index inside over that outside; 1 where there is no boundary to light
+    smooth : whether Fresnel's equations are all that its boundary does to light
     medium : `Scatterer`, of the events that the tables count
     tables : of each wavelength the point table, ready for look-ups
     convex : whether no straight way between two of its points leaves it, or meets another surface
@@ -30,6 +31,7 @@ class Body(NamedTuple):
     vertices: np.ndarray
     faces: np.ndarray
     index: float
+    smooth: bool
     medium: Scatterer
     tables: list
     convex: bool

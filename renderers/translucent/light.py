@@ -15,7 +15,7 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.threads import run
-from renderers.translucent import _geometry, _walk, transport
+from renderers.translucent import _light, _walk, transport
 from renderers.translucent._gather import Beams
 from renderers.translucent.paths import Paths, joined
 from renderers.translucent.transport import UNLIMITED, Sums
@@ -40,9 +40,9 @@ def beams(how, number, entries, walks, boundary, ways, pass_number, seed) -> Bea
     inside = body_of == number
     paths, power, far = paths.of(inside), power[inside], far[inside]
     if not ways:
-        made.add(paths, far, power, 0)
+        made.add(paths.origin, paths.direction, far, power, 0)
     if (boundary or ways) and len(paths):
-        _walked(how, number, *_chosen(paths, power, walks), made, ways)
+        (_ways if ways else _walked)(how, number, *_chosen(paths, power, walks), made)
     return made.beams(len(how.colours.to_waves))
 
 
@@ -52,9 +52,9 @@ class _Made:
     def __init__(self, real):
         self._real, self._parts = real, []
 
-    def add(self, paths, length, power, before, real=True):
-        n = len(paths)
-        self._parts.append((paths.origin.copy(), paths.direction.copy(), np.broadcast_to(length, n).astype(float), power,
+    def add(self, origin, direction, length, power, before, real=True):
+        n = len(origin)
+        self._parts.append((origin.copy(), direction.copy(), np.broadcast_to(length, n).astype(float), power,
                             np.broadcast_to(before, n).astype(np.int64), np.full(n, real and self._real)))
 
     def beams(self, waves):
@@ -147,34 +147,51 @@ def _chosen(paths, power, walks):
     return chosen, total[-1] / walks
 
 
-def _walked(how, number, paths, scale, made, ways):
-    """Adds the beams of walks."""
-    body, fresh = how.bodies[number], False
+def _walked(how, number, paths, scale, made):
+    """Adds the beams of light that walks on, but for the first ones."""
+    body = how.bodies[number]
+    waves = paths.weight.shape[1]
+    index = body.index if body.smooth else 0.0
+    _, far, place = transport.located(how.geometry, paths)
     while len(paths):
+        n = len(paths)
+        left, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
+        status, alive = np.empty(n, np.int64), np.empty(n, bool)
+        run(_light.walk, n, how.geometry, body.medium, number, index, paths.origin, paths.direction, paths.weight, paths.states,
+            far, place, paths.start, paths.events, paths.order, paths.bounces, left, turned, status, alive, block=256)
+        left, turned = left[left[..., 6] > 0], turned[turned[..., 7] >= 0]
+        made.add(left[:, :3], left[:, 3:6], np.inf, -scale * left[:, 7:], left[:, 6], real=False)
+        made.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
+        more, met = status == _light.MORE, status == _light.SURFACE
+        back, _, far_back, place_back = _back(how, number, paths.of(met), place[met])
+        made.add(back.origin, back.direction, far_back, scale * back.weight, back.order)
+        paths = joined([paths.of(more), back])
+        far, place = np.concatenate([far[more], far_back]), np.concatenate([place[more], place_back])
+
+
+def _ways(how, number, paths, scale, made):
+    """Adds a beam for every way of light between two events or surfaces."""
+    body = how.bodies[number]
+    _, far, place = transport.located(how.geometry, paths)
+    while len(paths):
+        made.add(paths.origin, paths.direction, far, scale * paths.weight, paths.order)
+        status = transport.through(how, number, paths, far, place, UNLIMITED, True)
+        met, turns = status == _walk.CONTACT, paths.of(status == _walk.EVENT)
+        alive = np.empty(len(turns), bool)
+        run(_walk.scatter, len(turns), body.medium, turns.origin, turns.direction, turns.weight, turns.states, turns.drawn,
+            turns.density, turns.single, turns.bounces, alive)
+        paths = joined([turns.of(alive), _back(how, number, paths.of(met), place[met])[0]])
         body_of, far, place = transport.located(how.geometry, paths)
         inside = body_of == number
         paths, far, place = paths.of(inside), far[inside], place[inside]
-        if ways or fresh:
-            made.add(paths, far, scale * paths.weight, paths.order)
-        fresh = True
-        status = transport.through(how, number, paths, far, place, UNLIMITED, ways)
-        met, events = status == _walk.CONTACT, status == _walk.EVENT
-        turned = paths.of(events)
-        if len(turned):
-            alive = np.empty(len(turned), bool)
-            run(_walk.scatter, len(turned), body.medium, turned.origin, turned.direction, turned.weight, turned.states,
-                turned.drawn, turned.density, turned.single, turned.bounces, alive)
-            turned = turned.of(alive)
-        meets, far, place = paths.of(met), far[met], place[met]
-        if not ways:
-            left = meets.of(meets.events > 0)
-            left.origin = left.origin + far[meets.events > 0][:, None] * left.direction
-            made.add(left, np.inf, -scale * left.weight, left.order, real=False)
-        paths = joined([turned, _turned_back(how, number, meets, place)])
 
 
-def _turned_back(how, number, paths, place):
-    """Paths that go on in the body from a surface."""
-    own = how.geometry.owner[place]
-    crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
-    return transport.shaded(how, paths.of(~crosses), Sums(int(paths.pixel.max(initial=0)) + 1, found=False))
+def _back(how, number, paths, place):
+    """Paths that go on in a body from surfaces that they meet, as `transport.located` finds them."""
+    if len(paths):
+        own = how.geometry.owner[place]
+        crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
+        paths = transport.shaded(how, paths.of(~crosses), Sums(int(paths.pixel.max(initial=0)) + 1, found=False))
+    body, far, place = transport.located(how.geometry, paths)
+    inside = body == number
+    return paths.of(inside), body[inside], far[inside], place[inside]

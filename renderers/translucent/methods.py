@@ -72,7 +72,7 @@ def _body(scene, world, number, asset):
         raise scene.wrong(f"{key}.boundary.index", f"found {index:g}, and the BSDF of {entry.shape} has {shape.index:g}; the same "
                           "would do")
     tables = [one for one, _, _ in asset.multiple.point.tables()]
-    return Body(entry.shape, vertices, faces, shape.index, medium_of(asset), tables, False)
+    return Body(entry.shape, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
 
 
 def parts(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
