@@ -17,6 +17,7 @@ from renderers.translucent._geometry import first
 from renderers.wavefront import uniform
 
 LATER, SECOND, OTHER = range(3)  # what `gather` finds
+_BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bring, and the share that is drawn evenly
 _FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
 _SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
 
@@ -45,37 +46,48 @@ def _along(u, sigma, length):
     return min(-math.log1p(-u * share) / sigma, length), share / sigma
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _guess(beams, sigma, k0, w, ex, ey, ez, total):
-    """Cumulated guesses of what beams bring at wavelength w to a point e, m, into total (N,)."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _guess(middle, strength, sigma, k0, ex, ey, ez, total):
+    """Cumulated guesses of what beams bring to a point e, m, into total (N,).
+
+    middle : (3, N) m, where beams are strongest;  strength : (N,) of each
+    """
     mean, n = 0.0, len(total)
     for b in range(n):
-        s = min(1.0 / sigma, 0.5 * beams.length[b])
-        x = (beams.origin[b, 0] + s * beams.direction[b, 0] - ex) * sigma
-        y = (beams.origin[b, 1] + s * beams.direction[b, 1] - ey) * sigma
-        z = (beams.origin[b, 2] + s * beams.direction[b, 2] - ez) * sigma
-        r = math.sqrt(x * x + y * y + z * z)
-        # a short beam has little power to scatter
-        power = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
-        total[b] = power * math.exp(-k0 * r) / (r + _SOFT) * (1 + 1 / (r + _SOFT))
+        x, y, z = middle[0, b] - ex, middle[1, b] - ey, middle[2, b] - ez
+        r = sigma * math.sqrt(x * x + y * y + z * z)
+        far, near = k0 * r, r + _SOFT
+        # 1 / exp(far), as far as it matters
+        total[b] = strength[b] * (near + 1) / (near * near * (1 + far * (1 + far * (0.5 + far * (1 / 6 + far / 24)))))
         mean += total[b]
     mean *= _FLOOR / max(n, 1)
-    sum_ = 0.0
+    whole = 0.0
     for b in range(n):
-        sum_ += total[b] + mean * (beams.power[b, w] != 0.0)
-        total[b] = sum_
-    return sum_
+        whole += total[b] + (mean if strength[b] > 0.0 else 0.0)
+        total[b] = whole
+    return whole
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, around, origin, direction, far, states, brought,
-           begin, end):
+def strongest(sigma, w, beams, middle, strength):
+    """Where beams are strongest at wavelength w, middle (3, N) m, and how strong, for `_guess`."""
+    for b in range(len(beams.length)):
+        s = min(1.0 / sigma, 0.5 * beams.length[b])
+        for k in range(3):
+            middle[k, b] = beams.origin[b, k] + s * beams.direction[b, k]
+        # a short beam has little power to scatter
+        strength[b] = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def gather(geometry, medium, table, k0, w, beams, middle, strength, picks, later, second, beyond, around, origin, direction, far,
+           states, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
 
     Parameters
     ----------
     medium : `Scatterer`;  table : ready table of points of wavelength w, whose tail falls off with k0, 1/mfp
-    beams : `Beams`
+    beams : `Beams`;  middle, strength : of `strongest`
     picks : beams drawn for each line of sight
     later : whether third and later events count, by the table, and second ones on beams of negative power
     second : whether second ones on others do
@@ -91,27 +103,27 @@ def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, 
     n = len(beams.length)
     total, room, local = np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
     p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
-    normal = np.empty(3)
+    normal, here, share = np.empty(3), np.empty(3), np.empty(_BINS)
     sigma, albedo = medium.sigma_t[w], medium.albedo[w]
     for g in range(begin, end):
-        one = around[g]
-        if one == around[g + 1] or n == 0:
-            continue
-        t = min(1.0 / sigma, 0.5 * far[one])
-        all_ = _guess(beams, sigma, k0, w, origin[one, 0] + t * direction[one, 0], origin[one, 1] + t * direction[one, 1],
-                      origin[one, 2] + t * direction[one, 2], total)
-        for i in range(one, around[g + 1]):
+        here[:] = 0.0
+        for i in range(around[g], around[g + 1]):
+            t = min(1.0 / sigma, 0.5 * far[i])
+            for k in range(3):
+                here[k] += (origin[i, k] + t * direction[i, k]) / (around[g + 1] - around[g])
+        whole = _guess(middle, strength, sigma, k0, here[0], here[1], here[2], total)
+        for i in range(around[g], around[g + 1]):
             for kind in range(3):
                 brought[kind, i, w] = 0.0
             if beyond < np.inf:
                 _facing(geometry, origin, direction, i, p, d, normal, room)
             local[0] = hashed(states[i])
-            if not all_ > 0.0:
+            if not whole > 0.0:
                 continue
             for pick in range(picks):
-                u = (pick + uniform(local, 0)) / picks * all_
+                u = (pick + uniform(local, 0)) / picks * whole
                 beam = min(np.searchsorted(total, u, side="right"), n - 1)
-                chance = (total[beam] - (total[beam - 1] if beam > 0 else 0.0)) / all_ * picks
+                chance = (total[beam] - (total[beam - 1] if beam > 0 else 0.0)) / whole * picks
                 s, weight = _along(uniform(local, 0), sigma, beams.length[beam])
                 weight *= beams.power[beam, w] * sigma / chance
                 u, v = uniform(local, 0), uniform(local, 0)
@@ -130,7 +142,7 @@ def gather(geometry, medium, table, k0, w, beams, picks, later, second, beyond, 
                 if second or negative and later:
                     kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
                     brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
-                        geometry, medium, beams, beam, w, v, p, d, origin, direction, far, i, room)
+                        geometry, medium, beams, beam, w, v, uniform(local, 0), share, p, d, origin, direction, far, i, room)
             if later:
                 brought[LATER, i, w] += sum_of_look_ups(looked_up, table)
 
@@ -177,9 +189,15 @@ def _mirror(beyond, sigma, normal, origin, i, p, away, ray, t, direction):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _second(geometry, medium, beams, beam, w, u, p, d, origin, direction, far, i, room):
-    """Light of a collision at p (1, 3) that scatters a second time on line of sight i: at a place drawn in proportion to the
-    inverse square of the distance from p.  1/m^2 sr: the phase functions, attenuation, and the line's element."""
+def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, direction, far, i, room):
+    """Light of a collision at p (1, 3) that scatters a second time on line of sight i, 1/m^2 sr: phase functions, attenuation,
+    and the line's element.
+
+    The place is drawn evenly in the angle at p that the line subtends, which is as the inverse square of the distance, within one
+    of `_BINS` parts of it; these by the product of phase functions and attenuation in their middles (Novak et al. 2012).
+
+    u, v : uniform numbers;  share : (_BINS,) room
+    """
     along, square = 0.0, 0.0
     for k in range(3):
         along += (p[0, k] - origin[i, k]) * direction[i, k]
@@ -190,18 +208,35 @@ def _second(geometry, medium, beams, beam, w, u, p, d, origin, direction, far, i
     if not h > 0.0:
         return 0.0
     low, high = math.atan2(-along, h), math.atan2(far[i] - along, h)
-    turn = low + u * (high - low)
-    t = along + h * math.tan(turn)
-    distance = h / math.cos(turn)
+    step, whole = (high - low) / _BINS, 0.0
+    for m in range(_BINS):
+        share[m] = _product(medium, beams, beam, w, low + (m + 0.5) * step, along, h, p, d, origin, direction, i)[0]
+        whole += share[m]
+    if not whole > 0.0:
+        return 0.0
+    least, chosen, m = _EVEN * whole / _BINS, u * (1 + _EVEN) * whole, 0
+    chosen -= share[0] + least
+    while chosen >= 0.0 and m < _BINS - 1:
+        m += 1
+        chosen -= share[m] + least
+    value, distance = _product(medium, beams, beam, w, low + (m + v) * step, along, h, p, d, origin, direction, i)
+    if beams.real[beam]:
+        _, wall = first(geometry, p, d, 0, np.int64(-1), room)
+        if wall < distance * (1 - 1e-6):
+            return 0.0
+    return value * step / h * (1 + _EVEN) * whole / (share[m] + least)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _product(medium, beams, beam, w, turn, along, h, p, d, origin, direction, i):
+    """Phase functions times attenuation of the way from p (1, 3) to line of sight i, seen from there at an angle from the nearest
+    point, and its length; d (1, 3) becomes its direction."""
+    t, distance = along + h * math.tan(turn), h / math.cos(turn)
     cosine, last = 0.0, 0.0
     for k in range(3):
         d[0, k] = (origin[i, k] + t * direction[i, k] - p[0, k]) / distance
         cosine += d[0, k] * beams.direction[beam, k]
         last -= d[0, k] * direction[i, k]
-    if beams.real[beam]:
-        _, wall = first(geometry, p, d, 0, np.int64(-1), room)
-        if wall < distance * (1 - 1e-6):
-            return 0.0
-    value = phase_value(medium.v, medium.steps, medium.phase[w], 1 - cosine) \
-        * phase_value(medium.v, medium.steps, medium.phase[w], 1 - last)
-    return value * math.exp(-medium.sigma_t[w] * (distance + t)) * (high - low) / h
+    value = phase_value(medium.v, medium.steps, medium.phase[w], max(1 - cosine, 0.0)) \
+        * phase_value(medium.v, medium.steps, medium.phase[w], max(1 - last, 0.0))
+    return value * math.exp(-medium.sigma_t[w] * (distance + t)), distance

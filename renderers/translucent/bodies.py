@@ -71,8 +71,8 @@ def laid_out(world, bodies) -> tuple[list[Body], Geometry]:
             if not np.all((shape.box[0] <= box[1]) & (shape.box[1] >= box[0])):
                 continue
             if triangles is None:
-                if _reaches(shape.box, box):
-                    raise ValueError(f"{shape.name} reaches into the box around {names[number]} and is no mesh; a mesh would do")
+                if _reaches(shape.box, bodies[number]):
+                    raise ValueError(f"{shape.name} reaches into {names[number]} and is no mesh; a mesh would do")
                 continue
             near = np.all((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0]), axis=1)
             crowded[number] |= bool(near.any())
@@ -86,10 +86,24 @@ def laid_out(world, bodies) -> tuple[list[Body], Geometry]:
     return bodies, _geometry(corners, owners, np.concatenate([one.vertices for one in bodies]))
 
 
-def _reaches(inner, outer):
-    """Whether a box reaches into another by more than the rounding of single precision."""
-    slack = 1e-5 * float(np.ptp(outer, axis=0).max())
-    return bool(np.all((inner[0] < outer[1] - slack) & (inner[1] > outer[0] + slack)))
+def _reaches(box, body):
+    """Whether a box, less the rounding of single precision, reaches into a body."""
+    low, high = box + 1e-5 * float(np.ptp(body.vertices, axis=0).max()) * np.array([[1.0], [-1.0]])
+    if not np.all(low < high):
+        return False
+    met, vertices = np.zeros((1, 1, 1), np.uint8), np.ascontiguousarray(body.vertices, float)
+    kernels.mark_voxels(met, low, high - low, vertices, body.faces.astype(np.int64), 0.0, np.uint8(1))
+    return bool(met.any()) or _holds(body, (low + high) / 2)
+
+
+def _holds(body, point):
+    """Whether a point (3,) is in a body: by the solid angle of its triangles (van Oosterom and Strackee 1983)."""
+    a, b, c = (body.vertices[body.faces[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
+    dots = (np.einsum("fk,fk->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
+    ab, bc, ca = dots
+    angle = 2 * np.arctan2(np.einsum("fk,fk->f", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb)
+    return bool(angle.sum() > 2 * np.pi)
 
 
 def _geometry(corners, owners, vertices):

@@ -99,7 +99,7 @@ def parts(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
                 for body in range(len(how.bodies))]
         beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
         number += _LATER
-        sums = transport.from_eye(how, most, Gather(made, tabled, second, picks, beyond, width), number, seed, found=False)
+        sums = transport.from_eye(how, most, Gather(made, tabled, second, picks, beyond), number, seed, found=False)
         layers, later = images(sums), sums.gathered.reshape(height, width, 3)
         if tabled:
             seen = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))

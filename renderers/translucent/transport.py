@@ -18,7 +18,7 @@ from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
-_CELL = 8  # edge, in pixels, of the blocks whose lines of sight draw beams by one guess
+_TOGETHER = 64  # lines of sight, near each other, that draw beams by one guess
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
 UNLIMITED = 1 << 40  # events between two surfaces
 
@@ -91,7 +91,6 @@ class Gather(NamedTuple):
     later : whether third and later events count;  second : of each body, whether second ones do
     picks : beams for each line of sight
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
-    width : of the picture, pixels
     """
 
     beams: list
@@ -99,7 +98,6 @@ class Gather(NamedTuple):
     second: list
     picks: int
     beyond: list
-    width: int
 
 
 def from_eye(transport, most, gather, number, seed, found=True) -> Sums:
@@ -274,18 +272,28 @@ def _gathered(transport, paths, number, far, sums, gather):
     if not len(rows):
         return
     body, beams = transport.bodies[number], gather.beams[number]
-    y, x = np.divmod(paths.pixel[rows], gather.width)
-    cell = (y // _CELL) * (gather.width // _CELL + 1) + x // _CELL
-    order = np.lexsort((cell, paths.bounces[rows]))
-    rows, key = rows[order], cell[order] + (cell.max() + 1) * paths.bounces[rows][order]
-    around = np.append(np.flatnonzero(np.diff(key, prepend=-1)), len(rows))
+    rows = rows[_by_place(paths.origin[rows], body.vertices)]
+    around = np.append(np.arange(0, len(rows), _TOGETHER), len(rows))
     some = paths.of(rows)
     brought = np.zeros((3, *some.weight.shape))
     for w, table in enumerate(body.tables):
-        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, table, table.k0, w, beams, gather.picks,
+        middle, strength = np.empty((3, len(beams.length))), np.empty(len(beams.length))
+        _gather.strongest(body.medium.sigma_t[w], w, beams, middle, strength)
+        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, table, table.k0, w, beams, middle, strength, gather.picks,
             gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction, far[rows], some.states,
             brought, block=16)
     later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
     sums.add_gathered(some, later)
     sums.add(some, second, 2)
     sums.add(some, other, 3)
+
+
+def _by_place(points, vertices):
+    """Order (n,) of points (n, 3) in which neighbours are near each other: along a Morton curve through the box of a mesh."""
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max()
+    cell = np.clip((points - low) / size * 1024, 0, 1023).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= (cell[:, axis] >> bit & 1) << 3 * bit + axis
+    return np.argsort(code, kind="stable")
