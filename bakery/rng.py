@@ -46,6 +46,7 @@ STREAMS = {
     "render.detail": Stream(0x72646574, ()),
     "render.translucent": Stream(0x7274726E, ("pass",)),
     "render.entries": Stream(0x72656E74, ("pass",)),
+    "render.light": Stream(0x726C6774, ("pass",)),
 }
 _WORD = 1 << 32
 

@@ -38,6 +38,11 @@ def draw(states, out):
             out[i, j] = uniform(states, i)
 
 
+def skip(states, count):
+    """Takes so many numbers of each stream, and does nothing with them."""
+    states += np.full(1, count, np.uint64) * _GOLDEN
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def to_rgb(colours, values, radiance, rgb):
     """What factors values (L,) make of radiance (3,), linear sRGB."""

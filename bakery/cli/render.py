@@ -59,6 +59,7 @@ def command(source, output, quality, variant, seed, settings, resume, overwrite,
             prepared = assets.baked
     elif suffix == ".xml":
         import renderers.granular.plugin  # noqa: F401  registers it
+        import renderers.translucent.plugin  # noqa: F401  and this
         import renderers.mitsuba as renderer
 
         options |= {"quality": quality or "final", "seed": seed or 0, "parameters": values}

@@ -23,6 +23,7 @@ def main(arguments=None) -> int:
     options = parser.parse_args(arguments)
     try:
         import renderers.granular.plugin  # noqa: F401  registers it
+        import renderers.translucent.plugin  # noqa: F401  and this
         from renderers.mitsuba import render_scene
         from renderers.preview import preview
 

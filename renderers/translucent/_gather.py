@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bakery.kernels import add_look_up, hashed, lent, mesh_scratch, no_look_ups, phase_value, sum_of_look_ups, triangle_normal
+from bakery.kernels import add_look_up, lent, mesh_scratch, no_look_ups, phase_value, sum_of_look_ups, triangle_normal
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform
 
 LATER, SECOND, OTHER = range(3)  # what `gather` finds
 _BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bring, and the share that is drawn evenly
+DRAWS = 6  # random numbers for each beam
 _FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
 _SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
 
@@ -117,7 +118,7 @@ def gather(geometry, medium, table, k0, w, beams, middle, strength, picks, later
                 brought[kind, i, w] = 0.0
             if beyond < np.inf:
                 _facing(geometry, origin, direction, i, p, d, normal, room)
-            local[0] = hashed(states[i])
+            local[0] = states[i]
             if not whole > 0.0:
                 continue
             for pick in range(picks):

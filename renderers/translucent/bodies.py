@@ -49,14 +49,12 @@ def medium_of(asset) -> Scatterer:
                      np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
 
 
-def laid_out(world, bodies) -> tuple[list[Body], Geometry]:
+def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
     """Bodies, with `convex` as the scene has it, and the layout for their rays.
 
     bodies : list of `Body`
-
-    Raises
-    ------
-    ValueError : a surface that is no mesh reaches into the box of a body, in words
+    wrong : function of (number of a body, what of it, message) -> the exception to raise where a surface that is no mesh reaches
+        into one
     """
     boxes = [np.array([one.vertices.min(axis=0), one.vertices.max(axis=0)]) for one in bodies]
     names = [one.name for one in bodies]
@@ -72,7 +70,7 @@ def laid_out(world, bodies) -> tuple[list[Body], Geometry]:
                 continue
             if triangles is None:
                 if _reaches(shape.box, bodies[number]):
-                    raise ValueError(f"{shape.name} reaches into {names[number]} and is no mesh; a mesh would do")
+                    raise wrong(number, "shape", f"{shape.name} reaches into {names[number]} and is no mesh; a mesh would do")
                 continue
             near = np.all((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0]), axis=1)
             crowded[number] |= bool(near.any())

@@ -34,7 +34,7 @@ def beams(how, number, entries, walks, boundary, ways, pass_number, seed) -> Bea
     ways : whether every way between two events is a beam (virtual ray lights); then no beam is negative
     """
     body = how.bodies[number]
-    paths, power = _entered(how, number, entries, stream_key(seed, "render.entries", pass_number))
+    paths, power = _entered(how, number, entries, pass_number, seed)
     made = _Made(not body.convex)
     body_of, far, _ = transport.located(how.geometry, paths)
     inside = body_of == number
@@ -42,7 +42,9 @@ def beams(how, number, entries, walks, boundary, ways, pass_number, seed) -> Bea
     if not ways:
         made.add(paths.origin, paths.direction, far, power, 0)
     if (boundary or ways) and len(paths):
-        (_ways if ways else _walked)(how, number, *_chosen(paths, power, walks), made)
+        chosen, scale = _chosen(paths, power, walks)
+        wavefront.begin_streams(stream_key(seed, "render.light", pass_number), number * _APART, chosen.states)
+        (_ways if ways else _walked)(how, number, chosen, scale, made)
     return made.beams(len(how.colours.to_waves))
 
 
@@ -65,11 +67,11 @@ class _Made:
 # ---- light that comes in
 
 
-def _entered(how, number, entries, key):
+def _entered(how, number, entries, pass_number, seed):
     """Paths just inside of the boundary, and their power (n, L), W."""
     body, world, waves = how.bodies[number], how.world, len(how.colours.to_waves)
     states, numbers = np.empty(entries, np.uint64), np.empty((entries, 10))
-    wavefront.begin_streams(key, number * _APART, states)
+    wavefront.begin_streams(stream_key(seed, "render.entries", pass_number), number * _APART, states)
     wavefront.draw(states, numbers)
     point, normal, area = _on_boundary(body, numbers)
     outside = point + _LOOK * how.geometry.scale * normal
@@ -143,7 +145,6 @@ def _chosen(paths, power, walks):
     at = np.minimum(np.searchsorted(total, (np.arange(walks) + first[0, 0]) / walks * total[-1], side="right"), len(total) - 1)
     chosen = paths.of(at)
     chosen.weight = power[at] / most[at][:, None]
-    wavefront.begin_streams(chosen.states[0], 0, chosen.states)
     return chosen, total[-1] / walks
 
 

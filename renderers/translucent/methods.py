@@ -37,42 +37,52 @@ def prepare(job, world, seed) -> Method:
     settings, assets = job.scene.values.translucent, job.assets
     if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
         raise job.scene.wrong("translucent.bodies", "the assets have different wavelengths; assets of the same ones would do")
-    bodies = [_body(job.scene, world, number, asset) for number, asset in enumerate(assets)]
-    try:
-        bodies, geometry = laid_out(world, bodies)
-    except ValueError as fault:
-        raise job.scene.wrong("scene.mitsuba", fault) from None
+    entries = settings.bodies
+    how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
+                       lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message))
+    return Method(*of(how, settings.method, settings.boundary, seed), _reasons(assets, how.bodies))
+
+
+def of(how, name, boundary, seed):
+    """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
+    name = "vrl+tables" if name == "auto" else name
+    return name, parts(how, name, boundary, seed)
+
+
+def transport_of(world, names, assets, indices, wrong) -> Transport:
+    """How light goes in a scene.
+
+    names : of the shapes that are bodies;  assets : of each;  indices : refractive index of each, or None
+    wrong : function of (number of a body, what of it, message) -> the exception to raise where something is wrong
+    """
+    shapes = world.shapes()
+    bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message))
+              for number, one in enumerate(zip(names, assets, indices, strict=True))]
+    bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
-    how = Transport(world, bodies, geometry, colours)
-    name = "vrl+tables" if settings.method == "auto" else settings.method
-    return Method(name, parts(how, name, settings.boundary, seed), _reasons(assets, bodies))
+    return Transport(world, bodies, geometry, colours)
 
 
-def _body(scene, world, number, asset):
-    """A body of the scene, by its number."""
-    entry = scene.values.translucent.bodies[number]
-    key = f"translucent.bodies[{number}]"
-    found = [shape for shape in world.shapes() if shape.name == entry.shape]
-    names = ", ".join(sorted(shape.name for shape in world.shapes())) or "none"
+def _body(shapes, name, asset, index, wrong):
+    """The body that a shape is."""
+    found = [shape for shape in shapes if shape.name == name]
     if len(found) != 1:
-        raise scene.wrong(f"{key}.shape", f"found {entry.shape!r}; expected the id of a shape of the Mitsuba scene: {names}")
+        names = ", ".join(sorted(shape.name for shape in shapes)) or "none"
+        raise wrong("shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
     shape = found[0]
     if shape.faces is None:
-        raise scene.wrong(f"{key}.shape", f"{entry.shape} is no mesh; a closed mesh would do")
+        raise wrong("shape", f"{name} is no mesh; a closed mesh would do")
     try:
         vertices, faces = kernels.solid(shape.vertices, shape.faces)
     except ValueError as fault:
-        raise scene.wrong(f"{key}.shape", f"{entry.shape} is no closed mesh: {fault}") from None
+        raise wrong("shape", f"{name} is no closed mesh: {fault}") from None
     if shape.index is None:
-        raise scene.wrong(f"{key}.shape", f"the BSDF of {entry.shape} lets no light in; dielectric, roughdielectric or null "
-                          "would do")
-    index = shape.index if entry.boundary is None else entry.boundary.index
-    if abs(index - shape.index) > 1e-3 * index:
-        raise scene.wrong(f"{key}.boundary.index", f"found {index:g}, and the BSDF of {entry.shape} has {shape.index:g}; the same "
-                          "would do")
+        raise wrong("shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
+    if index is not None and abs(index - shape.index) > 1e-3 * index:
+        raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
     tables = [one for one, _, _ in asset.multiple.point.tables()]
-    return Body(entry.shape, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
+    return Body(name, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
 
 
 def parts(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):

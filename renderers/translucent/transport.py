@@ -282,6 +282,10 @@ def _gathered(transport, paths, number, far, sums, gather):
         run(_gather.gather, len(around) - 1, transport.geometry, body.medium, table, table.k0, w, beams, middle, strength, gather.picks,
             gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction, far[rows], some.states,
             brought, block=16)
+    # the numbers with which beams were drawn serve nothing else
+    states = paths.states[rows]
+    wavefront.skip(states, _gather.DRAWS * gather.picks)
+    paths.states[rows] = states
     later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
     sums.add_gathered(some, later)
     sums.add(some, second, 2)

@@ -42,9 +42,10 @@ BAKES = "renderers/assets.py", "bakery.run.ensure"  # where the recipe of a scen
 # what renderers share, from the ground up: each part with what it may import of the others.  Renderers may import all of it,
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "progress": set(), "grids": set(),
-          "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"}, "scene": {"common", "inputs"}, "assets": {"scene"},
+          "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
+          "scene": {"common", "inputs"}, "assets": {"scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"colour", "mitsuba", "running"}}
+          "progressive": {"colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for
