@@ -282,7 +282,7 @@ PICTURES = {
     "candle": ("A candle that burns.", 34, (0, -165, 88), (0, 0, 43), candle_parts()),
     "candle_hollow": ("The same candle with air inside.", 34, (0, -165, 88), (0, 0, 43), candle_parts(hollow=True)),
     "candle_ball": ("The same candle with a black ball inside.", 34, (0, -165, 88), (0, 0, 43), [
-        *candle_parts(), ball("ball", (0, 0, 38), 10, matt(0, 0, 0))]),
+        *candle_parts(), ball("ball", (0, 0, 43.5), 9, matt(0, 0, 0))]),
     "glass_of_milk": ("A glass of milk.", 34, (0, -190, 110), (0, 0, 40), [
         *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)),
         mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
