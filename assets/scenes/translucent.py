@@ -286,7 +286,7 @@ PICTURES = {
     "glass_of_milk": ("A glass of milk.", 34, (0, -190, 110), (0, 0, 40), [
         *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)),
         mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
-        panel("window", (-130, -40, 140), (0, 0, 45), (60, 60), shines(6, 6, 5.8)), sky(0.22, 0.24, 0.27)]),
+        panel("window", (-130, -40, 140), (0, 0, 45), (60, 60), shines(8, 8, 7.7)), sky(0.24, 0.26, 0.28)]),
     "head": ("A head of skin, with a lamp behind one ear.", 34, (-35, -190, 72), (0, 0, 50), head_parts(glass(1.4))),
     "bust": ("The head in marble, with an index that is matched.", 34, (-35, -190, 72), (0, 0, 50), head_parts(MATCHED)),
     "soap_and_lamp": ("A bar of soap with a lamp behind it.", 32, (-45, -175, 62), (0, 0, 26), [
