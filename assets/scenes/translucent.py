@@ -31,17 +31,12 @@ def turned(outline, sides=96):
     return Manifold.revolve(outline, sides)
 
 
-def rounded(polygon, radius, step=4.0):
-    """A polygon whose corners are arcs, those inside too; a vertex at most every `step` along its sides."""
+def rounded(polygon, radius):
+    """A polygon whose corners are arcs, those inside too."""
     solid = CrossSection([polygon], FillRule.EvenOdd)
     for by in (-radius, 2 * radius, -radius):
         solid = solid.offset(by, JoinType.Round, circular_segments=32)
-    (contour,) = solid.to_polygons()
-    points = []
-    for a, b in zip(contour, np.roll(contour, -1, axis=0)):
-        count = max(1, math.ceil(np.hypot(*(b - a)) / step))
-        points += [a + (b - a) * k / count for k in range(count)]
-    return CrossSection([points])
+    return solid
 
 
 def mirrored(half):
@@ -49,8 +44,20 @@ def mirrored(half):
     return half + [(-r, z) for r, z in half[::-1] if r > 0]
 
 
+def divided(contour, step=5.0):
+    """With a vertex at most every `step` along sides, but for the axis."""
+    points = []
+    for a, b in zip(contour, np.roll(contour, -1, axis=0)):
+        count = max(1, math.ceil(np.hypot(*(b - a)) / step)) if a[0] or b[0] else 1
+        points += [a + (b - a) * k / count for k in range(count)]
+    return points
+
+
 def right_half(outline):
-    return outline ^ CrossSection.square((1000, 2000)).translate((0, -1000))
+    """What has radii >= 0; where it nearly meets the axis, on the axis: a vertex there, not a tiny ring."""
+    half = outline ^ CrossSection.square((1000, 2000)).translate((0, -1000))
+    half = half.warp(lambda point: (0 if point[0] < 0.1 else point[0], point[1])).simplify(1e-3)
+    return CrossSection([divided(contour) for contour in half.to_polygons()], FillRule.EvenOdd)
 
 
 def lathe(half, radius, sides=96):
@@ -162,7 +169,7 @@ def _head(*place):
 
 def head():
     box = (-42, -36, -4, 42, 40, 100)
-    return Manifold.level_set(lambda x, y, z: -_head(x, y, z), box, 2.3, 0.0, 0.05)
+    return Manifold.level_set(lambda x, y, z: -_head(x, y, z), box, 2.32, 0.0, 0.05)
 
 
 def soap(length=80.0, depth=26.0, height=50.0, corner=9.0):
