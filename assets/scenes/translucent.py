@@ -56,7 +56,7 @@ def divided(contour, step=5.0):
 def right_half(outline):
     """What has radii >= 0; where it nearly meets the axis, on the axis: a vertex there, not a tiny ring."""
     half = outline ^ CrossSection.square((1000, 2000)).translate((0, -1000))
-    half = half.warp(lambda point: (0 if point[0] < 0.1 else point[0], point[1])).simplify(1e-3)
+    half = half.warp(lambda point: (0 if point[0] < 0.1 else point[0], point[1])).simplify(0.01)
     return CrossSection([divided(contour) for contour in half.to_polygons()], FillRule.EvenOdd)
 
 
