@@ -31,17 +31,12 @@ def turned(outline, sides=96):
     return Manifold.revolve(outline, sides)
 
 
-def rounded(polygon, radius, step=4.0):
-    """A polygon whose corners are arcs, those inside too; a vertex at most every `step` along its sides."""
+def rounded(polygon, radius):
+    """A polygon whose corners are arcs, those inside too."""
     solid = CrossSection([polygon], FillRule.EvenOdd)
     for by in (-radius, 2 * radius, -radius):
         solid = solid.offset(by, JoinType.Round, circular_segments=32)
-    (contour,) = solid.to_polygons()
-    points = []
-    for a, b in zip(contour, np.roll(contour, -1, axis=0)):
-        count = max(1, math.ceil(np.hypot(*(b - a)) / step))
-        points += [a + (b - a) * k / count for k in range(count)]
-    return CrossSection([points])
+    return solid
 
 
 def mirrored(half):
@@ -49,8 +44,20 @@ def mirrored(half):
     return half + [(-r, z) for r, z in half[::-1] if r > 0]
 
 
+def divided(contour, step=5.0):
+    """With a vertex at most every `step` along sides, but for the axis."""
+    points = []
+    for a, b in zip(contour, np.roll(contour, -1, axis=0)):
+        count = max(1, math.ceil(np.hypot(*(b - a)) / step)) if a[0] or b[0] else 1
+        points += [a + (b - a) * k / count for k in range(count)]
+    return points
+
+
 def right_half(outline):
-    return outline ^ CrossSection.square((1000, 2000)).translate((0, -1000))
+    """What has radii >= 0; where it nearly meets the axis, on the axis: a vertex there, not a tiny ring."""
+    half = outline ^ CrossSection.square((1000, 2000)).translate((0, -1000))
+    half = half.warp(lambda point: (0 if point[0] < 0.1 else point[0], point[1])).simplify(0.01)
+    return CrossSection([divided(contour) for contour in half.to_polygons()], FillRule.EvenOdd)
 
 
 def lathe(half, radius, sides=96):
@@ -162,7 +169,7 @@ def _head(*place):
 
 def head():
     box = (-42, -36, -4, 42, 40, 100)
-    return Manifold.level_set(lambda x, y, z: -_head(x, y, z), box, 2.3, 0.0, 0.05)
+    return Manifold.level_set(lambda x, y, z: -_head(x, y, z), box, 2.32, 0.0, 0.05)
 
 
 def soap(length=80.0, depth=26.0, height=50.0, corner=9.0):
@@ -252,8 +259,8 @@ def sky(*radiance):
 
 
 def candle_parts(hollow=False):
-    """Facets where there is a shell: shading normals that differ from the true ones take 8 % of the light there, of the solid
-    candle 0.01 %."""
+    """Facets where there is a shell: shading normals that differ from the true ones cost 1 % of the light there, 0.01 % of that
+    of the solid candle (both of albedo 1, in a room of radiance 1)."""
     body = "candle_hollow" if hollow else "candle"
     return [*stage(matt(0.22, 0.16, 0.12), matt(0.16, 0.17, 0.2)),
             mesh("candle", body, glass(1.446), FACETS * hollow),
@@ -282,11 +289,11 @@ PICTURES = {
     "candle": ("A candle that burns.", 34, (0, -165, 88), (0, 0, 43), candle_parts()),
     "candle_hollow": ("The same candle with air inside.", 34, (0, -165, 88), (0, 0, 43), candle_parts(hollow=True)),
     "candle_ball": ("The same candle with a black ball inside.", 34, (0, -165, 88), (0, 0, 43), [
-        *candle_parts(), ball("ball", (0, 0, 38), 10, matt(0, 0, 0))]),
+        *candle_parts(), ball("ball", (0, 0, 43.5), 9, matt(0, 0, 0))]),
     "glass_of_milk": ("A glass of milk.", 34, (0, -190, 110), (0, 0, 40), [
         *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)),
         mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
-        panel("window", (-130, -40, 140), (0, 0, 45), (60, 60), shines(6, 6, 5.8)), sky(0.22, 0.24, 0.27)]),
+        panel("window", (-130, -40, 140), (0, 0, 45), (60, 60), shines(8, 8, 7.7)), sky(0.24, 0.26, 0.28)]),
     "head": ("A head of skin, with a lamp behind one ear.", 34, (-35, -190, 72), (0, 0, 50), head_parts(glass(1.4))),
     "bust": ("The head in marble, with an index that is matched.", 34, (-35, -190, 72), (0, 0, 50), head_parts(MATCHED)),
     "soap_and_lamp": ("A bar of soap with a lamp behind it.", 32, (-45, -175, 62), (0, 0, 26), [
