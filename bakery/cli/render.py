@@ -58,9 +58,9 @@ def command(source, output, quality, variant, seed, settings, resume, overwrite,
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             prepared = assets.baked
     elif suffix == ".xml":
-        import renderers.granular.plugin  # noqa: F401  registers it
-        import renderers.translucent.plugin  # noqa: F401  and this
+        import renderers.granular.plugin
         import renderers.mitsuba as renderer
+        import renderers.translucent.plugin  # noqa: F401  and this
 
         options |= {"quality": quality or "final", "seed": seed or 0, "parameters": values}
         draw, target, name = renderer.render_scene, output or path.with_suffix(".png"), path.name

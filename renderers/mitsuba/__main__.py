@@ -22,7 +22,7 @@ def main(arguments=None) -> int:
     parser.add_argument("--overwrite", action="store_true", help="replace also files of other kinds")
     options = parser.parse_args(arguments)
     try:
-        import renderers.granular.plugin  # noqa: F401  registers it
+        import renderers.granular.plugin
         import renderers.translucent.plugin  # noqa: F401  and this
         from renderers.mitsuba import render_scene
         from renderers.preview import preview

@@ -115,7 +115,7 @@ def lengths(geometry, matched, origin, direction, distance, inside, last, begin,
     last : (n,) becomes the distance (m) to the last boundary on the way
     """
     geometry = lent(geometry)
-    room, q = mesh_scratch(), np.empty((1, 3))
+    q = np.empty((1, 3))
     body, far, place = np.empty(1, np.int64), np.empty(1), np.empty(1, np.int64)
     start = np.empty(1, np.int64)
     for i in range(begin, end):
