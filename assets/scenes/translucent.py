@@ -190,7 +190,12 @@ def flame():
     return turned(CrossSection([list(zip(radius, 72 - 13 * np.cos(angle)))]), 32)
 
 
-MESHES = {"bumpy_ball": bumpy_ball, "candle": candle, "candle_hollow": lambda: candle(hollow=True), "flame": flame,
+def wick():
+    """A bent thread that stands in the wax: a mesh, as all that reaches into a body has to be."""
+    return Manifold.cylinder(8.1, 0.7, 0.7, 16).translate((0, 0, 54.4)).warp(lambda p: (p[0] + 0.07 * (p[2] - 54.4), *p[1:]))
+
+
+MESHES = {"bumpy_ball": bumpy_ball, "candle": candle, "candle_hollow": lambda: candle(hollow=True), "flame": flame, "wick": wick, "black_ball": lambda: Manifold.sphere(9, 64).translate((0, 0, 43.5)),
           "tumbler": tumbler, "milk": milk, "head": head, "soap": soap}
 
 # ---- Mitsuba files
@@ -264,9 +269,7 @@ def candle_parts(hollow=False):
     body = "candle_hollow" if hollow else "candle"
     return [*stage(matt(0.22, 0.16, 0.12), matt(0.16, 0.17, 0.2)),
             mesh("candle", body, glass(1.446), FACETS * hollow),
-            '<shape type="cylinder" id="wick"> <point name="p0" value="0, 0, 54.4"/> <point name="p1" value="0.6, 0, 62.5"/> '
-            f'<float name="radius" value="0.7"/> {matt(0.03, 0.03, 0.03)} </shape>',
-            mesh("flame", "flame", shines(50, 29, 12)),
+            mesh("wick", "wick", matt(0.03, 0.03, 0.03)), mesh("flame", "flame", shines(50, 29, 12)),
             panel("window", (-150, -120, 150), (0, 0, 40), (60, 60), shines(0.8, 1, 1.4)), sky(0.04, 0.05, 0.075)]
 
 
@@ -289,7 +292,7 @@ PICTURES = {
     "candle": ("A candle that burns.", 34, (0, -165, 88), (0, 0, 43), candle_parts()),
     "candle_hollow": ("The same candle with air inside.", 34, (0, -165, 88), (0, 0, 43), candle_parts(hollow=True)),
     "candle_ball": ("The same candle with a black ball inside.", 34, (0, -165, 88), (0, 0, 43), [
-        *candle_parts(), ball("ball", (0, 0, 43.5), 9, matt(0, 0, 0))]),
+        *candle_parts(), mesh("ball", "black_ball", matt(0, 0, 0))]),
     "glass_of_milk": ("A glass of milk.", 34, (0, -190, 110), (0, 0, 40), [
         *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)),
         mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
