@@ -256,13 +256,14 @@ class World:
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self._index(sample.emitter)))
 
-    def shade(self, origin, direction, random, density, delta, drawn=None) -> Shading:
+    def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
 
         Parameters
         ----------
         origin, direction : (n, 3) m, (n, 3) unit
         drawn : (n, 3) m, where the direction was drawn; at the origin if None
+        power : the rays carry power from lights, not radiance to the eye, which differ where light is refracted
         random : (n, 5) or more columns, of which five are used
         density : (n,) 1/sr, of the direction
         delta : (n,) bool, the direction has no density, as camera rays and reflections have none: emission counts in full
@@ -271,8 +272,9 @@ class World:
         import mitsuba as mi
 
         if not len(origin):
-            return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)))
-        scene, context = self._scene, mi.BSDFContext()
+            return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1), power=power))
+        mode = mi.TransportMode.Importance if power else mi.TransportMode.Radiance
+        scene, context = self._scene, mi.BSDFContext(mode)
         si = scene.ray_intersect(self._ray(mi, origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
         valid, delta = si.is_valid(), _single(mi, delta) > 0
 

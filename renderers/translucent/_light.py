@@ -12,7 +12,8 @@ from renderers.scattering import flight, flown, scattered
 from renderers.translucent._geometry import clearance, first
 from renderers.wavefront import roulette, uniform
 
-MORE, SURFACE, OVER = range(3)  # a walk goes on; it has met a surface that Mitsuba turns light at; it has ended
+# a walk goes on in the body, or outside; it has met a surface at which Mitsuba turns light; it has ended
+MORE, OUTSIDE, SURFACE, OVER = range(4)
 MEETINGS = 8  # with surfaces in one call
 
 
@@ -29,7 +30,7 @@ def walk(geometry, medium, number, index, origin, direction, weight, states, far
     left : (n, MEETINGS, 7 + L) place and direction of light that meets a surface after `events` (7th, 0: none) and its weights
     turned : (n, MEETINGS, 8 + L) place, direction and length (m) of the way of what a boundary turns back, events before (8th,
         -1: none), and its weights
-    status : (n,) becomes MORE, SURFACE or OVER;  alive : (n,) bool, room
+    status : (n,) becomes MORE, OUTSIDE, SURFACE or OVER;  alive : (n,) bool, room
     """
     geometry, medium = lent(geometry), lent(medium)
     room, values, waves = mesh_scratch(), np.empty(weight.shape[1]), weight.shape[1]
@@ -52,11 +53,12 @@ def walk(geometry, medium, number, index, origin, direction, weight, states, far
             if index == 0.0 or geometry.owner[place[i]] != number:
                 status[i] = SURFACE
                 break
-            if not _turned_back(geometry, index, origin, direction, states, i, far, place):
-                status[i] = OVER
-                break
+            back = _at_boundary(geometry, index, origin, direction, states, i, far, place)
             start[i], events[i] = place[i], 0
             bounces[i] += 1
+            if not back:
+                status[i] = OUTSIDE
+                break
             roulette(weight, states, bounces, alive, i, i + 1)
             if not alive[i]:
                 status[i] = OVER
@@ -97,16 +99,16 @@ def _to_surface(geometry, medium, origin, direction, weight, states, i, far, pla
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _turned_back(geometry, index, origin, direction, states, i, far, place):
-    """Whether the boundary turns walk i back; then it stands there, with a new direction."""
+def _at_boundary(geometry, index, origin, direction, states, i, far, place):
+    """Puts walk i at the boundary that it meets, with a new direction; whether it is turned back."""
     nx, ny, nz = triangle_normal(geometry.blocks, place[i])
-    cosine = nx * direction[i, 0] + ny * direction[i, 1] + nz * direction[i, 2]
-    share, _ = fresnel(min(abs(cosine), 1.0), 1.0 / index)
-    if not uniform(states, i) < share:
-        return False
+    cosine = max(min(nx * direction[i, 0] + ny * direction[i, 1] + nz * direction[i, 2], 1.0), 0.0)
+    share, beyond = fresnel(cosine, 1.0 / index)
+    back = uniform(states, i) < share
+    along, across = (1.0, -2 * cosine) if back else (index, beyond - index * cosine)
+    x, y, z = (along * direction[i, 0] + across * nx, along * direction[i, 1] + across * ny, along * direction[i, 2] + across * nz)
+    norm = 1 / math.sqrt(x * x + y * y + z * z)
     for k in range(3):
         origin[i, k] += far[i] * direction[i, k]
-    direction[i, 0] -= 2 * cosine * nx
-    direction[i, 1] -= 2 * cosine * ny
-    direction[i, 2] -= 2 * cosine * nz
-    return True
+    direction[i, 0], direction[i, 1], direction[i, 2] = x * norm, y * norm, z * norm
+    return back

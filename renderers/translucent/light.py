@@ -6,46 +6,86 @@ Both begin a beam inside.  Light walks on from some of them, and where it meets 
 - begins a beam of negative power outside, as far as the infinite medium of the tables goes: its later events are those of light
   that has left, which the tables of the other beams count and the body does not;
 - begins a beam of what is reflected, from which light walks on, as from the first.
+
+What leaves walks on outside, and where it comes into a body again it is light that comes in.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.threads import run
-from renderers.translucent import _light, _walk, transport
+from renderers.translucent import _geometry, _light, _walk, transport
 from renderers.translucent._gather import Beams
 from renderers.translucent.paths import Paths, joined
 from renderers.translucent.transport import UNLIMITED, Sums
 
+_PILOT = (1 << 32) - 1  # number of the pass that finds where light comes in
+_GROUPS, _EVEN = 4096, 0.25  # of triangles that have one density; share of the places that are spread evenly
 _APART = 1 << 28  # random streams of bodies are so far apart
 _LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
 
 
-def beams(how, number, entries, walks, boundary, ways, pass_number, seed) -> Beams:
-    """Beams in body `number` of a pass.
+class Entries(NamedTuple):
+    """How places on a boundary are drawn where light comes in.
+
+    total : (F,) cumulated probability of each triangle, up to 1;  density : (F,) 1/m^2, of points in each
+    """
+
+    total: np.ndarray
+    density: np.ndarray
+
+
+def entries_of(how, number, places, seed) -> Entries:
+    """Places on the boundary of body `number` in proportion to the light that comes in there, as so many first ones find it."""
+    body = how.bodies[number]
+    area = _areas(body)
+    even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
+    if not places:
+        return even
+    triangle, _, power = _entered(how, number, even, places, _PILOT, seed)
+    # triangles next to each other have to do together, where there are many
+    groups = np.empty(len(area), np.int64)
+    groups[transport.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)] = np.arange(len(area)) * _GROUPS // len(area)
+    light = np.bincount(groups[triangle], power.max(axis=1), _GROUPS)
+    if not light.sum() > 0:
+        return even
+    whole = np.bincount(groups, area, _GROUPS)
+    share = (1 - _EVEN) * (light / light.sum() / np.maximum(whole, 1e-300))[groups] * area + _EVEN * area / area.sum()
+    share /= share.sum()
+    return Entries(np.cumsum(share), share / np.maximum(area, 1e-300))
+
+
+def beams(how, entries, places, walks, boundary, ways, number, seed) -> list[Beams]:
+    """Beams in each body in a pass.
 
     how : `transport.Transport`
-    entries : places on the boundary, two beams each
+    entries : `Entries` of each body;  places : of each boundary that are drawn, two beams each
     walks : of the light, from some of those beams
     boundary : whether light that leaves is taken away (negative beams)
     ways : whether every way between two events is a beam (virtual ray lights); then no beam is negative
+    number, seed : of the pass: its random numbers
     """
-    body = how.bodies[number]
-    paths, power = _entered(how, number, entries, pass_number, seed)
-    made = _Made(not body.convex)
-    body_of, far, _ = transport.located(how.geometry, paths)
-    inside = body_of == number
-    paths, power, far = paths.of(inside), power[inside], far[inside]
-    if not ways:
-        made.add(paths.origin, paths.direction, far, power, 0)
-    if (boundary or ways) and len(paths):
-        chosen, scale = _chosen(paths, power, walks)
-        wavefront.begin_streams(stream_key(seed, "render.light", pass_number), number * _APART, chosen.states)
-        (_ways if ways else _walked)(how, number, chosen, scale, made)
-    return made.beams(len(how.colours.to_waves))
+    made, parts, powers = [_Made(not body.convex) for body in how.bodies], [], []
+    for body, its in enumerate(entries):
+        _, paths, power = _entered(how, body, its, places, number, seed)
+        within, far, _ = transport.located(how.geometry, paths)
+        inside = within == body
+        paths, power, far = paths.of(inside), power[inside], far[inside]
+        if not ways:
+            made[body].add(paths.origin, paths.direction, far, power, 0)
+        parts.append(paths)
+        powers.append(power)
+    power = np.concatenate(powers)
+    if (boundary or ways) and len(power):
+        chosen, scale = _chosen(joined(parts), power, walks)
+        wavefront.begin_streams(stream_key(seed, "render.light", number), 0, chosen.states)
+        _walk_on(how, chosen, scale, made, ways)
+    return [one.beams(len(how.colours.to_waves)) for one in made]
 
 
 class _Made:
@@ -67,59 +107,68 @@ class _Made:
 # ---- light that comes in
 
 
-def _entered(how, number, entries, pass_number, seed):
-    """Paths just inside of the boundary, and their power (n, L), W."""
+def _entered(how, number, entries, places, pass_number, seed):
+    """Triangles (n,) of the boundary where light comes in, paths just inside, and their power (n, L), W."""
     body, world, waves = how.bodies[number], how.world, len(how.colours.to_waves)
-    states, numbers = np.empty(entries, np.uint64), np.empty((entries, 10))
+    states, numbers = np.empty(places, np.uint64), np.empty((places, 10))
     wavefront.begin_streams(stream_key(seed, "render.entries", pass_number), number * _APART, states)
     wavefront.draw(states, numbers)
-    point, normal, area = _on_boundary(body, numbers)
+    triangle, point, normal = _on_boundary(body, entries, numbers)
     outside = point + _LOOK * how.geometry.scale * normal
     sample = world.lights(outside, numbers[:, 3:])
     cosine = np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
     lit = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ how.colours.to_waves.T
     # light from all other ways that it can come
     direction = _about(normal, numbers[:, 5:7])
-    looking = Paths.begun(outside, direction, np.ones((entries, waves)), states, np.arange(entries))
+    looking = Paths.begun(outside, direction, np.ones((places, waves)), states, np.arange(places))
     looking.density[:] = np.einsum("nk,nk->n", direction, normal) / np.pi
     looking.single[:] = False
-    seen = Sums(entries)
+    seen = Sums(places)
     while len(looking):
-        looking = transport.onward(how, looking, [UNLIMITED] * len(how.bodies), seen)
+        # what has been in a body comes by walks
+        within, far, place = transport.located(how.geometry, looking)
+        out = within == _geometry.OUTSIDE
+        looking = transport.at_surfaces(how, looking.of(out), seen, far[out], place[out])
     found = seen.by_order.sum(axis=0) @ how.colours.to_waves.T * np.pi
-    towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([lit, found]) * area / entries
+    towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([lit, found])
     some = np.flatnonzero((power > 0).any(axis=1))
-    at = some % entries
-    return _refracted(how, body, point[at], towards[some], power[some], states[at] ^ np.uint64(some[0] if len(some) else 0))
+    at = some % places
+    power = power[some] / (places * entries.density[triangle[at]])[:, None]
+    goes, paths, power = _refracted(how, body, point[at], towards[some], power, states[at])
+    return triangle[at][goes], paths, power
 
 
 def _refracted(how, body, point, towards, power, states):
-    """Paths that go in at points of a boundary, of light from directions, and their power."""
+    """Which of points on a boundary light from directions goes in at, the paths, and their power."""
     paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
     if body.matched or not len(paths):
         paths.origin += how.off * paths.direction
-        return paths, power
+        return np.arange(len(paths)), paths, power
     numbers = np.empty((len(paths), 6))
     wavefront.draw(paths.states, numbers)
-    shading = how.world.shade(point + _LOOK * how.geometry.scale * towards, -towards, numbers, paths.density, paths.single)
+    shading = how.world.shade(point + _LOOK * how.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
+                              power=True)
     paths.origin, paths.direction = shading.origin, shading.direction.astype(float)
-    # Mitsuba's weights are of radiance, which is larger inside by the square of the index; power is not
-    goes = shading.hit & (shading.weight > 0).any(axis=1)
-    return paths.of(goes), (power * shading.weight[:, :1] * body.index**2)[goes]
+    goes = np.flatnonzero(shading.hit & (shading.weight > 0).any(axis=1))
+    return goes, paths.of(goes), (power * shading.weight[:, :1])[goes]
 
 
-def _on_boundary(body, numbers):
-    """Points (n, 3) m on a boundary, evenly spread, the outward normals there, and its area, m^2."""
-    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    double = np.linalg.norm(normal, axis=1)
-    total = np.cumsum(double)
+def _on_boundary(body, entries, numbers):
+    """Triangles (n,) of a boundary, points (n, 3) m on them, and their outward normals."""
     n = len(numbers)
-    at = np.minimum(np.searchsorted(total, (np.arange(n) + numbers[:, 0]) / n * total[-1], side="right"), len(total) - 1)
+    at = np.searchsorted(entries.total, (np.arange(n) + numbers[:, 0]) / n, side="right")
+    at = np.minimum(at, len(body.faces) - 1)
+    a, b, c = (body.vertices[body.faces[at, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
     root = np.sqrt(numbers[:, 1])
     u, v = 1 - root, numbers[:, 2] * root
-    point = a[at] + u[:, None] * (b[at] - a[at]) + v[:, None] * (c[at] - a[at])
-    return point, normal[at] / double[at][:, None], total[-1] / 2
+    return at, a + u[:, None] * (b - a) + v[:, None] * (c - a), normal / np.linalg.norm(normal, axis=1)[:, None]
+
+
+def _areas(body):
+    """(F,) m^2, of triangles."""
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def _about(normal, numbers):
@@ -148,51 +197,63 @@ def _chosen(paths, power, walks):
     return chosen, total[-1] / walks
 
 
-def _walked(how, number, paths, scale, made):
-    """Adds the beams of light that walks on, but for the first ones."""
-    body = how.bodies[number]
-    waves = paths.weight.shape[1]
-    index = body.index if body.smooth else 0.0
-    _, far, place = transport.located(how.geometry, paths)
+def _walk_on(how, paths, scale, made, ways):
+    """Adds the beams of light that walks on through bodies and what is between them; those of the first ways only if `ways`."""
+    fresh = np.full(len(paths), ways)
     while len(paths):
-        n = len(paths)
-        left, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
-        status, alive = np.empty(n, np.int64), np.empty(n, bool)
-        run(_light.walk, n, how.geometry, body.medium, number, index, paths.origin, paths.direction, paths.weight, paths.states,
-            far, place, paths.start, paths.events, paths.order, paths.bounces, left, turned, status, alive, block=256)
-        left, turned = left[left[..., 6] > 0], turned[turned[..., 7] >= 0]
-        made.add(left[:, :3], left[:, 3:6], np.inf, -scale * left[:, 7:], left[:, 6], real=False)
-        made.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
-        more, met = status == _light.MORE, status == _light.SURFACE
-        back, _, far_back, place_back = _back(how, number, paths.of(met), place[met])
-        made.add(back.origin, back.direction, far_back, scale * back.weight, back.order)
-        paths = joined([paths.of(more), back])
-        far, place = np.concatenate([far[more], far_back]), np.concatenate([place[more], place_back])
+        within, far, place = transport.located(how.geometry, paths)
+        parts = [_outside(how, paths.of(within == _geometry.OUTSIDE), far, place, within)]
+        kept = [np.ones(len(parts[0]), bool)]
+        for body in np.unique(within[within >= 0]):
+            here = within == body
+            some, new = paths.of(here), fresh[here]
+            made[body].add(some.origin[new], some.direction[new], far[here][new], scale * some.weight[new], some.order[new])
+            for part, known in (_ways if ways else _walked)(how, body, some, far[here], place[here], scale, made[body]):
+                parts.append(part)
+                kept.append(np.full(len(part), not known))
+        fresh = np.concatenate(kept)
+        paths = joined(parts)
 
 
-def _ways(how, number, paths, scale, made):
-    """Adds a beam for every way of light between two events or surfaces."""
+def _walked(how, number, paths, far, place, scale, made):
+    """Takes walks on in a body: parts of those that go on, and whether the beam of the next way is there."""
+    body, n, waves = how.bodies[number], len(paths), paths.weight.shape[1]
+    left, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
+    status, alive = np.empty(n, np.int64), np.empty(n, bool)
+    run(_light.walk, n, how.geometry, body.medium, number, body.index if body.smooth else 0.0, paths.origin, paths.direction,
+        paths.weight, paths.states, far, place, paths.start, paths.events, paths.order, paths.bounces, left, turned, status, alive,
+        block=256)
+    left, turned = left[left[..., 6] > 0], turned[turned[..., 7] >= 0]
+    made.add(left[:, :3], left[:, 3:6], np.inf, -scale * left[:, 7:], left[:, 6], real=False)
+    made.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
+    beyond = paths.of(status == _light.OUTSIDE)
+    beyond.origin += how.off * beyond.direction
+    return [(paths.of(status == _light.MORE), True), (beyond, False), (_turned(how, paths.of(status == _light.SURFACE)), False)]
+
+
+def _ways(how, number, paths, far, place, _scale, _made):
+    """The same, up to the next event or surface."""
     body = how.bodies[number]
-    _, far, place = transport.located(how.geometry, paths)
-    while len(paths):
-        made.add(paths.origin, paths.direction, far, scale * paths.weight, paths.order)
-        status = transport.through(how, number, paths, far, place, UNLIMITED, True)
-        met, turns = status == _walk.CONTACT, paths.of(status == _walk.EVENT)
-        alive = np.empty(len(turns), bool)
-        run(_walk.scatter, len(turns), body.medium, turns.origin, turns.direction, turns.weight, turns.states, turns.drawn,
-            turns.density, turns.single, turns.bounces, alive)
-        paths = joined([turns.of(alive), _back(how, number, paths.of(met), place[met])[0]])
-        body_of, far, place = transport.located(how.geometry, paths)
-        inside = body_of == number
-        paths, far, place = paths.of(inside), far[inside], place[inside]
+    status = transport.through(how, number, paths, far, place, UNLIMITED, True)
+    met, turns = status == _walk.CONTACT, paths.of(status == _walk.EVENT)
+    alive = np.empty(len(turns), bool)
+    run(_walk.scatter, len(turns), body.medium, turns.origin, turns.direction, turns.weight, turns.states, turns.drawn,
+        turns.density, turns.single, turns.bounces, alive)
+    meets, own = paths.of(met), how.geometry.owner[place[met]]
+    crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
+    return [(turns.of(alive), False), (transport.crossed(how, meets.of(crosses), far[met][crosses], place[met][crosses]), False),
+            (_turned(how, meets.of(~crosses)), False)]
 
 
-def _back(how, number, paths, place):
-    """Paths that go on in a body from surfaces that they meet, as `transport.located` finds them."""
-    if len(paths):
-        own = how.geometry.owner[place]
-        crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
-        paths = transport.shaded(how, paths.of(~crosses), Sums(int(paths.pixel.max(initial=0)) + 1, found=False))
-    body, far, place = transport.located(how.geometry, paths)
-    inside = body == number
-    return paths.of(inside), body[inside], far[inside], place[inside]
+def _outside(how, paths, far, place, within):
+    """Walks outside of bodies after their next surface."""
+    far, place = far[within == _geometry.OUTSIDE], place[within == _geometry.OUTSIDE]
+    own = np.where(place >= 0, how.geometry.owner[place], -1)
+    crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
+    crosses[crosses] = ~(how.world.trace(paths.origin[crosses], paths.direction[crosses], far[crosses] * (1 - 1e-4)) < np.inf)
+    return joined([transport.crossed(how, paths.of(crosses), far[crosses], place[crosses]), _turned(how, paths.of(~crosses))])
+
+
+def _turned(how, paths):
+    """Walks after Mitsuba has turned them at the surface that they meet."""
+    return transport.shaded(how, paths, Sums(0, found=False), power=True) if len(paths) else paths

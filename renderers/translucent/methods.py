@@ -14,6 +14,7 @@ from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 ENTRIES, WALKS, PICKS = 4096, 8192, 8
+_FIRST = 32768  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 CLOSER = "closer"  # layer: what sharing over half the distance changes
 _LAYERS = ("order0", "order1", "order2", "orders")
@@ -85,17 +86,19 @@ def _body(shapes, name, asset, index, wrong):
     return Body(name, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
 
 
-def parts(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
+def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     """The parts of a method, as `renderers.progressive` takes them.
 
     how : `transport.Transport`;  name, boundary : method and boundary as a scene names them
-    entries, walks, picks : places where light comes in, walks, beams of a line of sight
+    places, walks, picks : places where light comes in, walks, beams of a line of sight
     """
     height, width = how.world.size
     tabled = name == "vrl+tables"
     # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
     second = [name == "vrl" or how.world.without_extent and not body.matched for body in how.bodies]
     most = [UNLIMITED if name == "paths" else 1 if joins else 2 for joins in second]
+
+    entries = []
 
     def images(sums):
         by_order = [image.reshape(height, width, 3) for image in sums.by_order]
@@ -105,8 +108,9 @@ def parts(how, name, boundary, seed, entries=ENTRIES, walks=WALKS, picks=PICKS):
         return images(transport.from_eye(how, most, None, number, seed))
 
     def gathered(number):
-        made = [light.beams(how, body, entries, walks, tabled and boundary == "negative", not tabled, number, seed)
-                for body in range(len(how.bodies))]
+        if not entries:
+            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
+        made = light.beams(how, entries, places, walks, tabled and boundary == "negative", not tabled, number, seed)
         beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
         number += _LATER
         sums = transport.from_eye(how, most, Gather(made, tabled, second, picks, beyond), number, seed, found=False)

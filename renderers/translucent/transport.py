@@ -69,11 +69,6 @@ class Sums:
         self.by_order, self.gathered, self.found = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3)), found
         self._no_light = np.zeros((0, pixels, 3))
 
-    def add_found(self, paths, added):
-        """What paths have found, added (n, 3)."""
-        if self.found:
-            self.add(paths, added)
-
     def add(self, paths, added, more=0):
         """What paths bring, added (n, 3), with so many events more."""
         wavefront.accumulate(added, paths.order + more, np.full(len(paths), -1), paths.pixel, self.by_order, self._no_light)
@@ -133,7 +128,7 @@ def onward(transport, paths, most, sums, gather=None) -> Paths:
     """Paths after their next surface or event, those that go on."""
     body, far, place = located(transport.geometry, paths)
     outside = body == _geometry.OUTSIDE
-    parts = [_at_surfaces(transport, paths.of(outside), sums, far[outside], place[outside])]
+    parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], place[outside])]
     for number in np.unique(body[~outside]):
         here = body == number
         parts += _inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
@@ -170,7 +165,7 @@ def _inside(transport, paths, number, far, place, most, sums, gather):
     parts = [_at_events(transport, number, paths.of(events), sums)]
     meets = paths.of(met)
     if not body.matched:
-        return [*parts, _at_surfaces(transport, meets, sums, far[met], place[met])]
+        return [*parts, at_surfaces(transport, meets, sums, far[met], place[met])]
     own = transport.geometry.owner[place[met]]
     crosses = (own >= 0) & transport.matched[np.maximum(own, 0)]
     return [*parts, crossed(transport, meets.of(crosses), far[met][crosses], place[met][crosses]),
@@ -218,10 +213,10 @@ def _lit(transport, medium, paths, sums):
     seen[some] = ~(hidden < ahead)
     run(_walk.lit, n, medium, transport.colours, transport.sigma_t, inside, seen, paths.direction, paths.weight, towards,
         sample.radiance, sample.density, sample.delta, added)
-    sums.add_found(paths, added)
+    sums.add(paths, added)
 
 
-def _at_surfaces(transport, paths, sums, far, place):
+def at_surfaces(transport, paths, sums, far, place):
     """Paths outside of bodies, or at a boundary that turns light, after their next surface."""
     if not len(paths):
         return paths
@@ -238,24 +233,22 @@ def _at_surfaces(transport, paths, sums, far, place):
                    shaded(transport, paths.of(~crosses), sums)])
 
 
-def shaded(transport, paths, sums):
-    """Paths that Mitsuba has turned at surfaces, after their light has been added."""
+def shaded(transport, paths, sums, power=False):
+    """Paths that Mitsuba has turned at surfaces, after their light has been added; `power` as in `World.shade`."""
     n, colours = len(paths), transport.colours
     if n == 0:
         return paths
-    numbers, added = np.empty((n, 6)), np.empty((n, 3))
+    numbers = np.empty((n, 6))
     wavefront.draw(paths.states, numbers)
-    shading = transport.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn)
-    wavefront.emitted(colours, paths.weight, paths.order, shading.emitted, added)
-    sums.add_found(paths, added)
+    shading = transport.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn,
+                                    power=power)
+    if sums.found:
+        _emits(transport, paths, shading, sums)
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     m = len(hit)
     if m == 0:
         return paths
-    added = np.empty((m, 3))
-    wavefront.emitted(colours, paths.weight, paths.order, shading.light.radiance[hit], added)
-    sums.add_found(paths, added)
     run(wavefront.reflect, m, colours, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
@@ -266,13 +259,21 @@ def shaded(transport, paths, sums):
     return paths.of(alive)
 
 
+def _emits(transport, paths, shading, sums):
+    """Adds the light that paths meet, and that of light samples at surfaces."""
+    added = np.empty((len(paths), 3))
+    for radiance in (shading.emitted, shading.light.radiance):
+        wavefront.emitted(transport.colours, paths.weight, paths.order, radiance, added)
+        sums.add(paths, added)
+
+
 def _gathered(transport, paths, number, far, sums, gather):
     """Adds what beams bring to lines of sight that come from a surface."""
     rows = np.flatnonzero((paths.events == 0) & (paths.weight > 0).any(axis=1))
     if not len(rows):
         return
     body, beams = transport.bodies[number], gather.beams[number]
-    rows = rows[_by_place(paths.origin[rows], body.vertices)]
+    rows = rows[by_place(paths.origin[rows], body.vertices)]
     around = np.append(np.arange(0, len(rows), _TOGETHER), len(rows))
     some = paths.of(rows)
     brought = np.zeros((3, *some.weight.shape))
@@ -292,7 +293,7 @@ def _gathered(transport, paths, number, far, sums, gather):
     sums.add(some, other, 3)
 
 
-def _by_place(points, vertices):
+def by_place(points, vertices):
     """Order (n,) of points (n, 3) in which neighbours are near each other: along a Morton curve through the box of a mesh."""
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max()
     cell = np.clip((points - low) / size * 1024, 0, 1023).astype(np.int64)
