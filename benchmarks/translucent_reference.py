@@ -83,9 +83,11 @@ class Scene:
             root.remove(node)
         integrator = xml.SubElement(root, "integrator", type="volpath")
         if deep is None:
-            # Mitsuba's roulette ends 5 % of the paths an event or more: above an albedo of 0.95 the weights of those left
-            # grow at each event (one path of the bust held 86 % of the picture's variance)
-            deep = 5 + int(3 / (1 - max(albedo.values()))) if max(albedo.values()) < 0.95 else DEEP
+            # Mitsuba's roulette ends 5 % of the paths an event or more: above an albedo of 0.95 the weights of those left grow
+            # (one path of the bust held 86 % of the picture's variance).  So it waits until 0.25 % of the light is left,
+            # and where little is absorbed, so that paths rather leave the body, there is none.
+            most = max(albedo.values())
+            deep = 5 + int(6 / (1 - most)) if most < 0.99 else DEEP
         for key, value in (("max_depth", -1), ("rr_depth", deep)):
             xml.SubElement(integrator, "integer", name=key, value=str(value))
         film = root.find("sensor/film")
