@@ -106,7 +106,8 @@ def _at_boundary(geometry, index, origin, direction, states, i, far, place):
     share, beyond = fresnel(cosine, 1.0 / index)
     back = uniform(states, i) < share
     along, across = (1.0, -2 * cosine) if back else (index, beyond - index * cosine)
-    x, y, z = (along * direction[i, 0] + across * nx, along * direction[i, 1] + across * ny, along * direction[i, 2] + across * nz)
+    x, y = along * direction[i, 0] + across * nx, along * direction[i, 1] + across * ny
+    z = along * direction[i, 2] + across * nz
     norm = 1 / math.sqrt(x * x + y * y + z * z)
     for k in range(3):
         origin[i, k] += far[i] * direction[i, k]

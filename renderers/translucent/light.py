@@ -24,8 +24,8 @@ from renderers.translucent._gather import Beams
 from renderers.translucent.paths import Paths, joined
 from renderers.translucent.transport import UNLIMITED, Sums
 
-_PILOT = (1 << 32) - 1  # number of the pass that finds where light comes in
-_GROUPS, _EVEN = 4096, 0.25  # of triangles that have one density; share of the places that are spread evenly
+_PILOT, _ROUNDS = 0xFFFFFFF0, 3  # numbers of the passes that find where light comes in
+_GROUPS, _EVEN = 512, 0.25  # of triangles that have one density; share of the places that are spread evenly
 _APART = 1 << 28  # random streams of bodies are so far apart
 _LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
 
@@ -41,23 +41,25 @@ class Entries(NamedTuple):
 
 
 def entries_of(how, number, places, seed) -> Entries:
-    """Places on the boundary of body `number` in proportion to the light that comes in there, as so many first ones find it."""
+    """Places on the boundary of body `number` in proportion to the light that comes in there (root mean square of what it is in
+    a group of triangles), as a few rounds of so many places find it."""
     body = how.bodies[number]
     area = _areas(body)
-    even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
-    if not places:
-        return even
-    triangle, _, power = _entered(how, number, even, places, _PILOT, seed)
-    # triangles next to each other have to do together, where there are many
+    entries = even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
     groups = np.empty(len(area), np.int64)
-    groups[transport.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)] = np.arange(len(area)) * _GROUPS // len(area)
-    light = np.bincount(groups[triangle], power.max(axis=1), _GROUPS)
-    if not light.sum() > 0:
-        return even
-    whole = np.bincount(groups, area, _GROUPS)
-    share = (1 - _EVEN) * (light / light.sum() / np.maximum(whole, 1e-300))[groups] * area + _EVEN * area / area.sum()
-    share /= share.sum()
-    return Entries(np.cumsum(share), share / np.maximum(area, 1e-300))
+    order = transport.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)
+    groups[order] = np.minimum(np.cumsum(area[order]) / area.sum() * _GROUPS, _GROUPS - 1).astype(np.int64)
+    whole = np.maximum(np.bincount(groups, area, _GROUPS), 1e-300)
+    for number_of_round in range(_ROUNDS):
+        triangle, _, power = _entered(how, number, entries, places, _PILOT + number_of_round, seed)
+        # of W/m^2, over the area
+        square = np.bincount(groups[triangle], power.max(axis=1) ** 2 * places * entries.density[triangle], _GROUPS) / whole
+        light = np.sqrt(square)[groups] * area
+        if not light.sum() > 0:
+            return even
+        share = (1 - _EVEN) * light / light.sum() + _EVEN * area / area.sum()
+        entries = Entries(np.cumsum(share), share / np.maximum(area, 1e-300))
+    return entries
 
 
 def beams(how, entries, places, walks, boundary, ways, number, seed) -> list[Beams]:
@@ -73,18 +75,17 @@ def beams(how, entries, places, walks, boundary, ways, number, seed) -> list[Bea
     made, parts, powers = [_Made(not body.convex) for body in how.bodies], [], []
     for body, its in enumerate(entries):
         _, paths, power = _entered(how, body, its, places, number, seed)
-        within, far, _ = transport.located(how.geometry, paths)
-        inside = within == body
-        paths, power, far = paths.of(inside), power[inside], far[inside]
-        if not ways:
-            made[body].add(paths.origin, paths.direction, far, power, 0)
-        parts.append(paths)
-        powers.append(power)
+        inside = transport.located(how.geometry, paths)[0] == body
+        parts.append(paths.of(inside))
+        powers.append(power[inside])
     power = np.concatenate(powers)
-    if (boundary or ways) and len(power):
+    if len(power):
         chosen, scale = _chosen(joined(parts), power, walks)
         wavefront.begin_streams(stream_key(seed, "render.light", number), 0, chosen.states)
-        _walk_on(how, chosen, scale, made, ways)
+        if boundary or ways:
+            _walk_on(how, chosen, scale, made, ways)
+        else:
+            _begun(how, chosen, np.ones(walks, bool), scale, made)
     return [one.beams(len(how.colours.to_waves)) for one in made]
 
 
@@ -198,21 +199,29 @@ def _chosen(paths, power, walks):
 
 
 def _walk_on(how, paths, scale, made, ways):
-    """Adds the beams of light that walks on through bodies and what is between them; those of the first ways only if `ways`."""
-    fresh = np.full(len(paths), ways)
+    """Adds the beams of light that walks on through bodies and what is between them."""
+    fresh = np.ones(len(paths), bool)
     while len(paths):
-        within, far, place = transport.located(how.geometry, paths)
+        within, far, place = _begun(how, paths, fresh, scale, made)
         parts = [_outside(how, paths.of(within == _geometry.OUTSIDE), far, place, within)]
         kept = [np.ones(len(parts[0]), bool)]
         for body in np.unique(within[within >= 0]):
             here = within == body
-            some, new = paths.of(here), fresh[here]
-            made[body].add(some.origin[new], some.direction[new], far[here][new], scale * some.weight[new], some.order[new])
-            for part, known in (_ways if ways else _walked)(how, body, some, far[here], place[here], scale, made[body]):
+            for part, known in (_ways if ways else _walked)(how, body, paths.of(here), far[here], place[here], scale, made[body]):
                 parts.append(part)
                 kept.append(np.full(len(part), not known))
         fresh = np.concatenate(kept)
         paths = joined(parts)
+
+
+def _begun(how, paths, fresh, scale, made):
+    """Adds beams of paths where they are in bodies and begin one, `fresh` (n,) bool; what `transport.located` says."""
+    within, far, place = transport.located(how.geometry, paths)
+    for body in np.unique(within[within >= 0]):
+        new = fresh & (within == body)
+        some = paths.of(new)
+        made[body].add(some.origin, some.direction, far[new], scale * some.weight, some.order)
+    return within, far, place
 
 
 def _walked(how, number, paths, far, place, scale, made):
@@ -221,8 +230,8 @@ def _walked(how, number, paths, far, place, scale, made):
     left, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
     status, alive = np.empty(n, np.int64), np.empty(n, bool)
     run(_light.walk, n, how.geometry, body.medium, number, body.index if body.smooth else 0.0, paths.origin, paths.direction,
-        paths.weight, paths.states, far, place, paths.start, paths.events, paths.order, paths.bounces, left, turned, status, alive,
-        block=256)
+        paths.weight, paths.states, far, place, paths.start, paths.events, paths.order, paths.bounces, left, turned, status,
+        alive, block=256)
     left, turned = left[left[..., 6] > 0], turned[turned[..., 7] >= 0]
     made.add(left[:, :3], left[:, 3:6], np.inf, -scale * left[:, 7:], left[:, 6], real=False)
     made.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])

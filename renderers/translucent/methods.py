@@ -14,7 +14,7 @@ from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 ENTRIES, WALKS, PICKS = 4096, 8192, 8
-_FIRST = 32768  # places that tell where light comes into a body
+_FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 CLOSER = "closer"  # layer: what sharing over half the distance changes
 _LAYERS = ("order0", "order1", "order2", "orders")
