@@ -28,8 +28,16 @@ _PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at mos
 _TURN = 0.125  # share of an order of the directions that the pieces follow
 _SHORT = 0.5  # at least, beside the ends of a segment
 END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
-GONE = 40.0  # mfp behind a position from which no light comes
-X, WEIGHT = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(GAUSS), (1.0, 0.0), strict=True))
+GONE = 10.0  # mfp behind a position from which no light comes: what is left out is 3e-6 of the light, exp(-10) at most
+
+
+def gauss(count):
+    """Points and weights of Gauss's rule on 0 .. 1."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    return (1 + x) / 2, weight / 2
+
+
+X, WEIGHT = gauss(GAUSS)
 
 
 class Ready(NamedTuple):

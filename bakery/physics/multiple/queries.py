@@ -19,8 +19,10 @@ from numba import njit
 from bakery.physics.multiple import frame, lookup
 from bakery.physics.multiple._elementary import exp
 from bakery.physics.multiple._look import add, emptied, total, value
-from bakery.physics.multiple.lookup import GAUSS, WEIGHT, Ready, X, add_beam, any_length, piece
+from bakery.physics.multiple.lookup import Ready, add_beam, any_length, gauss, piece
 
+_GAUSS = 4  # points of a piece of a line of sight
+_X, _WEIGHT = gauss(_GAUSS)
 _PIECE = 1.0  # of arsinh, for one Gauss rule
 _STRIDE = 3.0  # mfp, the same where the source is far
 
@@ -136,10 +138,10 @@ def _to_segment(points, segments, beam, origin, direction, eye, view, length, di
         while low < high:
             step = min(_PIECE, piece(points.turn, low), math.asinh(math.sinh(low) + _STRIDE / close) - low)
             step = max(min(step, high - low), 1e-9)
-            for i in range(GAUSS):
-                up = exp(low + X[i] * step)
+            for i in range(_GAUSS):
+                up = exp(low + _X[i] * step)
                 t = middle + close * 0.5 * (up - 1 / up)
-                weight = WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
+                weight = _WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
                 px, py, pz = e[0] + t * v[0] - o[0], e[1] + t * v[1] - o[1], e[2] + t * v[2] - o[2]
                 rho, z, x, y, along = _local(px, py, pz, axis, v, -1.0)
                 if beam:
