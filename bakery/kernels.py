@@ -6,6 +6,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | what | layout, in Python | compiled |
 |---|---|---|
 | tables of multiple scattering | `asset.multiple.point.tables()` | `point_source`, `segment_source` |
+| the same on arrays of Dr.Jit | `drjit_tables` | |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
@@ -129,6 +130,7 @@ __all__ = [
     "disc_cells",
     "disc_order",
     "discs_of_cell",
+    "drjit_tables",
     "enclosing_sphere",
     "exemplars",
     "first_disc",
@@ -172,6 +174,19 @@ __all__ = [
     "turned_direction",
     "within_reach",
 ]
+
+
+def drjit_tables(points, segments, Float):
+    """Tables of one wavelength, from `asset.multiple.segment.tables()`, for look-ups in kernels of Dr.Jit.
+
+    points, segments : of both sources; None for segments where only points are asked;  Float : `mitsuba.Float`, or of Dr.Jit
+
+    Returns `bakery.physics.multiple.symbolic.Tables` with `point_to_point`, `segment_to_point`, `point_to_segment` and
+    `segment_to_segment`.  Raises UsageError where Dr.Jit, or an LLVM for it, is missing.
+    """
+    from bakery.physics.multiple.symbolic import Tables
+
+    return Tables(points, segments, Float)
 
 
 def closed_mesh(data, kind):

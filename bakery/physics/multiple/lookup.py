@@ -24,9 +24,10 @@ UPSAMPLED = 3  # of the basis by splines; between these points linear
 _LINE = 64  # bytes that memory is read in
 _OVERLAP = 8  # points beyond an end that a spline goes through
 GAUSS = 5  # points of a piece of an integral
-_PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
+PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
 _TURN = 0.125  # share of an order of the directions that the pieces follow
-_SHORT = 0.5  # at least, beside the ends of a segment
+LONGEST = 3.0  # of the same, where lobes turn: see `piece`
+SHORT = 0.5  # at least, beside the ends of a segment
 END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
 GONE = 10.0  # mfp behind a position from which no light comes: what is left out is 3e-6 of the light, exp(-10) at most
 
@@ -102,7 +103,7 @@ def piece(turn, t):
     The smoother the farther: lobes turn as fast as the source is passed.  At g = 0.9 pieces of 2 were 3.7 % off beside a beam,
     at worst 13 %; these are 0.01 %, at worst 0.05 %.
     """
-    return 3.0 / (1 + turn / math.cosh(max(abs(t) - 1.0, 0.0)))
+    return LONGEST / (1 + turn / math.cosh(max(abs(t) - 1.0, 0.0)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -149,9 +150,9 @@ def _add_integral(to, points, start, end, rho, z, x, y, along, weight):
     # is cut off, pieces are short where the angle to the beam turns
     close = max(rho, frame.CLOSEST)
     t, last = math.asinh((start - z) / close), math.asinh((end - z) / close)
-    shortest = _SHORT if _touches(rho, z - start, end - start) else _PIECE
+    shortest = SHORT if _touches(rho, z - start, end - start) else PIECE
     while t < last:
-        step = min(_PIECE, max(shortest, 0.5 * abs(t)), piece(points.turn, t), last - t)
+        step = min(PIECE, max(shortest, 0.5 * abs(t)), piece(points.turn, t), last - t)
         for n in range(GAUSS):
             up = exp(t + X[n] * step)
             away, cosh = close * 0.5 * (up - 1 / up), 0.5 * (up + 1 / up)

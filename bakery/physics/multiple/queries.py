@@ -22,9 +22,9 @@ from bakery.physics.multiple._look import add, emptied, total, value
 from bakery.physics.multiple.lookup import Ready, add_beam, any_length, gauss, piece
 
 _GAUSS = 4  # points of a piece of a line of sight
-_X, _WEIGHT = gauss(_GAUSS)
-_PIECE = 1.0  # of arsinh, for one Gauss rule
-_STRIDE = 3.0  # mfp, the same where the source is far
+X, WEIGHT = gauss(_GAUSS)
+PIECE = 1.0  # of arsinh, for one Gauss rule
+STRIDE = 3.0  # mfp, the same where the source is far
 
 
 def point_to_point(points: Ready, vertex, incoming, target, outgoing):
@@ -136,12 +136,12 @@ def _to_segment(points, segments, beam, origin, direction, eye, view, length, di
         far = min(distance[n], max(middle, 0.0) + lookup.GONE)
         low, high = math.asinh(-middle / close), math.asinh((far - middle) / close)
         while low < high:
-            step = min(_PIECE, piece(points.turn, low), math.asinh(math.sinh(low) + _STRIDE / close) - low)
+            step = min(PIECE, piece(points.turn, low), math.asinh(math.sinh(low) + STRIDE / close) - low)
             step = max(min(step, high - low), 1e-9)
             for i in range(_GAUSS):
-                up = exp(low + _X[i] * step)
+                up = exp(low + X[i] * step)
                 t = middle + close * 0.5 * (up - 1 / up)
-                weight = _WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
+                weight = WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
                 px, py, pz = e[0] + t * v[0] - o[0], e[1] + t * v[1] - o[1], e[2] + t * v[2] - o[2]
                 rho, z, x, y, along = _local(px, py, pz, axis, v, -1.0)
                 if beam:
