@@ -6,6 +6,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | what | layout, in Python | compiled |
 |---|---|---|
 | tables of multiple scattering | `asset.multiple.point.tables()` | `point_source`, `segment_source` |
+| light of them along a line of sight | the same | `point_source_seen`, `segment_source_seen` |
 | the same on arrays of Dr.Jit | `drjit_tables` | |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
@@ -93,6 +94,8 @@ from bakery.physics.medium.phase import integral as phase_integral
 from bakery.physics.mie import amplitudes as mie_amplitudes
 from bakery.physics.multiple._look import value as point_source
 from bakery.physics.multiple.lookup import any_length as segment_source
+from bakery.physics.multiple.queries import point_seen as point_source_seen
+from bakery.physics.multiple.queries import segment_seen as segment_source_seen
 from bakery.physics.packing._cells import cells as tile_grid
 from bakery.physics.packing.instances import cumulated as cumulated_shares
 from bakery.physics.packing.instances import kind, rotation, uniforms
@@ -156,6 +159,7 @@ __all__ = [
     "phase_sample",
     "phase_value",
     "point_source",
+    "point_source_seen",
     "procedural_discs",
     "region_box",
     "region_densities",
@@ -164,6 +168,7 @@ __all__ = [
     "relative_density",
     "rotation_matrix",
     "segment_source",
+    "segment_source_seen",
     "stored_discs",
     "stream_key",
     "surface_density",

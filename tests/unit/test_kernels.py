@@ -35,6 +35,9 @@ def gathered(points, segments, length, rho, z, out):
     for n in range(len(out)):
         out[n, 0] = kernels.point_source(points, rho[n], z[n], 0.6, 0.0, 0.8)
         out[n, 1] = kernels.segment_source(points, segments, length, rho[n], z[n], 0.6, 0.0, 0.8)
+        axis, eye, view = (0.0, 0.0, 1.0), (rho[n], 0.0, z[n]), (-0.6, 0.0, -0.8)
+        out[n, 2] = kernels.point_source_seen(points, (0.0, 0.0, 0.0), axis, eye, view, np.inf)
+        out[n, 3] = kernels.segment_source_seen(points, segments, length, (0.0, 0.0, 0.0), axis, eye, view, np.inf)
 
 
 @njit
@@ -76,10 +79,14 @@ def test_tables_of_multiple_scattering(milk):
     theta = math.acos(0.8)
     (points, segments, stretch), = milk.multiple.segment.tables()
     assert stretch == 1
-    found = np.empty((3, 2))
+    found = np.empty((3, 4))
     gathered(points, segments, 3.3, rho, z, found)
     assert np.allclose(found[:, 0], milk.multiple.point(rho, z, theta, 0.0)[0], rtol=1e-12)
     assert np.allclose(found[:, 1], milk.multiple.segment(rho, z, theta, 0.0, length=3.3)[0], rtol=1e-12)
+    source, axis, view = np.zeros(3), np.array([0, 0, 1.0]), np.array([-0.6, 0, -0.8])
+    eye = np.column_stack([rho, 0 * rho, z])
+    assert np.allclose(found[:, 2], milk.multiple.point_to_segment(source, axis, eye, view, np.inf)[0], rtol=1e-12)
+    assert np.allclose(found[:, 3], milk.multiple.segment_to_segment(source, axis, 3.3, eye, view, np.inf)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("Float", "vector", "error"), [("Float64", "Array3f64", 1e-5), slow("Float", "Array3f", 1e-3)])

@@ -130,7 +130,7 @@ class Tables:
     def _from_beam(self, length, rho, z, x, y, along):
         """Whole tiles by the table of segments, but for those that the position touches; these and the rest by that of points."""
         dr, Float, tile = self._dr, self.Float, self._segments.table.length
-        length = dr.select(length > tile, dr.minimum(length, dr.maximum(z, 0) + lookup.GONE), length)
+        length = dr.minimum(length, (dr.floor((dr.maximum(z, 0) + lookup.GONE) / tile) + 1) * tile)
         whole = dr.floor(length / tile * (1 + self._rounding))
         rest = length - whole * tile > self._rounding * tile
 
