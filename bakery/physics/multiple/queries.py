@@ -105,7 +105,7 @@ def _local(px, py, pz, axis, outgoing, turn):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _point_to_point(points, vertex, incoming, target, outgoing, out):
     for n in range(len(out)):
-        p, q = target[n], vertex[n]
+        p, q = _vector(target, n), _vector(vertex, n)
         rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], _vector(incoming, n), _vector(outgoing, n), 1.0)
         out[n] = value(points, rho, z, x, y, along)
 
@@ -113,7 +113,7 @@ def _point_to_point(points, vertex, incoming, target, outgoing, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _segment_to_point(points, segments, origin, direction, target, outgoing, length, out):
     for n in range(len(out)):
-        p, q = target[n], origin[n]
+        p, q = _vector(target, n), _vector(origin, n)
         rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], _vector(direction, n), _vector(outgoing, n), 1.0)
         out[n] = any_length(points, segments, length[n], rho, z, x, y, along)
 
