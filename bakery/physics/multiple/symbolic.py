@@ -141,14 +141,17 @@ class Tables:
 
         total = dr.while_loop((Float(0), Float(0)), lambda n, total: n < whole, one)[1]
 
-        def integrated(n, total):
+        # a position touches the tiles on both sides of the end next to it, if any
+        following = dr.floor(z / tile + 0.5)
+
+        def integrated(i, total):
+            n = dr.select(i == 0, whole, following + (i - 2))
             start = n * tile
             stop = dr.minimum(start + tile, length)
-            wanted = dr.select(n < whole, self._touches(rho, z - start, tile), rest)
-            return n - 1, total + self._integral(start, dr.select(wanted, stop, start), rho, z, x, y, along)
+            wanted = dr.select(i == 0, rest, (n >= 0) & (n < whole) & self._touches(rho, z - start, tile))
+            return i + 1, total + self._integral(start, dr.select(wanted, stop, start), rho, z, x, y, along)
 
-        # the rest comes first, for all at once
-        return dr.while_loop((whole, total), lambda n, total: n >= 0, integrated)[1]
+        return dr.while_loop((Float(0), total), lambda i, total: i < 3, integrated)[1]
 
     def _integral(self, start, stop, rho, z, x, y, along):
         dr, Float = self._dr, self.Float
