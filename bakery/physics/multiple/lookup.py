@@ -31,6 +31,7 @@ LONGEST = 3.0  # of the same, where lobes turn: see `piece`
 SHORT = 0.5  # at least, beside the ends of a segment
 END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
 GONE = 10.0  # mfp behind a position from which no light comes: what is left out is 3e-6 of the light, exp(-10) at most
+DEEP = 20.0  # of (1 - k0) s: light of the place s of a beam has fallen by exp(-20) beside that which diffused from its beginning
 
 
 def gauss(count):
@@ -124,10 +125,11 @@ def any_length(points, segments, length, rho, z, x, y, along):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight):
-    """Adds weight times `any_length` to a `Sum` of the table of points and to one of the table of segments."""
+    """Adds weight times `any_length` to a sum (`_look.emptied`) of the table of points and to one of the table of segments."""
     points, segments = lent(points), lent(segments)
     tile = segments.length
-    gone = (math.floor((max(z, 0.0) + GONE) / tile) + 1) * tile  # whole tiles: nothing is left
+    # whole tiles: nothing is left
+    gone = (math.floor(min(max(z, 0.0) + GONE, DEEP / (1 - segments.k0)) / tile) + 1) * tile
     length = min(length, gone)
     whole = int(length / tile * (1 + 1e-12))
     near, reaching, decay = rho < END, weight, exp(-tile)

@@ -18,6 +18,7 @@ from bakery.physics.multiple.frame import CORE, SKEW
 from bakery.physics.multiple.kinds import POINT
 from bakery.system import llvm
 
+_LEAST = 1e-6  # that 1 - k0 counts as: where nothing scatters k0 is 1
 _PACK = 4  # functions that are read at once
 
 
@@ -130,7 +131,8 @@ class Tables:
     def _from_beam(self, length, rho, z, x, y, along):
         """Whole tiles by the table of segments, but for those that the position touches; these and the rest by that of points."""
         dr, Float, tile = self._dr, self.Float, self._segments.table.length
-        length = dr.minimum(length, (dr.floor((dr.maximum(z, 0) + lookup.GONE) / tile) + 1) * tile)
+        deep = lookup.DEEP / max(1 - self._segments.table.k0, _LEAST)
+        length = dr.minimum(length, (dr.floor(dr.minimum(dr.maximum(z, 0) + lookup.GONE, deep) / tile) + 1) * tile)
         whole = dr.floor(length / tile * (1 + self._rounding))
         rest = length - whole * tile > self._rounding * tile
 
