@@ -67,7 +67,7 @@ $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 	@touch $@
 
 bench: $(VENV)/.ready-bench
-	for job in mie averages render goa packing scatterometer granular granular_render multiple multiple_tables beam screen; do \
+	for job in mie averages render goa packing scatterometer granular granular_render multiple multiple_tables multiple_lookup beam screen; do \
 		$(BIN)/python benchmarks/$$job.py || exit 1; done
 
 .PHONY: recipes

@@ -7,6 +7,8 @@ are called, with what the layouts below make of an asset once, before the loop. 
 |---|---|---|
 | tables of multiple scattering | `asset.multiple.point.tables()` | `point_source`, `segment_source` |
 | sums of look-ups in them | | `no_look_ups`, `add_look_up`, `sum_of_look_ups` |
+| light of them along a line of sight | the same | `point_source_seen`, `segment_source_seen` |
+| the same on arrays of Dr.Jit | `drjit_tables` | |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
@@ -96,6 +98,8 @@ from bakery.physics.multiple._look import emptied as no_look_ups
 from bakery.physics.multiple._look import total as sum_of_look_ups
 from bakery.physics.multiple._look import value as point_source
 from bakery.physics.multiple.lookup import any_length as segment_source
+from bakery.physics.multiple.queries import point_seen as point_source_seen
+from bakery.physics.multiple.queries import segment_seen as segment_source_seen
 from bakery.physics.packing._cells import cells as tile_grid
 from bakery.physics.packing.instances import cumulated as cumulated_shares
 from bakery.physics.packing.instances import kind, rotation, uniforms
@@ -134,6 +138,7 @@ __all__ = [
     "disc_cells",
     "disc_order",
     "discs_of_cell",
+    "drjit_tables",
     "enclosing_sphere",
     "exemplars",
     "first_disc",
@@ -160,6 +165,7 @@ __all__ = [
     "phase_sample",
     "phase_value",
     "point_source",
+    "point_source_seen",
     "procedural_discs",
     "region_box",
     "region_densities",
@@ -168,6 +174,7 @@ __all__ = [
     "relative_density",
     "rotation_matrix",
     "segment_source",
+    "segment_source_seen",
     "solid",
     "stored_discs",
     "stream_key",
@@ -180,6 +187,19 @@ __all__ = [
     "turned_direction",
     "within_reach",
 ]
+
+
+def drjit_tables(points, segments, Float):
+    """Tables of one wavelength, from `asset.multiple.segment.tables()`, for look-ups in kernels of Dr.Jit.
+
+    points, segments : of both sources; None for segments where only points are asked;  Float : `mitsuba.Float`, or of Dr.Jit
+
+    Returns `bakery.physics.multiple.symbolic.Tables` with `point_to_point`, `segment_to_point`, `point_to_segment` and
+    `segment_to_segment`.  Raises UsageError where Dr.Jit, or an LLVM for it, is missing.
+    """
+    from bakery.physics.multiple.symbolic import Tables
+
+    return Tables(points, segments, Float)
 
 
 def closed_mesh(data, kind):

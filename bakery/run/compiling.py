@@ -26,7 +26,7 @@ SECONDS = {
     "grains.surface": 1.0,
     "mie._kernels": 8.2,
     "multiple._kernels": 2.4, "multiple._plane": 2.9, "multiple._tally": 4.5, "multiple.basis": 0.71, "multiple.locate": 0.21,
-    "multiple.legendre": 0.33, "multiple.lookup": 1.0, "multiple._look": 1.6, "multiple.point": 1.2,
+    "multiple.legendre": 0.33, "multiple.lookup": 0.4, "multiple._look": 1.8, "multiple.point": 1.2,
     "packing._cells": 1.2, "packing._chords": 1.4, "packing._kernels": 9.8, "packing.instances": 0.33,
 }
 

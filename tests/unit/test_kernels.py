@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import sys
 from typing import NamedTuple
@@ -12,7 +13,10 @@ from numba import njit
 
 import bakery
 from bakery import kernels
+from bakery.errors import UsageError
 from bakery.physics.packing.instances import instances, matrix
+from bakery.system import llvm
+from tests.conftest import slow
 
 
 def test_all_is_documented():
@@ -31,6 +35,9 @@ def gathered(points, segments, length, rho, z, out):
     for n in range(len(out)):
         out[n, 0] = kernels.point_source(points, rho[n], z[n], 0.6, 0.0, 0.8)
         out[n, 1] = kernels.segment_source(points, segments, length, rho[n], z[n], 0.6, 0.0, 0.8)
+        axis, eye, view = (0.0, 0.0, 1.0), (rho[n], 0.0, z[n]), (-0.6, 0.0, -0.8)
+        out[n, 2] = kernels.point_source_seen(points, (0.0, 0.0, 0.0), axis, eye, view, np.inf)
+        out[n, 3] = kernels.segment_source_seen(points, segments, length, (0.0, 0.0, 0.0), axis, eye, view, np.inf)
 
 
 @njit
@@ -72,10 +79,53 @@ def test_tables_of_multiple_scattering(milk):
     theta = math.acos(0.8)
     (points, segments, stretch), = milk.multiple.segment.tables()
     assert stretch == 1
-    found = np.empty((3, 2))
+    found = np.empty((3, 4))
     gathered(points, segments, 3.3, rho, z, found)
     assert np.allclose(found[:, 0], milk.multiple.point(rho, z, theta, 0.0)[0], rtol=1e-12)
     assert np.allclose(found[:, 1], milk.multiple.segment(rho, z, theta, 0.0, length=3.3)[0], rtol=1e-12)
+    source, axis, view = np.zeros(3), np.array([0, 0, 1.0]), np.array([-0.6, 0, -0.8])
+    eye = np.column_stack([rho, 0 * rho, z])
+    assert np.allclose(found[:, 2], milk.multiple.point_to_segment(source, axis, eye, view, np.inf)[0], rtol=1e-12)
+    assert np.allclose(found[:, 3], milk.multiple.segment_to_segment(source, axis, 3.3, eye, view, np.inf)[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("Float", "vector", "error"), [("Float64", "Array3f64", 1e-5), slow("Float", "Array3f", 1e-3)])
+def test_look_ups_in_kernels_of_drjit(milk, Float, vector, error):
+    """All four queries against numba's: beside and far from the source, beyond the extent, at the end of a tile, a pencil."""
+    llvm.find()
+    if llvm.fault(tuple(pytest.importorskip("drjit").detail.llvm_version())):
+        pytest.skip("Dr.Jit has no LLVM that it can use")
+    (points, segments, _), = milk.multiple.segment.tables()
+    random = np.random.default_rng(2)
+    source, place = random.normal(size=(2, 12, 3))
+    place[:4] = source[:4] + np.array([[0.03, 0, 0.01], [0, 100.0, 3], [0, 0, 0], [0, 0.02, 2]])
+    into, out = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in random.normal(size=(2, 12, 3)))
+    into[3] = 0, 0, 1
+    length, distance = random.uniform(0.2, 5, (2, 12))
+    length[3:7] = segments.length, math.inf, 0.0, math.inf
+    drjit = importlib.import_module("drjit.llvm")
+    number = getattr(drjit, Float)
+    tables = kernels.drjit_tables(points, segments, number)
+    a, b, v, w = (getattr(drjit, vector)(one.T) for one in (source, into, place, out))
+    beam, sight = (b, number(length)), (w, number(distance))
+    for name, first, last, expected in (
+            ("point_to_point", (b,), (w,), milk.multiple.point_to_point(source, into, place, out)),
+            ("segment_to_point", beam, (w,), milk.multiple.segment_to_point(source, into, length, place, out)),
+            ("point_to_segment", (b,), sight, milk.multiple.point_to_segment(source, into, place, out, distance)),
+            ("segment_to_segment", beam, sight, milk.multiple.segment_to_segment(source, into, length, place, out, distance))):
+        found = getattr(tables, name)(a, *first, v, *last).numpy()
+        assert np.allclose(found, expected[0], rtol=error, atol=0), name
+
+
+def test_drjit_without_what_it_needs_is_refused(milk, monkeypatch):
+    (points, segments, _), = milk.multiple.segment.tables()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "drjit", None)
+        with pytest.raises(UsageError, match="drjit.*pip install"):
+            kernels.drjit_tables(points, segments, float)
+    pytest.importorskip("drjit")
+    with pytest.raises(UsageError, match="float is no type of its arrays"):
+        kernels.drjit_tables(points, segments, float)
 
 
 def test_phase_functions(milk):

@@ -51,6 +51,14 @@ def exp(x):
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, forceinline=True)
+def asinh(x):
+    """arsinh(x) to 7e-10, relative below 0.3."""
+    size = abs(x)
+    found = log(size + math.sqrt(size * size + 1))
+    return -found if x < 0 else found
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_FAST, forceinline=True)
 def _arctan(r, z):
     """(2/pi) arctan of r = sqrt(z) in 0 .. 1, to 6e-10."""
     q = z * z

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, locate
 from bakery.physics.multiple._blend import LANES
-from bakery.physics.multiple._elementary import exp
+from bakery.physics.multiple._elementary import asinh, exp
 from bakery.physics.multiple._look import add, emptied, total, value
 from bakery.physics.multiple.frame import CORE
 from bakery.physics.multiple.table import RINGS, Table, margins
@@ -24,12 +25,22 @@ UPSAMPLED = 3  # of the basis by splines; between these points linear
 _LINE = 64  # bytes that memory is read in
 _OVERLAP = 8  # points beyond an end that a spline goes through
 GAUSS = 5  # points of a piece of an integral
-_PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
+PIECE = 2.0  # of arsinh(distance along the segment / distance from it), at most
 _TURN = 0.125  # share of an order of the directions that the pieces follow
-_SHORT = 0.5  # at least, beside the ends of a segment
+LONGEST = 3.0  # of the same, where lobes turn: see `piece`
+SHORT = 0.5  # at least, beside the ends of a segment
 END, BESIDE = 0.1, 1e-4  # mfp from the ends and from the axis of a tabulated segment within which points are summed instead
-GONE = 40.0  # mfp behind a position from which no light comes
-X, WEIGHT = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(GAUSS), (1.0, 0.0), strict=True))
+GONE = 10.0  # mfp behind a position from which no light comes: what is left out is 3e-6 of the light, exp(-10) at most
+DEEP = 20.0  # of (1 - k0) s: light of the place s of a beam has fallen by exp(-20) beside that which diffused from its beginning
+
+
+def gauss(count):
+    """Points and weights of Gauss's rule on 0 .. 1."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    return (1 + x) / 2, weight / 2
+
+
+X, WEIGHT = gauss(GAUSS)
 
 
 class Ready(NamedTuple):
@@ -94,7 +105,8 @@ def piece(turn, t):
     The smoother the farther: lobes turn as fast as the source is passed.  At g = 0.9 pieces of 2 were 3.7 % off beside a beam,
     at worst 13 %; these are 0.01 %, at worst 0.05 %.
     """
-    return 3.0 / (1 + turn / math.cosh(max(abs(t) - 1.0, 0.0)))
+    up = exp(max(abs(t) - 1.0, 0.0))
+    return LONGEST / (1 + 2 * turn / (up + 1 / up))  # 1 / cosh
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -103,6 +115,7 @@ def any_length(points, segments, length, rho, z, x, y, along):
 
     So are tiles on whose ends or axis the position nearly lies: there the table of segments is too coarse.
     """
+    points, segments = lent(points), lent(segments)
     if length == segments.length and not _touches(rho, z, length):
         return value(segments, rho, z, x, y, along)
     of_points, of_tiles = emptied(), emptied()
@@ -112,16 +125,21 @@ def any_length(points, segments, length, rho, z, x, y, along):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight):
-    """Adds weight times `any_length` to a `Sum` of the table of points and to one of the table of segments."""
+    """Adds weight times `any_length` to a sum (`_look.emptied`) of the table of points and to one of the table of segments."""
+    points, segments = lent(points), lent(segments)
     tile = segments.length
-    length = min(length, max(z, 0.0) + GONE) if length > tile else length
+    # whole tiles: nothing is left
+    gone = (math.floor(min(max(z, 0.0) + GONE, DEEP / (1 - segments.k0)) / tile) + 1) * tile
+    length = min(length, gone)
     whole = int(length / tile * (1 + 1e-12))
+    near, reaching, decay = rho < END, weight, exp(-tile)
     for n in range(whole):
         start = n * tile
-        if _touches(rho, z - start, tile):
+        if near and _touches(rho, z - start, tile):
             _add_integral(of_points, points, start, start + tile, rho, z, x, y, along, weight)
         else:
-            add(of_tiles, segments, rho, z - start, x, y, along, weight * exp(-start))
+            add(of_tiles, segments, rho, z - start, x, y, along, reaching)
+        reaching *= decay
     start = whole * tile
     if length - start > 1e-12 * tile:
         _add_integral(of_points, points, start, length, rho, z, x, y, along, weight)
@@ -139,11 +157,12 @@ def _add_integral(to, points, start, end, rho, z, x, y, along, weight):
     """Adds weight times the integral of exp(-s) times the table of points over places s from start to end of a beam."""
     # s - z = close sinh(t): the source falls off as 1/cosh(t), however close the segment is; beside an end, where a forward peak
     # is cut off, pieces are short where the angle to the beam turns
+    points = lent(points)
     close = max(rho, frame.CLOSEST)
-    t, last = math.asinh((start - z) / close), math.asinh((end - z) / close)
-    shortest = _SHORT if _touches(rho, z - start, end - start) else _PIECE
+    t, last = asinh((start - z) / close), asinh((end - z) / close)
+    shortest = SHORT if _touches(rho, z - start, end - start) else PIECE
     while t < last:
-        step = min(_PIECE, max(shortest, 0.5 * abs(t)), piece(points.turn, t), last - t)
+        step = min(PIECE, max(shortest, 0.5 * abs(t)), piece(points.turn, t), last - t)
         for n in range(GAUSS):
             up = exp(t + X[n] * step)
             away, cosh = close * 0.5 * (up - 1 / up), 0.5 * (up + 1 / up)

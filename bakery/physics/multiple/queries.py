@@ -16,13 +16,16 @@ import math
 import numpy as np
 from numba import njit
 
+from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, lookup
-from bakery.physics.multiple._elementary import exp
+from bakery.physics.multiple._elementary import asinh, exp
 from bakery.physics.multiple._look import add, emptied, total, value
-from bakery.physics.multiple.lookup import GAUSS, WEIGHT, Ready, X, add_beam, any_length, piece
+from bakery.physics.multiple.lookup import Ready, add_beam, any_length, gauss, piece
 
-_PIECE = 1.0  # of arsinh, for one Gauss rule
-_STRIDE = 3.0  # mfp, the same where the source is far
+_GAUSS = 4  # points of a piece of a line of sight
+X, WEIGHT = gauss(_GAUSS)
+PIECE = 1.0  # of arsinh, for one Gauss rule
+STRIDE = 3.0  # mfp, the same where the source is far
 
 
 def point_to_point(points: Ready, vertex, incoming, target, outgoing):
@@ -102,49 +105,97 @@ def _local(px, py, pz, axis, outgoing, turn):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _point_to_point(points, vertex, incoming, target, outgoing, out):
     for n in range(len(out)):
-        p, q = target[n], vertex[n]
-        rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], incoming[n], outgoing[n], 1.0)
+        p, q = _vector(target, n), _vector(vertex, n)
+        rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], _vector(incoming, n), _vector(outgoing, n), 1.0)
         out[n] = value(points, rho, z, x, y, along)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _segment_to_point(points, segments, origin, direction, target, outgoing, length, out):
     for n in range(len(out)):
-        p, q = target[n], origin[n]
-        rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], direction[n], outgoing[n], 1.0)
+        p, q = _vector(target, n), _vector(origin, n)
+        rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], _vector(direction, n), _vector(outgoing, n), 1.0)
         out[n] = any_length(points, segments, length[n], rho, z, x, y, along)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _to_segment(points, segments, beam, origin, direction, eye, view, length, distance, out):
-    of_points, of_tiles = emptied(), emptied()
     for n in range(len(out)):
-        o, e, v, axis = origin[n], eye[n], view[n], direction[n]
-        ox, oy, oz = o[0] - e[0], o[1] - e[1], o[2] - e[2]
-        # the place of the source that the line of sight passes closest
-        cosine, s = _dot(axis, v), 0.0
-        if beam and cosine * cosine < 1:
-            ahead = ox * v[0] + oy * v[1] + oz * v[2]
-            s = (cosine * ahead - (ox * axis[0] + oy * axis[1] + oz * axis[2])) / (1 - cosine * cosine)
-            s = min(max(s, 0.0), length[n])
-        ox, oy, oz = ox + s * axis[0], oy + s * axis[1], oz + s * axis[2]
-        middle = ox * v[0] + oy * v[1] + oz * v[2]
-        hx, hy, hz = ox - middle * v[0], oy - middle * v[1], oz - middle * v[2]
-        close = max(math.sqrt(hx * hx + hy * hy + hz * hz), frame.CLOSEST)
-        far = min(distance[n], max(middle, 0.0) + lookup.GONE)
-        low, high = math.asinh(-middle / close), math.asinh((far - middle) / close)
-        while low < high:
-            step = min(_PIECE, piece(points.turn, low), math.asinh(math.sinh(low) + _STRIDE / close) - low)
-            step = max(min(step, high - low), 1e-9)
-            for i in range(GAUSS):
-                up = exp(low + X[i] * step)
-                t = middle + close * 0.5 * (up - 1 / up)
-                weight = WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
-                px, py, pz = e[0] + t * v[0] - o[0], e[1] + t * v[1] - o[1], e[2] + t * v[2] - o[2]
-                rho, z, x, y, along = _local(px, py, pz, axis, v, -1.0)
-                if beam:
-                    add_beam(of_points, of_tiles, points, segments, length[n], rho, z, x, y, along, weight)
-                else:
-                    add(of_points, points, rho, z, x, y, along, weight)
-            low += step
-        out[n] = total(of_points, points) + total(of_tiles, segments)
+        o, e, v, axis = _vector(origin, n), _vector(eye, n), _vector(view, n), _vector(direction, n)
+        if beam:
+            out[n] = segment_seen(points, segments, length[n], o, axis, e, v, distance[n])
+        else:
+            out[n] = point_seen(points, o, axis, e, v, distance[n])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _vector(array, n):
+    return array[n, 0], array[n, 1], array[n, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_seen(points, vertex, incoming, eye, view, distance):
+    """`point_to_segment` of one line of sight: vectors are tuples of three floats."""
+    points, to = lent(points), emptied()
+    middle, close, low, high = _sight(vertex, eye, view, distance)
+    while low < high:
+        step = _step(points, close, low, high)
+        for i in range(_GAUSS):
+            t, weight = _sample(middle, close, low, step, i)
+            rho, z, x, y, along = _seen_from(vertex, incoming, eye, view, t)
+            add(to, points, rho, z, x, y, along, weight)
+        low += step
+    return total(to, points)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def segment_seen(points, segments, length, origin, direction, eye, view, distance):
+    """`segment_to_segment` of one line of sight."""
+    points, segments = lent(points), lent(segments)
+    of_points, of_tiles = emptied(), emptied()
+    # the place of the source that the line of sight passes closest
+    cosine, s = _dot(direction, view), 0.0
+    if cosine * cosine < 1:
+        to = origin[0] - eye[0], origin[1] - eye[1], origin[2] - eye[2]
+        s = min(max((cosine * _dot(to, view) - _dot(to, direction)) / (1 - cosine * cosine), 0.0), length)
+    nearest = origin[0] + s * direction[0], origin[1] + s * direction[1], origin[2] + s * direction[2]
+    middle, close, low, high = _sight(nearest, eye, view, distance)
+    while low < high:
+        step = _step(points, close, low, high)
+        for i in range(_GAUSS):
+            t, weight = _sample(middle, close, low, step, i)
+            rho, z, x, y, along = _seen_from(origin, direction, eye, view, t)
+            add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight)
+        low += step
+    return total(of_points, points) + total(of_tiles, segments)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _sight(source, eye, view, distance):
+    """Where along the line, and how close, it passes the source; arsinh of both ends."""
+    to = source[0] - eye[0], source[1] - eye[1], source[2] - eye[2]
+    middle = _dot(to, view)
+    hx, hy, hz = to[0] - middle * view[0], to[1] - middle * view[1], to[2] - middle * view[2]
+    close = max(math.sqrt(hx * hx + hy * hy + hz * hz), frame.CLOSEST)
+    far = min(distance, max(middle, 0.0) + lookup.GONE)
+    return middle, close, asinh(-middle / close), asinh((far - middle) / close)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _step(points, close, low, high):
+    step = min(PIECE, piece(points.turn, low), asinh(math.sinh(low) + STRIDE / close) - low)
+    return max(min(step, high - low), 1e-9)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _sample(middle, close, low, step, i):
+    """Distance along the line, and the weight of what is scattered there."""
+    up = exp(low + X[i] * step)
+    t = middle + close * 0.5 * (up - 1 / up)
+    return t, WEIGHT[i] * step * close * 0.5 * (up + 1 / up) * exp(-t)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _seen_from(origin, axis, eye, view, t):
+    px, py, pz = eye[0] + t * view[0] - origin[0], eye[1] + t * view[1] - origin[1], eye[2] + t * view[2] - origin[2]
+    return _local(px, py, pz, axis, view, -1.0)
