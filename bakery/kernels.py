@@ -6,7 +6,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | what | layout, in Python | compiled |
 |---|---|---|
 | tables of multiple scattering | `asset.multiple.point.tables()` | `point_source`, `segment_source` |
-| sums of look-ups in them | | `no_look_ups`, `add_look_up`, `sum_of_look_ups` |
+| sums of look-ups in them | | `no_look_ups`, `add_look_up`, `add_segment_look_up`, `sum_of_look_ups` |
 | light of them along a line of sight | the same | `point_source_seen`, `segment_source_seen` |
 | the same on arrays of Dr.Jit | `drjit_tables` | |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
@@ -97,6 +97,7 @@ from bakery.physics.multiple._look import add as add_look_up
 from bakery.physics.multiple._look import emptied as no_look_ups
 from bakery.physics.multiple._look import total as sum_of_look_ups
 from bakery.physics.multiple._look import value as point_source
+from bakery.physics.multiple.lookup import add_beam as add_segment_look_up
 from bakery.physics.multiple.lookup import any_length as segment_source
 from bakery.physics.multiple.queries import point_seen as point_source_seen
 from bakery.physics.multiple.queries import segment_seen as segment_source_seen
@@ -121,6 +122,7 @@ __all__ = [
     "Mesh",
     "Region",
     "add_look_up",
+    "add_segment_look_up",
     "aggregate",
     "aggregate_scratch",
     "at_surface",

@@ -195,7 +195,8 @@ def wick():
     return Manifold.cylinder(8.1, 0.7, 0.7, 16).translate((0, 0, 54.4)).warp(lambda p: (p[0] + 0.07 * (p[2] - 54.4), *p[1:]))
 
 
-MESHES = {"bumpy_ball": bumpy_ball, "candle": candle, "candle_hollow": lambda: candle(hollow=True), "flame": flame, "wick": wick, "black_ball": lambda: Manifold.sphere(9, 64).translate((0, 0, 43.5)),
+MESHES = {"bumpy_ball": bumpy_ball, "candle": candle, "candle_hollow": lambda: candle(hollow=True), "flame": flame, "wick": wick,
+          "black_ball": lambda: Manifold.sphere(9, 64).translate((0, 0, 43.5)),
           "tumbler": tumbler, "milk": milk, "head": head, "soap": soap}
 
 # ---- Mitsuba files

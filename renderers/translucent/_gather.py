@@ -12,12 +12,22 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bakery.kernels import add_look_up, lent, mesh_scratch, no_look_ups, phase_value, sum_of_look_ups, triangle_normal
+from bakery.kernels import (
+    add_look_up,
+    add_segment_look_up,
+    lent,
+    mesh_scratch,
+    no_look_ups,
+    phase_value,
+    sum_of_look_ups,
+    triangle_normal,
+)
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform
 
 LATER, SECOND, OTHER = range(3)  # what `gather` finds
 _BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bring, and the share that is drawn evenly
+_NEAR = 4.0  # mfp, from the middle of a beam, within which all of it is looked up, not a point that is drawn on it
 DRAWS = 6  # random numbers for each beam
 _FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
 _SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
@@ -81,13 +91,13 @@ def strongest(sigma, w, beams, middle, strength):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(geometry, medium, table, k0, w, beams, middle, strength, picks, later, second, beyond, around, origin, direction, far,
+def gather(geometry, medium, table, segments, w, beams, middle, strength, picks, later, second, beyond, around, origin, direction, far,
            states, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
 
     Parameters
     ----------
-    medium : `Scatterer`;  table : ready table of points of wavelength w, whose tail falls off with k0, 1/mfp
+    medium : `Scatterer`;  table, segments : ready tables of points and of segments of wavelength w
     beams : `Beams`;  middle, strength : of `strongest`
     picks : beams drawn for each line of sight
     later : whether third and later events count, by the table, and second ones on beams of negative power
@@ -99,8 +109,8 @@ def gather(geometry, medium, table, k0, w, beams, middle, strength, picks, later
     brought : (3, n, L) column w becomes the radiance of third and later events, of second ones, and of second ones on beams that
         began with light scattered before; W/m^2 sr
     """
-    geometry, medium, table, beams = lent(geometry), lent(medium), lent(table), lent(beams)
-    looked_up = no_look_ups()
+    geometry, medium, table, segments, beams = lent(geometry), lent(medium), lent(table), lent(segments), lent(beams)
+    looked_up, tiles = no_look_ups(), no_look_ups()
     n = len(beams.length)
     total, room, local = np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
     p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
@@ -112,7 +122,7 @@ def gather(geometry, medium, table, k0, w, beams, middle, strength, picks, later
             t = min(1.0 / sigma, 0.5 * far[i])
             for k in range(3):
                 here[k] += (origin[i, k] + t * direction[i, k]) / (around[g + 1] - around[g])
-        whole = _guess(middle, strength, sigma, k0, here[0], here[1], here[2], total)
+        whole = _guess(middle, strength, sigma, table.k0, here[0], here[1], here[2], total)
         for i in range(around[g], around[g + 1]):
             for kind in range(3):
                 brought[kind, i, w] = 0.0
@@ -126,32 +136,47 @@ def gather(geometry, medium, table, k0, w, beams, middle, strength, picks, later
                 beam = min(np.searchsorted(total, u, side="right"), n - 1)
                 chance = (total[beam] - (total[beam - 1] if beam > 0 else 0.0)) / whole * picks
                 s, weight = _along(uniform(local, 0), sigma, beams.length[beam])
-                weight *= beams.power[beam, w] * sigma / chance
+                power = beams.power[beam, w] / chance
+                weight *= power * sigma
                 u, v = uniform(local, 0), uniform(local, 0)
                 for k in range(3):
                     p[0, k] = beams.origin[beam, k] + s * beams.direction[beam, k]
                 if later:
                     t, lasting = _along(u, sigma, far[i])
+                    lasting *= sigma**3
+                    square = 0.0
                     for k in range(3):
                         d[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k])
                         ray[k] = beams.direction[beam, k]
-                    _later(looked_up, table, d, ray, direction, i, weight * lasting * sigma**3)
+                        square += (origin[i, k] + t * direction[i, k] - middle[k, beam]) ** 2
+                    if sigma * sigma * square < _NEAR * _NEAR:
+                        for k in range(3):
+                            d[0, k] += sigma * s * ray[k]
+                        rho, along, x, y, forward = _placed(d, ray, direction, i)
+                        add_segment_look_up(looked_up, tiles, table, segments, sigma * beams.length[beam], rho, along, x, y, forward,
+                                            power * lasting)
+                        for k in range(3):
+                            d[0, k] -= sigma * s * ray[k]
+                    else:
+                        rho, along, x, y, forward = _placed(d, ray, direction, i)
+                        add_look_up(looked_up, table, rho, along, x, y, forward, weight * lasting)
                     if beyond < np.inf:
                         _mirror(beyond, sigma, normal, origin, i, p, d, ray, t, direction)
-                        _later(looked_up, table, d, ray, direction, i, -weight * lasting * sigma**3)
+                        rho, along, x, y, forward = _placed(d, ray, direction, i)
+                        add_look_up(looked_up, table, rho, along, x, y, forward, -weight * lasting)
                 negative = beams.power[beam, w] < 0.0
                 if second or negative and later:
                     kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
                     brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
                         geometry, medium, beams, beam, w, v, uniform(local, 0), share, p, d, origin, direction, far, i, room)
             if later:
-                brought[LATER, i, w] += sum_of_look_ups(looked_up, table)
+                brought[LATER, i, w] += sum_of_look_ups(looked_up, table) + sum_of_look_ups(tiles, segments)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _later(looked_up, table, away, ray, direction, i, weight):
-    """Adds weight times the table at a place away (1, 3) mfp from a collision of light along ray (3,), against the direction of
-    line of sight i, to a sum of look-ups."""
+def _placed(away, ray, direction, i):
+    """Where a place away (1, 3) is from light along ray (3,), and the direction against line of sight i: rho, z, and its components
+    along rho, across and along z."""
     x, y, z = away[0, 0], away[0, 1], away[0, 2]
     bx, by, bz = ray[0], ray[1], ray[2]
     ox, oy, oz = -direction[i, 0], -direction[i, 1], -direction[i, 2]
@@ -164,7 +189,7 @@ def _later(looked_up, table, away, ray, direction, i, weight):
         across = math.sqrt(max(1.0 - forward * forward - radial * radial, 0.0))
     else:
         radial, across = math.sqrt(max(1.0 - forward * forward, 0.0)), 0.0
-    add_look_up(looked_up, table, rho, along, radial, across, forward, weight)
+    return rho, along, radial, across, forward
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -23,7 +23,7 @@ class Body(NamedTuple):
     index : refractive index inside over that outside; 1 where there is no boundary to light
     smooth : whether Fresnel's equations are all that its boundary does to light
     medium : `Scatterer`, of the events that the tables count
-    tables : of each wavelength the point table, ready for look-ups
+    tables : of each wavelength those of points and of segments, ready for look-ups
     convex : whether no straight way between two of its points leaves it, or meets another surface
     """
 

@@ -82,7 +82,7 @@ def _body(shapes, name, asset, index, wrong):
         raise wrong("shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
     if index is not None and abs(index - shape.index) > 1e-3 * index:
         raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
-    tables = [one for one, _, _ in asset.multiple.point.tables()]
+    tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()]
     return Body(name, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
 
 

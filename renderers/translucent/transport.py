@@ -277,10 +277,10 @@ def _gathered(transport, paths, number, far, sums, gather):
     around = np.append(np.arange(0, len(rows), _TOGETHER), len(rows))
     some = paths.of(rows)
     brought = np.zeros((3, *some.weight.shape))
-    for w, table in enumerate(body.tables):
+    for w, (points, segments) in enumerate(body.tables):
         middle, strength = np.empty((3, len(beams.length))), np.empty(len(beams.length))
         _gather.strongest(body.medium.sigma_t[w], w, beams, middle, strength)
-        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, table, table.k0, w, beams, middle, strength,
+        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, points, segments, w, beams, middle, strength,
             gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
             far[rows], some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
