@@ -96,7 +96,7 @@ def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal,
             return np.inf
         begin, fresh = far_side(x, y, z, d, radii[met[0]]), False
         cx, cy, cz = p[0] + x, p[1] + y, p[2] + z
-        share = share_at(aggregate, cx, cy, cz)
+        share = share_at(aggregate, cx, cy, cz) if aggregate.share.values.size > 0 else 1.0
         if in_mesh(aggregate, cx, cy, cz, room[0]) and (share >= 1.0 or uniform(states, i) < share):
             met[1], met[2], met[3] = np.int64(uniform(states, i) * 2.0**53), 0, 0
             t = on_grain(grains, met, (cx, cy, cz), x, y, z, d, entry, ahead, at, normal, room[0][0])
