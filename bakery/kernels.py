@@ -12,6 +12,10 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
 | spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
+| of which a part is left out | `Field`, `field`, `uniform_field`; `mean_share` | `share_at` |
+| grains whose mixture varies | `field` | `instance_of` |
+| a medium that varies | `Varied`, `varied_medium`, `unvaried_medium`, `extinction_at_fraction` | `extinctions_at` |
+| its components | `Component`, `whole_medium`, `medium_component` | |
 | that mesh | `depth_in_mesh` | `mesh_boundary`, `in_mesh`, `deep_in_mesh`, `deepest_in_mesh`, `within_reach` |
 | diffuse light in it | `Diffuse`, `diffuse_in_mesh`, `never_diffuse` | `clear_in_mesh`, `diffuse_share` |
 | voxels with triangles | | `mark_voxels` |
@@ -72,7 +76,15 @@ from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._distance import deepest as deepest_in_mesh
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.granular._voxels import mark as mark_voxels
-from bakery.physics.granular.aggregate import Aggregate, aggregate, enclosing_sphere, first_sphere, within_reach
+from bakery.physics.granular.aggregate import (
+    Aggregate,
+    aggregate,
+    enclosing_sphere,
+    first_sphere,
+    mean_share,
+    share_at,
+    within_reach,
+)
 from bakery.physics.granular.aggregate import boundary as mesh_boundary
 from bakery.physics.granular.aggregate import deep as deep_in_mesh
 from bakery.physics.granular.aggregate import depth as depth_in_mesh
@@ -85,6 +97,15 @@ from bakery.physics.granular.diffusion import diffuse as diffuse_in_mesh
 from bakery.physics.granular.diffusion import never as never_diffuse
 from bakery.physics.granular.exemplars import Exemplars
 from bakery.physics.granular.exemplars import layout as exemplars
+from bakery.physics.granular.field import Field, between, field, first_above
+from bakery.physics.granular.field import uniform as uniform_field
+from bakery.physics.granular.varied import Component, Varied
+from bakery.physics.granular.varied import component as medium_component
+from bakery.physics.granular.varied import extinction as extinction_at_fraction
+from bakery.physics.granular.varied import extinctions as extinctions_at
+from bakery.physics.granular.varied import unvaried as unvaried_medium
+from bakery.physics.granular.varied import varied as varied_medium
+from bakery.physics.granular.varied import whole as whole_medium
 from bakery.physics.lent import lent
 from bakery.physics.medium._kernels import evaluated as phase_value
 from bakery.physics.medium._kernels import layout as phase_layout
@@ -117,10 +138,13 @@ __all__ = [
     "DIFFUSE",
     "NO_DISC",
     "Aggregate",
+    "Component",
     "Diffuse",
     "Exemplars",
+    "Field",
     "Mesh",
     "Region",
+    "Varied",
     "add_look_up",
     "add_segment_look_up",
     "aggregate",
@@ -143,6 +167,9 @@ __all__ = [
     "drjit_tables",
     "enclosing_sphere",
     "exemplars",
+    "extinction_at_fraction",
+    "extinctions_at",
+    "field",
     "first_disc",
     "first_sphere",
     "flight_to_sphere",
@@ -152,8 +179,11 @@ __all__ = [
     "hashed",
     "in_mesh",
     "instance",
+    "instance_of",
     "lent",
     "mark_voxels",
+    "mean_share",
+    "medium_component",
     "mesh_boundary",
     "mesh_scratch",
     "mie_amplitudes",
@@ -177,6 +207,7 @@ __all__ = [
     "rotation_matrix",
     "segment_source",
     "segment_source_seen",
+    "share_at",
     "solid",
     "stored_discs",
     "stream_key",
@@ -187,6 +218,10 @@ __all__ = [
     "tile_grid",
     "triangle_normal",
     "turned_direction",
+    "uniform_field",
+    "unvaried_medium",
+    "varied_medium",
+    "whole_medium",
     "within_reach",
 ]
 
@@ -231,3 +266,10 @@ def instance(seed, i, j, k, sphere, shares):
     """
     a, b, c, d = uniforms(seed, i, j, k, sphere)
     return kind(a, shares), rotation(b, c, d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def instance_of(seed, i, j, k, sphere, mixture, x, y, z):
+    """As `instance`, with the cumulated shares of a `Field` at the sphere's centre; compiled."""
+    a, b, c, d = uniforms(seed, i, j, k, sphere)
+    return first_above(mixture, between(mixture, x, y, z), a), rotation(b, c, d)

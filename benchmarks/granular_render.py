@@ -197,7 +197,8 @@ def trimmed(values):
     return values[: len(values) - len(values) // 1000].mean()
 
 
-SCENES = ("cube_of_beads", "snowman", "snowman_small", "sand_castle", "spices", "wet_beside_dry", "heap_of_sand")
+SCENES = ("cube_of_beads", "snowman", "snowman_small", "sand_castle", "spices", "wet_beside_dry", "layers_of_sand",
+          "heap_of_sand")
 METHODS = ("ept", "vpt", "ept+vpt", "ept+vpt+da", "auto", "teleport")
 
 

@@ -71,6 +71,15 @@ class Surfaces(Section):
     unit: Length = Field(1.0, description="Length of one unit of the Mitsuba scene, such as 1 cm.")
 
 
+class Grid(Section):
+    """Densities in a box: a file, and the box that they fill."""
+
+    grid: fields.Path = Field(description="File of densities: HDF5, NPY or Mitsuba's VOL.")
+    dataset: fields.Path | None = Field(None, description="Of an HDF5 file.")
+    lo: Position | None = Field(None, description="Corner of the box that the grid fills; a VOL file holds its own.")
+    hi: Position | None = Field(None, description="The opposite corner.")
+
+
 class Camera(Section):
     """A pinhole camera."""
 
@@ -182,6 +191,18 @@ def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Proble
             yield node_at(root, key).place.problem("found a direction of length 0", "expected one such as [0, 0, 1]")
 
 
+def box_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:
+    """A box without volume: `lo` and `hi` below a dotted key."""
+    lo, hi = triple(values, f"{key}.lo"), triple(values, f"{key}.hi")
+    if lo is not None and hi is not None and not np.all(lo < hi):
+        yield owner(node_at(root, f"{key}.hi")).problem("found a box without volume", "expected hi above lo in x, y and z")
+
+
+def names_at(found) -> list[str]:
+    """The names in a mapping that may be part of a dotted key; none where there is no mapping."""
+    return [name for name in found if not set(name) & set(".[]")] if isinstance(found, dict) else []
+
+
 def node_at(root: Mapping, key: str) -> Node | None:
     """The node at a dotted key such as `granular.where[1].mesh`, or None."""
     node = root
@@ -199,7 +220,7 @@ def value_at(values: Section, key: str):
         if step.startswith("["):
             values = values[int(step[1:-1])] if isinstance(values, list) else None
         else:
-            values = getattr(values, step, None)
+            values = values.get(step) if isinstance(values, dict) else getattr(values, step, None)
     return values
 
 

@@ -48,6 +48,26 @@ def read(path, dataset=None):
     return values, *(box or (None, None))
 
 
+def placed(scene, key, where):
+    """The densities of a scene's grid, `where` of `renderers.common.Grid` at a dotted key, and its box.
+
+    Returns values (X, Y, Z), lo, hi (3,) m.  Raises UsageError with the key where it cannot be read, or has no box.
+    """
+    if where.dataset and Path(where.grid).suffix.lower() not in (".h5", ".hdf5"):
+        raise scene.wrong(f"{key}.dataset", "found a dataset of a file that has none; .h5 and .hdf5 files do")
+    try:
+        values, lo, hi = read(scene.file(where.grid), where.dataset)
+    except UsageError as fault:
+        raise scene.wrong(f"{key}.grid", fault) from None
+    lo, hi = (np.array(requested if requested is not None else stored, float)
+              for requested, stored in ((where.lo, lo), (where.hi, hi)))
+    if lo.shape != (3,) or hi.shape != (3,):
+        raise scene.wrong(f"{key}.grid", "found no box in the file; lo and hi would do")
+    if not np.all(lo < hi):
+        raise scene.wrong(f"{key}.grid", "found a box without volume; hi above lo in x, y and z would do")
+    return values, lo, hi
+
+
 def write_vol(path, values, lo=(0.0, 0.0, 0.0), hi=(1.0, 1.0, 1.0)):
     """Writes densities (X, Y, Z) as the VOL file of one channel that `gridvolume` of Mitsuba reads; box from `lo` to `hi`."""
     values = np.asarray(values)

@@ -6,8 +6,8 @@ may say stands in `renderers.common`.  One of its sections names the renderer (`
 - `render(scene, output, *, quality, variant, seed, overwrite, progress) -> report` and `describe(report) -> lines`, for which
   `renderers.running` has what all do alike;
 - its module `scene`: `SceneFile(Common)`, what the whole file may hold; `NEEDS`, stages of the asset; `FILES`, its own keys of
-  files; `BODIES`, the key that may be a list of bodies, each with its own asset and files, or ""; `UNUSED`, dotted common keys
-  that it does without, each with what would do instead; `RESUMES`, whether `render` takes
+  files, `*` where any name may stand; `BODIES`, the key that may be a list of bodies, each with its own asset and files, or "";
+  `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
   `resume` and goes on from the samples of the EXR that stands; `problems(root, values)`, what has to hold between keys.
 """
 
@@ -27,7 +27,7 @@ from bakery.grammar import fields, files, overrides, text
 from bakery.grammar.problems import distinct, places, translate
 from bakery.grammar.text import Mapping, Node, Sequence
 from renderers import common
-from renderers.common import FORMAT, Common, node_at, value_at
+from renderers.common import FORMAT, Common, names_at, node_at, value_at
 from renderers.inputs import files_of
 
 SUFFIXES = (".yaml", ".yml")
@@ -90,7 +90,8 @@ class Scene:
 
     def keys_of_files(self) -> list[str]:
         """Dotted keys that may name files."""
-        return _keys_of_files(self.rules, 0 if self.bodies == [self.values] else len(self.bodies))
+        return _keys_of_files(self.rules, 0 if self.bodies == [self.values] else len(self.bodies),
+                              lambda key: value_at(self.values, key))
 
     def file(self, name: str) -> Path:
         """A file that the scene names."""
@@ -136,7 +137,8 @@ def load(path, settings: MappingType[str, str] | None = None) -> Scene:
         parsed = None
         problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
     bodies = node_at(tree.root, kind.BODIES) if kind.BODIES else None
-    problems += _files(path, tree.root, values, _keys_of_files(kind, len(bodies) if isinstance(bodies, Sequence) else 0))
+    problems += _files(path, tree.root, values, _keys_of_files(kind, len(bodies) if isinstance(bodies, Sequence) else 0,
+                                                               lambda key: node_at(tree.root, key)))
     problems += common.problems(tree.root, values, section, kind.UNUSED, kind.BODIES)
     problems += kind.problems(tree.root, values)
     if problems:
@@ -193,11 +195,17 @@ def _of_scenes(problem: Problem) -> Problem:
     return dataclasses.replace(problem, expected=problem.expected.replace("recipe", "scene"))
 
 
-def _keys_of_files(kind, bodies: int) -> list[str]:
-    """Keys of files of all renderers and of one, whose list of bodies is so long."""
+def _keys_of_files(kind, bodies: int, at) -> list[str]:
+    """Keys of files of all renderers and of one, whose list of bodies is so long; at(key): what stands there, or None."""
     own = [f"{kind.BODIES}[{i}].{key}" for i in range(bodies) for key in ("asset", "recipe")]
     inside = [key.replace(kind.BODIES, f"{kind.BODIES}[{i}]") for i in range(bodies) for key in kind.FILES]
-    return [*common.FILES, *(inside or kind.FILES), *own]
+    return [*common.FILES, *(named for key in inside or kind.FILES for named in _by_name(key, at)), *own]
+
+
+def _by_name(key: str, at) -> list[str]:
+    """A key, or with a `*` in it one for each name that stands there."""
+    before, star, after = key.partition(".*")
+    return [f"{before}.{name}{after}" for name in names_at(at(before))] if star else [key]
 
 
 def _files(path: Path, root: Mapping, values: dict, keys: list[str]) -> Iterator[Problem]:

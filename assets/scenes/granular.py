@@ -1,4 +1,4 @@
-"""Writes the meshes of the scenes of grains: python assets/scenes/granular.py     (needs manifold3d, of the extra `test`)
+"""Writes the meshes and grids of the scenes of grains: python assets/scenes/granular.py   (needs manifold3d, of the extra `test`)
 
 All are closed, z is up.  A bowl is what spices lie in; grains fill the others.
 """
@@ -129,6 +129,29 @@ def mound(side):
     return turned([profile], 64).warp_batch(dented).trim_by_plane((side, 0, 0), 0)
 
 
+# ---- layers of sand
+
+HIGH, LOOSE = 1.7, 0.5  # height of the sand in radii of its column, and of its loose top
+
+
+def column():
+    """What sand of radius 1 fills, with a mound."""
+    profile = [(0, 0), (1, 0), *((r, HIGH - 0.12 + 0.12 * math.cos(math.pi * r)) for r in np.linspace(1, 0, 17))]
+    return turned([profile], 64)
+
+
+def layers():
+    """Grids of the column: whether sand at a place (X, Y, Z) is of a colour, and its packing fraction (1, 1, Z)."""
+    x, y, z = np.meshgrid(*(np.linspace(-1, 1, 2 * n + 1)[1::2] for n in (40, 12, 64)), indexing="ij")
+    height = (z + 1) / 2 * HIGH + 0.09 * np.sin(3.2 * x + 1.1 * y) + 0.05 * np.cos(5.1 * x - 2 * y + 1)
+    upto = np.array([0.2, 0.5, 0.62, 0.9, 1.0, 1.22, 1.36])  # tops of the layers
+    colour = np.array(["teal", "ochre", "white", "red", "white", "teal", "ochre", "red"])[np.searchsorted(upto, height)]
+    level = np.linspace(0, HIGH, 2 * 64 + 1)[1::2]
+    fraction = np.interp(level, [HIGH - LOOSE, HIGH], [0.6, 0.02]).reshape(1, 1, -1)
+    grids = {name: (colour == name).astype(np.uint8) for name in ("ochre", "red", "teal")}
+    return grids | {"fraction": fraction.astype(np.float32)}
+
+
 def write(name, solid):
     made = solid.to_mesh64()
     (HERE / f"{name}.ply").write_bytes(ply.mesh(made.vert_properties, made.tri_verts, single=True))
@@ -137,8 +160,10 @@ def write(name, solid):
 def main():
     spices = {f"spice_{k + 1}": spice(place) for k, place in enumerate(PLACES)}
     for name, solid in {"cube": cube(), "snowman": snowman(), "sand_castle": castle(), "bowl": bowl(), **spices,
-                        "mound_left": mound(-1), "mound_right": mound(1)}.items():
+                        "mound_left": mound(-1), "mound_right": mound(1), "column": column()}.items():
         write(name, solid)
+    for name, values in layers().items():
+        np.save(HERE / f"layers_{name}.npy", values)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def _measured(asset, passes, packings):
         grains = material.grains_of(asset, *stand.ball(middle, RADIUS * unit))
         around = np.zeros((0, 0, 0), np.uint8), material.colours_of(asset)
         how = (paths.Explicit(grains, *around), Teleports(grains, *around), Teleports(grains, *around, exponential=True),
-               medium.Continuous(material.medium_of(asset, grains.aggregate, unit), *around))
+               medium.Continuous(material.medium_of(asset, grains)[0], *around))
         view = Camera.looking(middle - [0, 20 * RADIUS * unit, 0], middle, (0, 0, 1), 2 * math.atan(0.5 / 20), PIXELS, PIXELS)
         for method, one in zip(METHODS, how):
             found[method].append(np.mean([transport.one_pass(Sky(above=1), through(one), view, PIXELS, PIXELS, n, number).by_order

@@ -60,17 +60,9 @@ def _of_mesh(scene, where):
 
 
 def _of_grid(scene, where):
-    from bakery.errors import UsageError
     from renderers import grids
 
-    try:
-        values, lo, hi = grids.read(scene.file(where.grid), where.dataset)
-    except UsageError as fault:
-        raise scene.wrong("discrete.where.grid", fault) from None
-    lo, hi = (np.array(requested if requested is not None else stored, float)
-              for requested, stored in ((where.lo, lo), (where.hi, hi)))
-    if lo.shape != (3,) or hi.shape != (3,):
-        raise scene.wrong("discrete.where.grid", "found no box in the file; lo and hi would do")
+    values, lo, hi = grids.placed(scene, "discrete.where", where)
     most = float(np.max(values))
     if not most > 0:
         raise scene.wrong("discrete.where.grid", "found densities that are 0 everywhere; a cloud would do")

@@ -4,7 +4,6 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from bakery.errors import Problem
@@ -12,7 +11,7 @@ from bakery.grammar.fields import Path, leaf, number, scalar, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, owner
 from bakery.grammar.units import ANGLE, Quantity, parse
-from renderers.common import LENGTH, Common, Position, node_at, triple, vector
+from renderers.common import LENGTH, Common, Grid, Position, box_problems, node_at, vector
 
 METHODS = ("auto", "particles", "continuous", "query", "explicit")
 NEEDS = ("discrete",)  # stages of the asset
@@ -39,16 +38,9 @@ class InMesh(Section):
     unit: number(LENGTH, above=0) = Field(1.0, description="Length of one unit of the mesh.")
 
 
-class InGrid(Section):
-    grid: Path = Field(description="File of relative densities: HDF5, NPY or Mitsuba's VOL.")
-    dataset: Path | None = Field(None, description="Of an HDF5 file.")
-    lo: Position | None = Field(None, description="Corner of the box that the grid fills; a VOL file holds its own.")
-    hi: Position | None = Field(None, description="The opposite corner.")
-
-
 _KINDS = ("box", "mesh", "grid")
 Where = Annotated[
-    Annotated[InBox, Tag("box")] | Annotated[InMesh, Tag("mesh")] | Annotated[InGrid, Tag("grid")],
+    Annotated[InBox, Tag("box")] | Annotated[InMesh, Tag("mesh")] | Annotated[Grid, Tag("grid")],
     Discriminator(lambda node: next((kind for kind in _KINDS if isinstance(node, Mapping) and kind in node), None),
                   custom_error_type="choice", custom_error_message="|{box: {lo: …, hi: …}}|{mesh: …}|{grid: …, lo: …, hi: …}"),
 ]
@@ -86,9 +78,7 @@ class SceneFile(Common):
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys."""
     for key in ("discrete.where.box", "discrete.where"):
-        lo, hi = triple(values, f"{key}.lo"), triple(values, f"{key}.hi")
-        if lo is not None and hi is not None and not np.all(lo < hi):
-            yield owner(node_at(root, f"{key}.hi")).problem("found a box without volume", "expected hi above lo in x, y and z")
+        yield from box_problems(root, values, key)
     method = values.get("discrete.method", "auto")
     if node_at(root, "discrete.footprint") is not None and method != "query":
         yield owner(node_at(root, "discrete.footprint")).problem(f"found a footprint, which method {method} does not use",

@@ -14,6 +14,7 @@ from bakery.kernels import (
     enclosing_sphere,
     first_sphere,
     instance,
+    instance_of,
     nearest_triangle,
     rotation_matrix,
     triangle_normal,
@@ -30,6 +31,7 @@ class Grains(NamedTuple):
     exemplars : the T types of grain
     channels : (T, 2, L) of their surfaces;  absorption : (T, L) 1/unit, of their inside
     chance : (X, Y, Z) float32, with which a meeting with a rough or matt surface in each voxel samples a light
+    mixture : (T numbers) cumulated shares in place of `shares`; empty: they do not vary
     """
 
     aggregate: kernels.Aggregate
@@ -40,6 +42,7 @@ class Grains(NamedTuple):
     channels: np.ndarray
     absorption: np.ndarray
     chance: np.ndarray
+    mixture: kernels.Field = kernels.uniform_field()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -73,15 +76,19 @@ def _ball(radius, x, y, z, dx, dy, dz, place, normal):
 
 # forceinline: a call hands over every array of the tuple, which took a quarter of the time of a path
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
+def _in_sphere(grains, met, centre, x, y, z, dx, dy, dz, at, normal, room):
     """Distance at which a ray from (x, y, z) meets the grain of sphere `met`, both in the unit sphere; inf where it does not.
 
+    centre : three numbers, of the sphere, in units
     at : (2,) triangle that the ray starts on, or -1; becomes the triangle that it meets, and the type of grain
     normal : (3,) becomes the outward one
     """
     shares, (table, offset, nodes, children, blocks) = grains.shares, grains.exemplars
     which, turn = 0, (0.0, 0.0, 0.0, 1.0)
-    if len(shares) > 1 or table[0, 3] == 0.0:
+    if grains.mixture.values.size > 0:
+        cx, cy, cz = centre
+        which, turn = instance_of(grains.seed, met[1], met[2], met[3], met[0], grains.mixture, cx, cy, cz)
+    elif len(shares) > 1 or table[0, 3] == 0.0:
         which, turn = instance(grains.seed, met[1], met[2], met[3], met[0], shares)
     at[1] = which
     if table[which, 3] > 0.0:  # a ball: nobody sees how it is turned
@@ -103,16 +110,17 @@ def _in_sphere(grains, met, x, y, z, dx, dy, dz, at, normal, room):
 
 # inlined, as the one below: paths among balls take 5 % less time
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def on_grain(grains, met, x, y, z, d, begin, ahead, at, normal, room):
+def on_grain(grains, met, centre, x, y, z, d, begin, ahead, at, normal, room):
     """Distance along unit d (3,) to the surface of the grain of sphere `met`, whose centre is (x, y, z) away, from `begin` on.
 
+    centre : three numbers, of the sphere
     ahead : radii that the grain is looked for before `begin`;  at, normal : as in `_in_sphere`;  inf where it is not met
     """
     radius = grains.aggregate.radii[met[0]]
     start = begin - ahead * radius
     t = start + radius * _in_sphere(
-        grains, met, (start * d[0] - x) / radius, (start * d[1] - y) / radius, (start * d[2] - z) / radius, d[0], d[1], d[2], at,
-        normal, room)
+        grains, met, centre, (start * d[0] - x) / radius, (start * d[1] - y) / radius, (start * d[2] - z) / radius, d[0], d[1],
+        d[2], at, normal, room)
     return max(t, begin)
 
 
@@ -148,10 +156,11 @@ def next_surface(grains, p, d, far, met, at, normal, room):
             if begin == np.inf:
                 return np.inf
         known = False
-        x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0] - p[0]
-        y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1] - p[1]
-        z = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2] - p[2]
-        t = on_grain(grains, met, x, y, z, d, begin, ahead, at, normal, own[0])
+        cx = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0]
+        cy = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1]
+        cz = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2]
+        x, y, z = cx - p[0], cy - p[1], cz - p[2]
+        t = on_grain(grains, met, (cx, cy, cz), x, y, z, d, begin, ahead, at, normal, own[0])
         if t < np.inf:
             return t if t < far else np.inf
         begin = max(begin, far_side(x, y, z, d, aggregate.radii[met[0]]))

@@ -22,18 +22,19 @@ from bakery.kernels import (
 )
 from renderers.granular._grains import NOWHERE
 from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, TRACE, chance_at, crosses
+from renderers.granular._varied import collision, grain_at, thinned
 from renderers.wavefront import ORDERS, roulette, to_rgb, uniform
 
-SCATTERED, DIFFUSE = range(2)  # where a path stands: at a scattering; at a point whose fluence counts, the same in all directions
+DIFFUSE = -1  # in place of the component that scatters: a point whose fluence counts, the same in all directions
 _UNIFORM = 1 / (4 * math.pi)  # 1/sr
 
 
 class Medium(NamedTuple):
-    """A homogeneous medium in a mesh.  Lengths are in `unit`, m.
+    """A medium of C components in a mesh, homogeneous or not.  Lengths are in `unit`, m.
 
     aggregate : of the mesh
-    sigma_t, albedo : (L,) 1/unit, 1
-    v, steps (A,), (A - 1,), phase, cdf (L, A) : as `bakery.kernels.phase_layout` has them
+    sigma_t : (L,) 1/unit, the most where it varies;  albedo : (C L,), by components
+    v, steps (A,), (A - 1,), phase, cdf (C L, A) : as `bakery.kernels.phase_layout` has them
     chance : (X, Y, Z) float32, with which a scattering in each voxel samples a light
     often : with which a point samples one where light diffuses
     """
@@ -80,36 +81,37 @@ def _fly(medium, weight, i, t, scatters):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _mixture(medium, weight, i, v, values):
-    """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
+def _mixture(medium, first, weight, i, v, values):
+    """Mean (1/sr) of a component's phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of
+    them.  first : row of the component"""
     total, mean = 0.0, 0.0
     for w in range(len(values)):
-        values[w] = phase_value(medium.v, medium.steps, medium.phase[w], v)
-        total += weight[i, w] * medium.albedo[w]
-        mean += weight[i, w] * medium.albedo[w] * values[w]
+        values[w] = phase_value(medium.v, medium.steps, medium.phase[first + w], v)
+        total += weight[i, w] * medium.albedo[first + w]
+        mean += weight[i, w] * medium.albedo[first + w] * values[w]
     return mean / total if total > 0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _scattered(medium, d, weight, states, i, values):
-    """Turns d (3,) and changes the weights; returns the density (1/sr) of the new direction."""
+def _scattered(medium, first, d, weight, states, i, values):
+    """Turns d (3,) and changes the weights; returns the density (1/sr) of the new direction.  first : row of the component"""
     total = 0.0
     for w in range(len(values)):
-        total += weight[i, w] * medium.albedo[w]
+        total += weight[i, w] * medium.albedo[first + w]
     if not total > 0.0:
         weight[i] = 0.0
         return 0.0
     chosen, one = uniform(states, i) * total, len(values) - 1
     for w in range(len(values)):
-        chosen -= weight[i, w] * medium.albedo[w]
+        chosen -= weight[i, w] * medium.albedo[first + w]
         if chosen < 0.0:
             one = w
             break
-    v = phase_sample(medium.v, medium.steps, medium.phase[one], medium.cdf[one], uniform(states, i))
+    v = phase_sample(medium.v, medium.steps, medium.phase[first + one], medium.cdf[first + one], uniform(states, i))
     d[0], d[1], d[2] = turned_direction(d[0], d[1], d[2], v, 2 * math.pi * uniform(states, i))
-    density = _mixture(medium, weight, i, v, values)
+    density = _mixture(medium, first, weight, i, v, values)
     for w in range(len(values)):
-        weight[i, w] *= medium.albedo[w] * values[w] / density if density > 0.0 else 0.0
+        weight[i, w] *= medium.albedo[first + w] * values[w] / density if density > 0.0 else 0.0
     return density
 
 
@@ -121,13 +123,13 @@ def _any_direction(d, states, i):
     d[0], d[1], d[2] = sine * math.cos(turn), sine * math.sin(turn), z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _turned(medium, kind, d, weight, states, i, values):
     """As `_scattered`, where a path stands at a `kind` of point."""
-    if kind == SCATTERED:
-        return _scattered(medium, d, weight, states, i, values)
-    _any_direction(d, states, i)
-    return _UNIFORM
+    if kind == DIFFUSE:
+        _any_direction(d, states, i)
+        return _UNIFORM
+    return _scattered(medium, kind * len(values), d, weight, states, i, values)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -162,26 +164,27 @@ def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room)
             return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _chance(medium, kind, p):
     """Of a light sample at p (3,), a `kind` of point."""
     return medium.often if kind == DIFFUSE else chance_at(medium.aggregate, medium.chance, p)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(medium, diffuse, occupied, origin, direction, weight, states, met, place, far, density, order, bounces, single,
-            technique, kind, status, alive, begin, end):
+def advance(medium, varied, diffuse, occupied, origin, direction, weight, states, met, place, far, density, order, bounces,
+            single, technique, kind, status, alive, begin, end):
     """Takes paths begin to end on until they need something of the scene; parameters as those of `_paths.advance`.
 
+    varied : `bakery.kernels.Varied`, how much there is of the components, where that varies
     diffuse : `bakery.kernels.Diffuse` of the medium
     met : (n, 4), of which only UNKNOWN counts;  place : (n,) triangle of the mesh that each starts on, or -1
     density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there
     technique : (n,) becomes DIFFUSION where light diffuses
-    kind : (n,) becomes SCATTERED or DIFFUSE where a path needs LIGHT; `scatter` takes it on from there
+    kind : (n,) becomes the component that scatters, or DIFFUSE, where a path needs LIGHT; `scatter` takes it on from there
     """
-    medium, diffuse = lent(medium), lent(diffuse)
+    medium, varied, diffuse = lent(medium), lent(varied), lent(diffuse)
     room, p, q, d = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
-    values, before = np.empty(weight.shape[1]), np.empty(weight.shape[1])
+    values, before, sigma = np.empty(weight.shape[1]), np.empty(weight.shape[1]), np.empty(varied.hits.shape)
     unit = medium.unit
     for i in range(begin, end):
         for k in range(3):
@@ -193,19 +196,19 @@ def advance(medium, diffuse, occupied, origin, direction, weight, states, met, p
             limit = far[i] / unit if known else np.inf
             for w in range(len(before)):
                 before[w] = weight[i, w]
-            t, scatters = _way(medium, occupied, p, d, q, weight, states, i, place[i], limit, known, room)
+            t, component = _way(medium, varied, occupied, p, d, q, weight, states, i, place[i], limit, known, sigma, room)
             if t < 0.0:
                 states[i], status[i] = stream, TRACE
                 for w in range(len(before)):
                     weight[i, w] = before[w]
-            elif not scatters:
+            elif component < 0:
                 status[i] = LEAVES
             else:
                 for k in range(3):
                     p[k] += t * d[k]
                 order[i] += 1
                 bounces[i] += 1
-                met[i, 0], place[i], far[i], single[i], kind[i] = NOWHERE, -1, np.nan, False, SCATTERED
+                met[i, 0], place[i], far[i], single[i], kind[i] = NOWHERE, -1, np.nan, False, component
                 # what was scattered once or twice is left to itself, for its layers
                 if order[i] >= ORDERS - 1 and _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
                     kind[i], technique[i] = DIFFUSE, DIFFUSION
@@ -225,45 +228,59 @@ def advance(medium, diffuse, occupied, origin, direction, weight, states, met, p
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _way(medium, occupied, p, d, q, weight, states, i, place, limit, known, room):
-    """Distance along d to the next scattering before `limit`, and whether there is one; below 0: surfaces may come first."""
-    gone = 0.0
+def _way(medium, varied, occupied, p, d, q, weight, states, i, place, limit, known, sigma, room):
+    """Distance along d to the next scattering before `limit`, and its component, -1 where there is none; below 0: surfaces may
+    come first.  sigma : (C, L) for own use"""
+    gone, most = 0.0, varied.most
     while True:
         for k in range(3):
             q[k] = p[k] + gone * d[k]
-        s = _drawn(medium, weight, states, i)
+        s = -math.log1p(-uniform(states, i)) / most if most > 0.0 else _drawn(medium, weight, states, i)
         end, at, inside = np.inf, -1, True
         if not deep_in_mesh(medium.aggregate, q, d, min(s, limit - gone)):
             end, at, inside = mesh_boundary(medium.aggregate, q, d, place, room)
         if not inside and (end == np.inf or gone + end >= limit):
-            return gone, False
+            return gone, -1
         if not known and crosses(medium.aggregate, occupied, q, d, min(s, end) if inside else end):
-            return -1.0, False
-        if inside:
-            if s < min(end, limit - gone):
+            return -1.0, -1
+        if inside and s < min(end, limit - gone):
+            if most == 0.0:
                 _fly(medium, weight, i, s, True)
-                return gone + s, True
-            _fly(medium, weight, i, min(end, limit - gone), False)
+                return gone + s, 0
+            gone, place = gone + s, -1
+            component = collision(varied, p[0] + gone * d[0], p[1] + gone * d[1], p[2] + gone * d[2], weight, states, i, sigma)
+            if component >= 0:
+                return gone, component
+            continue
+        if inside:
+            if most == 0.0:
+                _fly(medium, weight, i, min(end, limit - gone), False)
             if limit - gone <= end:
-                return limit, False
+                return limit, -1
         gone, place = gone + end, at
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _passed(medium, p, d, far, q, passed, room):
-    """Share (L,) of light that gets from p along d to `far`."""
+def _passed(medium, varied, p, d, far, q, passed, states, i, sigma, room):
+    """Share (L,) of light that gets from p along d to `far`; where the medium varies, an estimate.  sigma : (C, L) for own use"""
     gone, inside_for, place = 0.0, 0.0, -1
+    for w in range(len(passed)):
+        passed[w] = 1.0
     while gone < far:
         for k in range(3):
             q[k] = p[k] + gone * d[k]
         t, place, outward = mesh_boundary(medium.aggregate, q, d, place, room)
         if place < 0:
             break
-        if outward:
+        if outward and varied.most > 0.0:
+            if not thinned(varied, q, d, min(t, far - gone), passed, states, i, sigma):
+                return
+        elif outward:
             inside_for += min(t, far - gone)
         gone += t
-    for w in range(len(passed)):
-        passed[w] = math.exp(-medium.sigma_t[w] * inside_for)
+    if varied.most == 0.0:
+        for w in range(len(passed)):
+            passed[w] = math.exp(-medium.sigma_t[w] * inside_for)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -273,21 +290,23 @@ def _towards(medium, kind, weight, i, v, values):
         for w in range(len(values)):
             values[w] = _UNIFORM
         return _UNIFORM
-    mean = _mixture(medium, weight, i, v, values)
+    first = kind * len(values)
+    mean = _mixture(medium, first, weight, i, v, values)
     for w in range(len(values)):
-        values[w] *= medium.albedo[w]
+        values[w] *= medium.albedo[first + w]
     return mean
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, colours, origin, direction, weight, kind, lit, distance, radiance, density, single, added, begin, end):
+def light(medium, varied, colours, origin, direction, weight, states, kind, lit, distance, radiance, density, single, added,
+          begin, end):
     """What sampled lights send by way of scatterings: added (n, 3) linear sRGB; parameters as those of `_paths.light`.
 
     kind : (n,) as `advance` found it
     """
-    medium = lent(medium)
+    medium, varied = lent(medium), lent(varied)
     room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
-    values, passed = np.empty(weight.shape[1]), np.empty(weight.shape[1])
+    values, passed, sigma = np.empty(weight.shape[1]), np.empty(weight.shape[1]), np.empty(varied.hits.shape)
     for i in range(begin, end):
         added[i] = 0.0
         if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
@@ -299,7 +318,7 @@ def light(medium, colours, origin, direction, weight, kind, lit, distance, radia
         chance = _chance(medium, kind[i], p)
         ahead = _towards(medium, kind[i], weight, i, min(0.5 * square, 2.0), values)
         balance = 1.0 if single[i] else density[i] / (density[i] + ahead / chance)
-        _passed(medium, p, d, distance[i] / medium.unit, q, passed, room)
+        _passed(medium, varied, p, d, distance[i] / medium.unit, q, passed, states, i, sigma, room)
         for w in range(len(values)):
             values[w] *= weight[i, w] * passed[w] * balance / chance
         to_rgb(colours, values, radiance[i], added[i])
@@ -320,27 +339,33 @@ def scatter(medium, origin, direction, weight, states, bounces, kind, density, a
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def open_share(medium, point, lit, distance, share, begin, end):
-    """Share (n, L) of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m."""
-    medium = lent(medium)
+def open_share(medium, varied, states, point, lit, distance, share, begin, end):
+    """Share (n, L) of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m.
+
+    states : (n,) random streams, of which the share is an estimate where the medium varies
+    """
+    medium, varied = lent(medium), lent(varied)
     room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    sigma = np.empty(varied.hits.shape)
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = point[i, k] / medium.unit, lit[i, k]
-        _passed(medium, p, d, distance[i] / medium.unit, q, share[i], room)
+        _passed(medium, varied, p, d, distance[i] / medium.unit, q, share[i], states, i, sigma, room)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def arrive(medium, origin, states, met, place, far, order, bounces, single, samples, begin, end):
-    """Makes scatterings of what paths have met at their origins; samples (n,) becomes whether they sample a light there."""
-    medium = lent(medium)
-    p = np.empty(3)
+def arrive(medium, varied, origin, states, met, place, far, order, bounces, single, kind, samples, begin, end):
+    """Makes scatterings of what paths have met at their origins: by which component, kind (n,); samples (n,) becomes whether they
+    sample a light there."""
+    medium, varied = lent(medium), lent(varied)
+    p, sigma = np.empty(3), np.empty(varied.hits.shape)
     for i in range(begin, end):
         for k in range(3):
             p[k] = origin[i, k] / medium.unit
         order[i] += 1
         bounces[i] += 1
         met[i, 0], place[i], far[i], single[i] = NOWHERE, -1, np.nan, False
+        kind[i] = grain_at(varied, p, states, i, sigma) if len(sigma) > 1 else 0
         samples[i] = uniform(states, i) < chance_at(medium.aggregate, medium.chance, p)
 
 

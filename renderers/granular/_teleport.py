@@ -13,6 +13,7 @@ from bakery.kernels import (
     flight_to_sphere,
     in_mesh,
     lent,
+    share_at,
     surface_frame,
     within_reach,
 )
@@ -69,7 +70,7 @@ def chords(aggregate, area, limit, states, chord, begin, end):
                                     limit, met, to)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal, room):
     """As `_grains.next_surface`, where spheres along the ray are drawn from stream i, and forgotten once the ray has left them.
 
@@ -80,7 +81,7 @@ def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal,
     begin, fresh = 0.0, met[0] < 0
     if not fresh:
         x, y, z = centre[0] - p[0], centre[1] - p[1], centre[2] - p[2]
-        t = on_grain(grains, met, x, y, z, d, 0.0, 0.0, at, normal, room[0][0])
+        t = on_grain(grains, met, (centre[0], centre[1], centre[2]), x, y, z, d, 0.0, 0.0, at, normal, room[0][0])
         if t < np.inf:
             return t if t < far else np.inf
         begin = max(far_side(x, y, z, d, radii[met[0]]), 0.0)
@@ -94,15 +95,17 @@ def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal,
         if not entry < far:
             return np.inf
         begin, fresh = far_side(x, y, z, d, radii[met[0]]), False
-        if in_mesh(aggregate, p[0] + x, p[1] + y, p[2] + z, room[0]):
+        cx, cy, cz = p[0] + x, p[1] + y, p[2] + z
+        share = share_at(aggregate, cx, cy, cz) if aggregate.share.values.size > 0 else 1.0
+        if in_mesh(aggregate, cx, cy, cz, room[0]) and (share >= 1.0 or uniform(states, i) < share):
             met[1], met[2], met[3] = np.int64(uniform(states, i) * 2.0**53), 0, 0
-            t = on_grain(grains, met, x, y, z, d, entry, ahead, at, normal, room[0][0])
+            t = on_grain(grains, met, (cx, cy, cz), x, y, z, d, entry, ahead, at, normal, room[0][0])
             if t < np.inf:
                 leaves = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2] > 0.0
                 if leaves and grains.exemplars.table[at[1], 0] != DIELECTRIC:  # light does not begin inside of what is opaque
                     begin, fresh, at[0] = start, True, -1
                     continue
-                centre[0], centre[1], centre[2] = p[0] + x, p[1] + y, p[2] + z
+                centre[0], centre[1], centre[2] = cx, cy, cz
                 return t if t < far else np.inf
 
 

@@ -8,8 +8,10 @@ from bakery import kernels
 from renderers import colour
 from renderers.granular._grains import Grains
 from renderers.granular._medium import Medium
+from renderers.granular.local import UNIFORM
 from renderers.granular.paths import SELDOM, Colours
 
+_FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
 SEED = 0  # of the hash that places grains: the same in all pictures of a scene
 
@@ -53,17 +55,74 @@ def colours_of(asset) -> Colours:
     return Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
 
 
-def medium_of(asset, aggregate, unit) -> Medium:
-    """The asset's effective medium in the mesh of an aggregate, without the forward peak of its phase functions.
+def medium_of(asset, grains):
+    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions, and how it varies.
 
     Panes such as two faces of a cube let light go on as it came.  Samples of lights would hardly ever find it.
     """
+    theta = np.asarray(asset.medium.theta, float)
+    parts = _components(asset) if grains.mixture.values.size > 0 else [_whole(asset)]
+    cut = [without_peak(np.ones(len(part.albedo)), part.albedo, theta, part.phase) for part in parts]
+    sigma_t, varied = _extinction(asset, grains, parts, np.array([one[0] for one in cut]))
+    layouts = [kernels.phase_layout(theta, row) for one in cut for row in one[2]]
+    return Medium(grains.aggregate, grains.unit, sigma_t, np.concatenate([one[1] for one in cut]), layouts[0][0], layouts[0][1],
+                  np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]),
+                  seldom(grains.aggregate, sigma_t.min())), varied
+
+
+def _extinction(asset, grains, parts, left):
+    """sigma_t (L,) 1/unit, the most where it varies, and how it does.
+
+    parts : `bakery.kernels.Component` of each of C components;  left : (C, L) of their extinction, without the peak
+    """
+    unit, share = grains.unit, grains.aggregate.share
+    baked, alone = unit * np.array(asset.medium.sigma_t, float), grains.mixture.values.size == 0
+    if alone and share.values.size == 0:
+        return baked * left[0], kernels.unvaried_medium()
+    fraction, void = fraction_of(asset), _void(asset) / unit
+    hits = np.array([np.full(len(baked), part.hit_probability) for part in parts])
+    along = np.array([part.along for part in parts]) / unit
+    weights = (1.0,) if alone else np.diff(grains.shares, prepend=0.0)
+    excess = baked / kernels.extinction_at_fraction(void, fraction, hits, along, weights) - 1
+    if alone and share.values.min() == share.values.max():
+        every = float(share.values.flat[0])
+        thin = kernels.extinction_at_fraction(void, fraction * every, hits, along) * (1 + every * excess)
+        return thin * left[0], kernels.unvaried_medium()
+    varied = kernels.varied_medium(share, grains.mixture, fraction, void, hits * left, along, excess)
+    return np.full(len(baked), varied.most), varied
+
+
+def _whole(asset):
+    """All grains of an asset as one `bakery.kernels.Component`; lengths in m."""
     group = asset.medium
-    theta, phase = np.asarray(group.theta, float), np.asarray(group.phase, float)
-    sigma_t, albedo, phase = without_peak(unit * np.array(group.sigma_t, float), np.array(group.albedo, float), theta, phase)
-    layouts = [kernels.phase_layout(theta, row) for row in phase]
-    return Medium(aggregate, unit, sigma_t, albedo, layouts[0][0], layouts[0][1], np.array([one[2] for one in layouts]),
-                  np.array([one[3] for one in layouts]), seldom(aggregate, sigma_t.min()))
+    return kernels.whole_medium(float(group.hit_probability[0]), np.asarray(group.sigma_t_mean_flight, float),
+                                float(group.void_chord[0]), np.array(group.albedo, float), np.asarray(group.phase, float))
+
+
+def _components(asset):
+    """Each component of an asset's grains as a `bakery.kernels.Component`; lengths in m."""
+    group, found = asset.grains, []
+    radii, shares = np.asarray(group.radius, float), np.asarray(group.radius_share, float)
+    for name in group.exemplars:
+        part = group[name]
+        places = {figure: part.by_radius if "by_radius" in part and figure in part.by_radius else part for figure in _FIGURES}
+        figures = {figure: np.asarray(place[figure], float) for figure, place in places.items()}
+        figures = {figure: value if places[figure] is not part else np.repeat(value[None], len(radii), axis=0)
+                   for figure, value in figures.items()}
+        found.append(kernels.medium_component(np.asarray(group.theta, float), figures, radii, shares))
+    return found
+
+
+def _void(asset):
+    """Mean chord between the asset's spheres over (1 - f)/f, m."""
+    fraction = float(asset.medium.fraction[0])
+    return float(asset.medium.void_chord[0]) * fraction / (1 - fraction)
+
+
+def fraction_of(asset) -> float:
+    """Share of the volume in the spheres of the tile that a body is filled with."""
+    _, radii, cell = _tile(asset)
+    return float(4 / 3 * np.pi * np.sum(radii**3) / np.prod(cell))
 
 
 def without_peak(sigma_t, albedo, theta, phase):
@@ -79,18 +138,20 @@ def seldom(aggregate, sigma_t):
     return np.maximum(np.exp(-sigma_t * kernels.depth_in_mesh(aggregate)), SELDOM).astype(np.float32)
 
 
-def grains_of(asset, vertices, faces) -> Grains:
-    """The asset's grains in a mesh, vertices (V, 3) m."""
+def grains_of(asset, vertices, faces, local=UNIFORM) -> Grains:
+    """The asset's grains in a mesh, vertices (V, 3) m; local : of `local.local_of`, what varies in it."""
     group, middle = asset.grains, len(asset.wavelength) // 2
     unit = float(np.sum(np.asarray(group.radius) * np.asarray(group.radius_share)))
     types = [_Grain(one, middle) for one in group.exemplars.values()]
     parts = [group[name] for name in group.exemplars]
-    aggregate = kernels.aggregate(*_tile(asset), vertices / unit, faces)
+    share, mixture = (one and one._replace(low=one.low / unit, edge=one.edge / unit) for one in local)
+    aggregate = kernels.aggregate(*_tile(asset), vertices / unit, faces, share, SEED)
+    sigma_t = unit * float(np.min(asset.medium.sigma_t)) * (float(share.values.max()) if share else 1.0)
     return Grains(aggregate, unit, np.uint64(SEED),
                   kernels.cumulated_shares([float(part.weight[0]) for part in parts]), kernels.exemplars(types),
                   np.array([_channels(one.surface, len(asset.wavelength)) for one in group.exemplars.values()]),
                   np.array([unit * np.asarray(part.interior, float) for part in parts]),
-                  seldom(aggregate, unit * float(np.min(asset.medium.sigma_t))))
+                  seldom(aggregate, sigma_t), mixture or kernels.uniform_field())
 
 
 class _Grain:

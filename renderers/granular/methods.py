@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.granular import bundles, material, medium, paths, teleport, transport
+from bakery import kernels
+from renderers.granular import bundles, local, material, medium, paths, teleport, transport
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.progressive import Part
 
@@ -34,7 +35,9 @@ def prepare(job, world, seed) -> Method:
     settings, assets, meshes = job.scene.values.granular, job.assets, material.meshes_of(job.scene)
     if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
         raise job.scene.wrong("granular.where", "the assets have different wavelengths; assets of the same ones would do")
-    grains = [material.grains_of(asset, *mesh) for asset, mesh in zip(assets, meshes)]
+    varies = [local.local_of(job.scene, body, asset, material.fraction_of(asset), vertices)
+              for body, (asset, (vertices, _)) in enumerate(zip(assets, meshes))]
+    grains = [material.grains_of(asset, *mesh, one) for asset, mesh, one in zip(assets, meshes, varies)]
     if found := material.overlap(grains, meshes):
         outer, inner, deep = found
         raise job.scene.wrong(f"{settings.key(inner)}.mesh", f"reaches {deep:.2g} m into the mesh of {settings.key(outer)}; "
@@ -69,9 +72,11 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
         else:
             ways = paths.Explicit(one, *around, unseen if _clear(asset) else np.inf), None
         if name not in ("ept", "teleport"):
-            ways = ways[0], medium.Continuous(material.medium_of(asset, one.aggregate, one.unit), *around,
-                                              diffuse=name in ("ept+vpt+da", "auto"))
+            stands, varied = material.medium_of(asset, one)
+            ways = ways[0], medium.Continuous(stands, *around, diffuse=name in ("ept+vpt+da", "auto"), varied=varied)
         bodies.append(Body(*ways, reach[number]))
+    if name in ("ept+vpt+da", "auto") and any(body.medium.varies for body in bodies):
+        said.append("no light diffuses in bodies whose fraction or mixture varies")
     for asset in assets:
         said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)
     switch = None if name in ("ept", "vpt", "teleport") else bundles.Switch(spread)
@@ -140,5 +145,5 @@ def _reasons_of_medium(asset):
 def _expected(aggregate, vertices, faces):
     """Number of spheres in the mesh's volume."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    volume = float(np.sum(a * np.cross(b, c))) / 6
+    volume = float(np.sum(a * np.cross(b, c))) / 6 * kernels.mean_share(aggregate)
     return volume * len(aggregate.radii) / float(np.prod(aggregate.cell))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.granular import _paths
 from renderers.granular._grains import UNKNOWN
 from renderers.threads import run
@@ -18,6 +19,8 @@ from renderers.threads import run
 NEVER = 2**62  # a stage that no path comes to
 SELDOM = 1 / 64  # chance of a light sample far inside
 _LEAST = 1 / 8  # of the light samples; with fewer, each of them would be seen
+_POWERS = np.cumprod(np.full(7, 0x9E3779B97F4A7C15, np.uint64))  # odd, modulo 2^64: make a number of a way's seven words
+
 
 class Colours(NamedTuple):
     """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
@@ -146,6 +149,12 @@ class Paths:
 
     def __len__(self):
         return len(self.pixel)
+
+
+def streams_of(point, direction, distance):
+    """Random streams (n,) of ways from points (n, 3) along directions (n, 3) to a distance (n,): the same for the same way."""
+    words = np.concatenate([point, direction, np.reshape(distance, (len(point), 1))], axis=1).astype(float, order="C")
+    return stream_key(0, "render.clear") ^ (words.view(np.uint64) @ _POWERS)
 
 
 def joined(parts) -> Paths:

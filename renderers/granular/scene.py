@@ -10,11 +10,11 @@ from bakery.errors import Problem
 from bakery.grammar.fields import Path, number, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, Sequence, owner
-from renderers.common import Common, Length, node_at
+from renderers.common import Common, Grid, Length, box_problems, names_at, node_at
 
 METHODS = ("auto", "ept", "vpt", "ept+vpt", "ept+vpt+da", "teleport")
 NEEDS = ("grains", "packing", "medium")  # stages of the asset
-FILES = ("granular.where.mesh",)
+FILES = ("granular.where.mesh", "granular.where.fraction.grid", "granular.where.mixture.*.grid")
 BODIES = "granular.where"  # may be a list, each with its own asset
 UNUSED = {"film.wavelengths": "none: grains are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
@@ -25,6 +25,10 @@ class InMesh(Section):
 
     mesh: Path = Field(description="PLY, OBJ, STL or OFF file of a closed mesh: grains whose centre is inside are there.")
     unit: Length = Field(1.0, description="Length of one unit of the mesh.")
+    fraction: Grid | None = Field(None, description="Local packing fraction, of volume; the asset's everywhere if absent.")
+    mixture: Annotated[dict[str, Grid], Field(min_length=1)] | None = Field(
+        None, description="Component of the asset -> its local share of the number of grains; the asset's if absent."
+    )
 
 
 class Body(InMesh):
@@ -76,3 +80,8 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     if (node := node_at(root, "granular.spread")) is not None and method in ("ept", "vpt", "teleport"):
         yield owner(node).problem(f"found a spread, which method {method} does not use",
                                   "expected it with a method of grains and medium, such as ept+vpt")
+    bodies = node_at(root, BODIES)
+    for i in range(len(bodies) if isinstance(bodies, Sequence) else 1):
+        key = f"{BODIES}[{i}]" if isinstance(bodies, Sequence) else BODIES
+        for one in ("fraction", *(f"mixture.{name}" for name in names_at(node_at(root, f"{key}.mixture")))):
+            yield from box_problems(root, values, f"{key}.{one}")

@@ -12,12 +12,11 @@ from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.granular import _medium, _paths, _teleport
 from renderers.granular._grains import NOWHERE, UNKNOWN
-from renderers.granular.paths import Explicit
+from renderers.granular.paths import Explicit, streams_of
 from renderers.threads import run
 
 _CHORDS, _EACH = 1 << 20, 16  # chords that are measured; how many neighbours of them, sorted, are kept as their mean
 _LIMIT = 1000.0  # longest chord, in mean ones
-_POWERS = np.cumprod(np.full(7, 0x9E3779B97F4A7C15, np.uint64))  # odd, modulo 2^64: make a number of a way's seven words
 
 
 class Teleports(Explicit):
@@ -52,9 +51,7 @@ class Teleports(Explicit):
 
     def open(self, point, direction, distance, share):
         """Share (n, L), 0 or 1, of light that gets from points along directions to a distance; the same for the same way."""
-        n = len(point)
-        words = np.concatenate([point, direction, np.reshape(distance, (n, 1))], axis=1).astype(float, order="C").view(np.uint64)
-        states = stream_key(0, "render.clear") ^ (words @ _POWERS)
+        n, states = len(point), streams_of(point, direction, distance)
         share[:] = self._clear(point, np.full((n, 4), UNKNOWN), np.full((n, 3), np.nan), np.full(n, -1), direction, distance,
                                states)[:, None]
 

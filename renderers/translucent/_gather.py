@@ -91,8 +91,8 @@ def strongest(sigma, w, beams, middle, strength):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(geometry, medium, table, segments, w, beams, middle, strength, picks, later, second, beyond, around, origin, direction, far,
-           states, brought, begin, end):
+def gather(geometry, medium, table, segments, w, beams, middle, strength, picks, later, second, beyond, around, origin, direction,
+           far, states, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
 
     Parameters
@@ -153,8 +153,8 @@ def gather(geometry, medium, table, segments, w, beams, middle, strength, picks,
                         for k in range(3):
                             d[0, k] += sigma * s * ray[k]
                         rho, along, x, y, forward = _placed(d, ray, direction, i)
-                        add_segment_look_up(looked_up, tiles, table, segments, sigma * beams.length[beam], rho, along, x, y, forward,
-                                            power * lasting)
+                        add_segment_look_up(looked_up, tiles, table, segments, sigma * beams.length[beam], rho, along, x, y,
+                                            forward, power * lasting)
                         for k in range(3):
                             d[0, k] -= sigma * s * ray[k]
                     else:
@@ -175,7 +175,7 @@ def gather(geometry, medium, table, segments, w, beams, middle, strength, picks,
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _placed(away, ray, direction, i):
-    """Where a place away (1, 3) is from light along ray (3,), and the direction against line of sight i: rho, z, and its components
+    """Where a place away (1, 3) is from light along ray (3,), and the direction against line of sight i: rho, z, and components
     along rho, across and along z."""
     x, y, z = away[0, 0], away[0, 1], away[0, 2]
     bx, by, bz = ray[0], ray[1], ray[2]

@@ -130,6 +130,67 @@ def test_several_bodies(call, place):
         assert status and not out and said in err and "Traceback" not in err, err
 
 
+BOX = "lo: [-7, -7, -7] mm, hi: [7, 7, 7] mm"
+
+
+def test_fraction_and_mixture(call, place):
+    """A grid of the tile's own fraction changes nothing; one with an empty half shows grains in the other alone, of the component
+    that the mixture says is there; the same in the medium, where lights are seen through what is loose."""
+    def gridded(name, values, key="fraction", box=BOX):
+        np.save(place / f"{name}.npy", values)
+        return f"granular.where.{key}={{grid: {name}.npy, {box}}}"
+
+    plain = rendered(call, place, "a")[1]
+    same = rendered(call, place, "b", gridded("whole", np.full((2, 1, 3), 0.5)))[1]
+    assert all(np.array_equal(plain[name], same[name]) for name in plain)
+    half, clear = gridded("half", np.repeat([0.5, 0.0], 7).reshape(14, 1, 1)), np.ones((1, 1, 1))
+    for method in ("ept", "vpt"):
+        report, found = rendered(call, place, method, half, gridded("clear", clear, "mixture.clear"), f"granular.method={method}")
+        assert report["grains"] == pytest.approx(0.25 * 6**3 * 0.95, rel=0.2)
+        behind = picture(found, "order0.")[12:20]  # the floor
+        assert behind[:, 12:18].mean() < 0.2 * behind[:, 24:28].mean()
+        clear_one = picture(found, "order1.")[12:20, 12:18].mean(axis=(0, 1))
+    report, found = rendered(call, place, "c", half, "granular.method=auto", gridded("matt", clear, "mixture.matt"))
+    matt_one = picture(found, "order1.")[12:20, 12:18].mean(axis=(0, 1))
+    assert matt_one[2] < 0.6 * matt_one[0] and clear_one[2] > 0.7 * clear_one[0] and "da.R" not in found
+    assert any("no light diffuses" in said for said in report["reasons"])
+    for setting, said in [
+        (gridded("dense", np.array([[[0.2, 0.6]]])), "found the fraction 0.6 at [0, 0, 1], [0, 0, 0.0035] m; at most 0.5"),
+        (gridded("small", clear, box="lo: [0, 0, 0] mm, hi: [7, 7, 7] mm"), "but the mesh reaches from [-0.006"),
+        (gridded("flat", clear, box="lo: [0, 0, 0] mm, hi: [7, 7, 0] mm"), "found a box without volume"),
+        (gridded("less", -clear), "found the density -1 at [0, 0, 0]"), (gridded("nan", np.nan * clear), "found the density nan"),
+        (gridded("salt", clear, "mixture.salt"), "mixture.salt: the asset has no such component; clear, matt would do"),
+        ("granular.where.fraction={grid: gone.npy, lo: [0, 0, 0] m, hi: [1, 1, 1] m}", "there is no such file"),
+        ("granular.where.mixture={clear: {grid: gone.npy}}", "mixture.clear.grid: found \"gone.npy\""),
+        (gridded("units", clear, box="lo: [0, 0, 0], hi: [7, 7, 7]"), "unit"),
+        ("granular.where.fraction={grid: clear.npy}", "found no box in the file; lo and hi would do"),
+        (f"granular.where.fraction={{grid: clear.npy, dataset: rho, {BOX}}}", "found a dataset of a file that has none"),
+        ('granular.where.mixture={"a[b.c]": {grid: clear.npy, ' + BOX + "}}", "the asset has no such component"),
+        ("granular.where.mixture={}", "at least 1"), ("granular.where.mixture=salt", "granular.where.mixture"),
+    ]:
+        status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", setting)
+        assert status and not out and said in err and "Traceback" not in err, err
+
+
+def test_a_medium_of_components_is_that_of_all(place):
+    """With the asset's own weights in a mixture: the extinction, albedo and phase function that were baked."""
+    import bakery
+    from bakery import kernels
+    from renderers.granular import local, material
+
+    asset, (vertices, faces) = bakery.open(place / "beads.h5"), icosphere(80)
+    same = kernels.field([-1] * 3, [1] * 3, np.array([0.4, 1.0]).reshape(1, 1, 1, 2))
+    alike, _ = material.medium_of(asset, material.grains_of(asset, 0.006 * vertices, faces))
+    parts, varied = material.medium_of(asset, material.grains_of(asset, 0.006 * vertices, faces, local.Local(None, same)))
+    found = np.empty((2, 3))
+    kernels.extinctions_at(varied, 0.5, 0.0, 0.0, found)
+    scattered = found * parts.albedo.reshape(2, 3)
+    assert np.allclose(found.sum(axis=0), alike.sigma_t, rtol=1e-3) and np.all(found.max(axis=0) < varied.most)
+    assert np.allclose(scattered.sum(axis=0), alike.albedo * alike.sigma_t, rtol=1e-3)
+    phase = np.einsum("cw,cwa->wa", scattered / scattered.sum(axis=0), parts.phase.reshape(2, 3, -1))
+    assert np.allclose(phase, alike.phase, atol=0.01 * alike.phase.max())
+
+
 @pytest.mark.parametrize("method", ["ept", "auto"])
 def test_going_on_is_as_not_having_stopped(call, place, method):
     method = f"granular.method={method}"

@@ -16,8 +16,10 @@ from numba import njit
 from bakery.physics.grains.bvh import Mesh, nearest, normal
 from bakery.physics.grains.bvh import scratch as mesh_scratch
 from bakery.physics.granular._packed import flight
-from bakery.physics.granular._voxels import CLASS, INSIDE, NEAR, PARTIAL, classified, inside
+from bakery.physics.granular._voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIAL, classified, inside
+from bakery.physics.granular.field import Field, between, largest, sampled, uniform, value
 from bakery.physics.packing._cells import cells, counts
+from bakery.physics.packing.instances import left_out
 
 _LARGEST, _ACROSS = 4.0, 128  # edge of a voxel: at least so many largest radii; at most so many along the mesh
 _BEYOND = 1.01  # of the mesh's half diagonal
@@ -31,6 +33,7 @@ class Aggregate(NamedTuple):
     m (3,), start, image, owner : its grid (`packing._cells.cells`)
     low, edge (3,), voxels (X, Y, Z) uint8 : where the mesh is (`_voxels`)
     tree : nodes, children, blocks of the mesh in units of `scale` about `middle` (3,)
+    share : which share of the spheres is there, 0 to 1; empty: all are.  seed (uint64) of the hash that says which
     """
 
     centers: np.ndarray
@@ -46,15 +49,19 @@ class Aggregate(NamedTuple):
     tree: tuple
     middle: np.ndarray
     scale: float
+    share: Field
+    seed: np.uint64
 
 
-def aggregate(centers, radii, cell, vertices, faces) -> Aggregate:
+def aggregate(centers, radii, cell, vertices, faces, share=None, seed=0) -> Aggregate:
     """Copies of a tile in a closed mesh.
 
     Parameters
     ----------
     centers, radii, cell : (N, 3), (N,), (3,) spheres that do not overlap, in a periodic cuboid
     vertices, faces : (V, 3) in the tile's unit, (F, 3) wound outward, closed
+    share : `Field` of the share of the spheres that is there, by where their centres are; all if None
+    seed : of the hash that says which
 
     Notes
     -----
@@ -71,8 +78,19 @@ def aggregate(centers, radii, cell, vertices, faces) -> Aggregate:
     shape = np.maximum(np.ceil((high - low) / max(_LARGEST * reach, float((high - low).max()) / _ACROSS)), 1).astype(int)
     edge = (high - low) / shape
     voxels = classified(tuple(int(n) for n in shape), low, edge, vertices, faces, tree, middle, scale, reach)
+    if share is not None:
+        _clear_empty(voxels, low, edge, share)
     m = counts(cell, len(radii))
-    return Aggregate(centers, radii, cell, m, *cells(centers, radii, cell, m), low, edge, voxels, tree, middle, scale)
+    return Aggregate(centers, radii, cell, m, *cells(centers, radii, cell, m), low, edge, voxels, tree, middle, scale,
+                     share or uniform(), np.uint64(seed))
+
+
+def _clear_empty(voxels, low, edge, share):
+    """Takes NEAR from voxels into which no sphere reaches because none is there; a voxel is as wide as the largest radius."""
+    from scipy.ndimage import maximum_filter
+
+    full = (largest(share, low, edge, voxels.shape) > 0) & (voxels & CLASS != OUTSIDE)
+    voxels[~maximum_filter(full, 3, mode="constant")] &= np.uint8(CLASS)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -81,9 +99,19 @@ def scratch():
     return mesh_scratch(), np.empty(3), np.empty(4, np.int64), np.empty(3)
 
 
+# called, and only where a share is left out: paths among grains took a tenth longer with it inside of `exists`
+@njit(cache=True, nogil=True, error_model="numpy")
+def share_at(aggregate, x, y, z):
+    """Share of the spheres that is there, around a point."""
+    if aggregate.share.values.size == 0:
+        return 1.0
+    return value(aggregate.share, between(aggregate.share, x, y, z), 0)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def exists(aggregate, met, room):
-    """Whether the centre of the sphere `met` (4,) (number, copy of the tile) is inside of the mesh."""
+    """Whether the sphere `met` (4,) (number, copy of the tile) is there: its centre is inside of the mesh, and it is not among
+    those that are left out."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
     x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0]
     y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1]
@@ -92,7 +120,13 @@ def exists(aggregate, met, room):
     if not (0 <= i < voxels.shape[0] and 0 <= j < voxels.shape[1] and 0 <= k < voxels.shape[2]):
         return False
     kind = voxels[i, j, k] & CLASS
-    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, room[0]) if kind == PARTIAL else kind > PARTIAL
+    if kind < PARTIAL:
+        return False
+    if aggregate.share.values.size > 0:
+        share = share_at(aggregate, x, y, z)
+        if share < 1.0 and left_out(aggregate.seed, met[1], met[2], met[3], met[0], share):
+            return False
+    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, room[0]) if kind == PARTIAL else True
 
 
 # the same lines: paths among balls took a tenth longer when `exists` called this
@@ -270,8 +304,24 @@ def deep(aggregate, p, d, t):
 
 
 def depth(aggregate):
-    """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside."""
-    return clearance(np.pad(aggregate.voxels & CLASS != INSIDE, 1, constant_values=True), aggregate.edge)[1:-1, 1:-1, 1:-1]
+    """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside.
+
+    Where less than half as many spheres are left as elsewhere counts as outside.
+    """
+    outside = aggregate.voxels & CLASS != INSIDE
+    if aggregate.share.values.size > 0:
+        share = largest(aggregate.share, aggregate.low, aggregate.edge, outside.shape)
+        outside |= share < 0.5 * share.max()
+    return clearance(np.pad(outside, 1, constant_values=True), aggregate.edge)[1:-1, 1:-1, 1:-1]
+
+
+def mean_share(aggregate):
+    """Share of the spheres in the mesh that is there, by the middles of its voxels."""
+    if aggregate.share.values.size == 0:
+        return 1.0
+    volume = np.minimum(aggregate.voxels & CLASS, INSIDE) / INSIDE  # of partial voxels half
+    u, v, w = (aggregate.low[axis] + (np.arange(n) + 0.5) * aggregate.edge[axis] for axis, n in enumerate(volume.shape))
+    return float(np.average(sampled(aggregate.share, u, v, w), weights=volume)) if volume.any() else 0.0
 
 
 def clearance(marked, edge):

@@ -4,9 +4,10 @@ Any ray, thread or renderer gets the same answer.  All arithmetic is modulo 2^64
 
     mix(h):  h ^= h >> 30;  h *= 0xBF58476D1CE4E5B9;  h ^= h >> 27;  h *= 0x94D049BB133111EB;  h ^= h >> 31
     h = mix(seed + G);  for w in i, j, k, s:  h = mix((h ^ w) + G);  with G = 0x9E3779B97F4A7C15
-    u_n = ((mix(h + n G) >> 12) + 1/2) / 2^52,  n = 0, 1, 2, 3
+    u_n = ((mix(h + n G) >> 12) + 1/2) / 2^52,  n = 0 ... 4
 
-`mix` and G are those of SplitMix64 (Steele, Lea & Flood 2014).  u_0 picks the grain, u_1, u_2, u_3 its rotation.
+`mix` and G are those of SplitMix64 (Steele, Lea & Flood 2014).  u_0 picks the grain, u_1, u_2, u_3 its rotation; where a part of
+the spheres is left out, u_4 says which.
 """
 
 from __future__ import annotations
@@ -28,19 +29,31 @@ def mix(h):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def uniforms(seed, i, j, k, s):
-    """Four uniform numbers in (0, 1) of sphere s (int64) in copy i, j, k (int64) of a tile, seed uint64."""
+def _word(seed, i, j, k, s):
+    """h of a sphere."""
     h = mix(seed + _GOLDEN)
     h = mix((h ^ np.uint64(i)) + _GOLDEN)
     h = mix((h ^ np.uint64(j)) + _GOLDEN)
     h = mix((h ^ np.uint64(k)) + _GOLDEN)
-    h = mix((h ^ np.uint64(s)) + _GOLDEN)
+    return mix((h ^ np.uint64(s)) + _GOLDEN)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def uniforms(seed, i, j, k, s):
+    """Four uniform numbers in (0, 1) of sphere s (int64) in copy i, j, k (int64) of a tile, seed uint64: u_0 ... u_3."""
+    h = _word(seed, i, j, k, s)
     bits, unit = np.uint64(12), 2.0**-52
     a = ((mix(h) >> bits) + 0.5) * unit
     b = ((mix(h + _GOLDEN) >> bits) + 0.5) * unit
     c = ((mix(h + np.uint64(2) * _GOLDEN) >> bits) + 0.5) * unit
     d = ((mix(h + np.uint64(3) * _GOLDEN) >> bits) + 0.5) * unit
     return a, b, c, d
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def left_out(seed, i, j, k, s, share):
+    """Whether a sphere is none of the `share` of all, 0 to 1, that are there: u_4 is not below it."""
+    return ((mix(_word(seed, i, j, k, s) + np.uint64(4) * _GOLDEN) >> np.uint64(12)) + 0.5) * 2.0**-52 >= share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
