@@ -12,13 +12,13 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers import wavefront
+from renderers.scattering import mean_cosines
 from renderers.threads import run
 from renderers.translucent import _gather, _geometry, _walk
 from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
-_TOGETHER = 64  # lines of sight, near each other, that draw beams by one guess
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
 UNLIMITED = 1 << 40  # events between two surfaces
 
@@ -274,15 +274,16 @@ def _gathered(transport, paths, number, far, sums, gather):
         return
     body, beams = transport.bodies[number], gather.beams[number]
     rows = rows[by_place(paths.origin[rows], body.vertices)]
-    around = np.append(np.arange(0, len(rows), _TOGETHER), len(rows))
-    some = paths.of(rows)
-    brought = np.zeros((3, *some.weight.shape))
+    some, lengths = paths.of(rows), far[rows]
+    around = np.empty(len(rows) + 1, np.int64)
+    groups = _gather.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
+    brought, cosines = np.zeros((3, *some.weight.shape)), mean_cosines(body.medium)
     for w, (points, segments) in enumerate(body.tables):
-        middle, strength = np.empty((3, len(beams.length))), np.empty(len(beams.length))
-        _gather.strongest(body.medium.sigma_t[w], w, beams, middle, strength)
-        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, points, segments, w, beams, middle, strength,
-            gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
-            far[rows], some.states, brought, block=16)
+        middle, way, strength = (np.empty((*size, len(beams.length))) for size in ((3,), (3,), ()))
+        _gather.strongest(body.medium.sigma_t[w], w, beams, middle, way, strength)
+        run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, middle, way,
+            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
+            lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
     wavefront.skip(states, _gather.DRAWS * gather.picks)
