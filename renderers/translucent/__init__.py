@@ -33,7 +33,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     Notes
     -----
-    EXR layers: order0 (light that no body scattered), order1, order2, orders (three events and more), noise (standard error).
+    EXR layers: order0 (light that no body scattered), order1, order2, orders (three events and more), noise (standard error);
+    closer (what it would change if pixels shared light over half the distance).
     """
     from renderers.mitsuba.world import World
     from renderers.progressive import Estimate, Stop, fingerprint
@@ -58,7 +59,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=method.name, reasons=method.reasons)
+    bias = methods.bias(estimate.means.values(), estimate.rgb)
+    return estimate.finish(job, method=method.name, reasons=method.reasons, bias=bias)
 
 
 def _made_of(scene):

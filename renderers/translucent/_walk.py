@@ -10,7 +10,7 @@ from numba import njit
 from bakery.kernels import lent, mesh_scratch
 from renderers.scattering import flight, flown, left, mean_phase, scattered
 from renderers.translucent._geometry import clearance, first
-from renderers.wavefront import roulette, to_rgb
+from renderers.wavefront import roulette, to_rgb, uniform
 
 CONTACT, EVENT, DEAD = range(3)  # how far a path has come: to a surface; to an event that waits for a light sample; it has ended
 
@@ -113,3 +113,43 @@ def lit(medium, colours, sigma, inside, seen, direction, weight, towards, radian
                     deep += sigma[body, w] * inside[i, body]
             share[w] = weight[i, w] * medium.albedo[w] * values[w] * both * math.exp(-deep)
         to_rgb(colours, share, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def straight(medium, weight, far, begin, end):
+    """Weights (n, L) after ways of lengths far (n,) m without an event."""
+    medium = lent(medium)
+    for i in range(begin, end):
+        left(medium, weight, i, far[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def inside(medium, origin, direction, weight, states, start, events, order, bounces, far, begin, end):
+    """Puts paths to an event before lengths far (n,) m, and changes their weights by how likely there is one."""
+    medium = lent(medium)
+    waves = weight.shape[1]
+    for i in range(begin, end):
+        total = 0.0
+        for w in range(waves):
+            total += weight[i, w]
+        chosen, one = uniform(states, i) * total, waves - 1
+        for w in range(waves):
+            chosen -= weight[i, w]
+            if chosen < 0.0:
+                one = w
+                break
+        sigma = medium.sigma_t[one]
+        t = min(-math.log1p(uniform(states, i) * math.expm1(-sigma * far[i])) / sigma, far[i])
+        density = 0.0
+        for w in range(waves):
+            sigma = medium.sigma_t[w]
+            density += weight[i, w] * sigma * math.exp(-sigma * t) / -math.expm1(-sigma * far[i])
+        for w in range(waves):
+            sigma = medium.sigma_t[w]
+            weight[i, w] *= sigma * math.exp(-sigma * t) * total / density if density > 0.0 else 0.0
+        for k in range(3):
+            origin[i, k] += t * direction[i, k]
+        start[i] = -1
+        events[i] += 1
+        order[i] += 1
+        bounces[i] += 1

@@ -128,6 +128,18 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     return Part("few", found), Part("beams", gathered)
 
 
+def bias(means, rgb) -> float | None:
+    """Error of sharing between pixels, relative to the picture's mean: root mean square of what half the distance changes, and a
+    third more, as it goes with the square of the distance.  Its own noise counts, so it is an upper bound; None where no pixels
+    share.
+
+    means : of passes, of each part (`renderers.progressive.Mean`);  rgb : (H, W, 3), the picture
+    """
+    found = [mean.layers[CLOSER] for mean in means if CLOSER in mean.layers]
+    bright = float((rgb @ colour.LUMINANCE).mean())
+    return 4 / 3 * float(np.sqrt(np.mean((found[0] @ colour.LUMINANCE) ** 2))) / bright if found and bright > 0 else None
+
+
 def _beyond(body, mirrored):
     """Distances (L,) m of the extrapolated boundary outside of a body's, 2 A D; inf where nothing is mirrored.
 

@@ -20,6 +20,7 @@ from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
+_SPLITS, _WORTH = 4, 0.01  # surfaces at which paths go both ways, and the weight above which they do
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
 UNLIMITED = 1 << 40  # events between two surfaces
 
@@ -122,7 +123,9 @@ def begin(transport, pixel, number, seed) -> Paths:
     wavefront.begin_streams(stream_key(seed, "render.translucent", number), int(pixel[0]), states)
     wavefront.draw(states, offset)
     origin, direction = transport.world.camera_rays(offset, np.stack([pixel // width, pixel % width], axis=1))
-    return Paths.begun(origin, direction, np.ones((n, len(transport.colours.to_waves))), states, pixel)
+    paths = Paths.begun(origin, direction, np.ones((n, len(transport.colours.to_waves))), states, pixel)
+    paths.seen[:] = True
+    return paths
 
 
 def onward(transport, paths, most, sums, gather=None) -> Paths:
@@ -161,16 +164,35 @@ def _inside(transport, paths, number, far, place, most, sums, gather):
     body = transport.bodies[number]
     if gather is not None:
         _gathered(transport, paths, number, far, sums, gather)
+    split = np.flatnonzero(_splits(paths) & (paths.order == 0) & np.isfinite(far) & (place >= 0)) if most[number] else []
+    parts = []
+    if len(split):
+        # what comes straight through, and what scatters on the way, both for sure
+        straight = paths.of(split)
+        run(_walk.straight, len(split), body.medium, straight.weight, far[split])
+        parts += _met(transport, number, straight, far[split], place[split], sums)
+        fate = paths.of(split)
+        wavefront.skip(fate.states, 1 << 41)
+        run(_walk.inside, len(split), body.medium, fate.origin, fate.direction, fate.weight, fate.states, fate.start, fate.events,
+            fate.order, fate.bounces, far[split])
+        fate.scattered[:], fate.seen[:] = True, False
+        parts.append(_at_events(transport, number, fate, sums))
+        rest = np.ones(len(paths), bool)
+        rest[split] = False
+        paths, far, place = paths.of(rest), far[rest], place[rest]
     status = through(transport, number, paths, far, place, most[number], body.matched)
     met, events = status == _walk.CONTACT, status == _walk.EVENT
-    parts = [_at_events(transport, number, paths.of(events), sums)]
-    meets = paths.of(met)
-    if not body.matched:
-        return [*parts, at_surfaces(transport, meets, sums, far[met], place[met])]
-    own = transport.geometry.owner[place[met]]
+    parts.append(_at_events(transport, number, paths.of(events), sums))
+    return parts + _met(transport, number, paths.of(met), far[met], place[met], sums)
+
+
+def _met(transport, number, paths, far, place, sums):
+    """Parts of paths in a body after the surface that they have come to."""
+    if not transport.bodies[number].matched:
+        return [at_surfaces(transport, paths, sums, far, place)]
+    own = transport.geometry.owner[place]
     crosses = (own >= 0) & transport.matched[np.maximum(own, 0)]
-    return [*parts, crossed(transport, meets.of(crosses), far[met][crosses], place[met][crosses]),
-            shaded(transport, meets.of(~crosses), sums)]
+    return [crossed(transport, paths.of(crosses), far[crosses], place[crosses]), shaded(transport, paths.of(~crosses), sums)]
 
 
 def crossed(transport, paths, far, place):
@@ -237,14 +259,14 @@ def at_surfaces(transport, paths, sums, far, place):
 def shaded(transport, paths, sums, power=False):
     """Paths that Mitsuba has turned at surfaces, after their light has been added; `power` as in `World.shade`.
 
-    At the first surface that the camera sees, if it is a smooth dielectric, a path goes both ways.
+    At smooth dielectrics that the camera sees, directly or through and in others, paths of much weight go both ways.
     """
     n = len(paths)
     if n == 0:
         return paths
     numbers = np.empty((n, 6))
     wavefront.draw(paths.states, numbers)
-    seen = paths.single & (paths.bounces == 0) & (not power)
+    seen = _splits(paths) & (not power)
     if not seen.any():
         return _turned(transport, paths, _shade(transport, paths, numbers, power), sums)
     parts = [_turned(transport, paths.of(~seen), _shade(transport, paths.of(~seen), numbers[~seen], power), sums)]
@@ -259,6 +281,11 @@ def shaded(transport, paths, sums, power=False):
         parts.append(_turned(transport, part, _rows(shading, both), add))
     wavefront.skip(parts[-1].states, 1 << 40)
     return joined(parts)
+
+
+def _splits(paths):
+    """Which paths (n,) the camera sees as they are, with so much weight that both of two ways are worth going."""
+    return paths.seen & (paths.bounces < _SPLITS) & (paths.weight.max(axis=1) > _WORTH)
 
 
 def _shade(transport, paths, numbers, power):
@@ -290,6 +317,7 @@ def _turned(transport, paths, shading, sums):
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
     paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
+    paths.seen &= paths.single & (paths.order == 0)
     paths.bounces += 1
     alive = np.empty(m, bool)
     run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
@@ -319,8 +347,8 @@ def _gathered(transport, paths, number, far, sums, gather):
         middle, way, strength = (np.empty((*size, len(beams.length))) for size in ((3,), (3,), ()))
         _gather.strongest(body.medium.sigma_t[w], w, beams, middle, way, strength)
         run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, middle, way,
-            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
-            lengths, some.states, brought, block=16)
+            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
+            some.direction, lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
     wavefront.skip(states, _gather.DRAWS * gather.picks)
