@@ -38,6 +38,12 @@ def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
                      *(np.array([one[k] for one in layouts]) for k in (2, 3)))
 
 
+def mean_cosines(medium) -> np.ndarray:
+    """(L,) mean cosines of the phase functions, which are linear in v = 1 - cos theta between their nodes."""
+    a, b, p, q = 1 - medium.v[:-1], 1 - medium.v[1:], medium.phase[:, :-1], medium.phase[:, 1:]
+    return 2 * np.pi / 6 * np.sum(np.diff(medium.v) * (2 * p * a + p * b + q * a + 2 * q * b), axis=1)
+
+
 # forceinline: a call would hand over every array of the tuple
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def flight(medium, weight, states, i):

@@ -28,6 +28,7 @@ from renderers.mitsuba.sensor import camera_of
 
 # m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
 FAR = 1e12
+LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
 
 
 class LightSample(NamedTuple):
@@ -318,7 +319,7 @@ class World:
         lit = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*_uniform(mi, random, 0, 2)), True, lit)
         towards = si.to_local(light.d)
-        lobe, *turn = _uniform(mi, random, 2, 3)
+        lobe, *turn = _uniform(mi, random, LOBE, 3)
         value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, lobe, mi.Point2f(*turn), valid)
         radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
         away = si.spawn_ray(si.to_world(next_way.wo))

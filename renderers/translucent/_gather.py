@@ -30,6 +30,8 @@ _BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bri
 _NEAR = 4.0  # mfp, from the middle of a beam, within which all of it is looked up, not a point that is drawn on it
 DRAWS = 6  # random numbers for each beam
 _FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
+_ANYWAY = 0.2  # share of the guess that does not hang on directions
+_TOGETHER, _APART, _ALIKE = 16, 2.0, 0.8  # lines of sight, mfp, cosine: at most and least, of those that draw beams by one guess
 _SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
 
 
@@ -58,18 +60,28 @@ def _along(u, sigma, length):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
-def _guess(middle, strength, sigma, k0, ex, ey, ez, total):
-    """Cumulated guesses of what beams bring to a point e, m, into total (N,).
+def _guess(middle, way, strength, sigma, k0, g, here, view, total):
+    """Cumulated guesses of what beams bring to a place against a line of sight, into total (N,).
 
-    middle : (3, N) m, where beams are strongest;  strength : (N,) of each
+    middle, way : (3, N) m, where beams are strongest, and their directions;  strength : (N,) of each
+    g : mean cosine of the phase function;  here, view : (3,) m, and direction of the line of sight
     """
     mean, n = 0.0, len(total)
+    ex, ey, ez, vx, vy, vz = here[0], here[1], here[2], view[0], view[1], view[2]
     for b in range(n):
-        x, y, z = middle[0, b] - ex, middle[1, b] - ey, middle[2, b] - ez
+        x, y, z = ex - middle[0, b], ey - middle[1, b], ez - middle[2, b]
         r = sigma * math.sqrt(x * x + y * y + z * z)
         far, near = k0 * r, r + _SOFT
+        # light keeps its direction the less, the farther it has come: two Henyey-Greenstein lobes, of the way and of the view
+        lobe = g * g / (1 + (1 - g) * r)
+        over = sigma / near
+        ahead = over * (x * way[0, b] + y * way[1, b] + z * way[2, b])
+        back = -(vx * way[0, b] + vy * way[1, b] + vz * way[2, b])
+        one, two = 1 + lobe * lobe - 2 * lobe * ahead, 1 + lobe * lobe - 2 * lobe * back
+        both = (1 - lobe * lobe) / (one * two)
+        lobes = _ANYWAY + (1 - _ANYWAY) * both * math.sqrt(both * (1 - lobe * lobe))
         # 1 / exp(far), as far as it matters
-        total[b] = strength[b] * (near + 1) / (near * near * (1 + far * (1 + far * (0.5 + far * (1 / 6 + far / 24)))))
+        total[b] = strength[b] * lobes * (near + 1) / (near * near * (1 + far * (1 + far * (0.5 + far * (1 / 6 + far / 24)))))
         mean += total[b]
     mean *= _FLOOR / max(n, 1)
     whole = 0.0
@@ -80,25 +92,48 @@ def _guess(middle, strength, sigma, k0, ex, ey, ez, total):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def strongest(sigma, w, beams, middle, strength):
-    """Where beams are strongest at wavelength w, middle (3, N) m, and how strong, for `_guess`."""
+def grouped(origin, direction, far, sigma, around):
+    """Groups of lines of sight that see much the same, one after the other: their number, and where they begin, into around.
+
+    sigma : 1/m;  around : (n + 1,)
+    """
+    count, one = 0, 0
+    for i in range(len(far)):
+        new = i == 0 or i - one >= _TOGETHER
+        if not new:
+            square, cosine = 0.0, 0.0
+            for k in range(3):
+                square += (origin[i, k] - origin[one, k]) ** 2
+                cosine += direction[i, k] * direction[one, k]
+            new = sigma * sigma * square > _APART * _APART or cosine < _ALIKE
+        if new:
+            around[count], one = i, i
+            count += 1
+    around[count] = len(far)
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def strongest(sigma, w, beams, middle, way, strength):
+    """Where beams are strongest at wavelength w, middle (3, N) m, their directions way (3, N), and how strong, for `_guess`."""
     for b in range(len(beams.length)):
         s = min(1.0 / sigma, 0.5 * beams.length[b])
         for k in range(3):
-            middle[k, b] = beams.origin[b, k] + s * beams.direction[b, k]
+            middle[k, b], way[k, b] = beams.origin[b, k] + s * beams.direction[b, k], beams.direction[b, k]
         # a short beam has little power to scatter
         strength[b] = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(geometry, medium, table, segments, w, beams, middle, strength, picks, later, second, beyond, around, origin, direction,
-           far, states, brought, begin, end):
+def gather(geometry, medium, table, segments, w, cosine, beams, middle, way, strength, picks, later, second, beyond, around,
+           origin, direction, far, states, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
 
     Parameters
     ----------
     medium : `Scatterer`;  table, segments : ready tables of points and of segments of wavelength w
-    beams : `Beams`;  middle, strength : of `strongest`
+    cosine : mean, of the phase function
+    beams : `Beams`;  middle, way, strength : of `strongest`
     picks : beams drawn for each line of sight
     later : whether third and later events count, by the table, and second ones on beams of negative power
     second : whether second ones on others do
@@ -114,15 +149,17 @@ def gather(geometry, medium, table, segments, w, beams, middle, strength, picks,
     n = len(beams.length)
     total, room, local = np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
     p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
-    normal, here, share = np.empty(3), np.empty(3), np.empty(_BINS)
+    normal, here, view, share_of = np.empty(3), np.empty(3), np.empty(3), np.empty(_BINS)
     sigma, albedo = medium.sigma_t[w], medium.albedo[w]
     for g in range(begin, end):
-        here[:] = 0.0
+        for k in range(3):
+            here[k] = view[k] = 0.0
         for i in range(around[g], around[g + 1]):
-            t = min(1.0 / sigma, 0.5 * far[i])
+            t, share = min(1.0 / sigma, 0.5 * far[i]), 1.0 / (around[g + 1] - around[g])
             for k in range(3):
-                here[k] += (origin[i, k] + t * direction[i, k]) / (around[g + 1] - around[g])
-        whole = _guess(middle, strength, sigma, table.k0, here[0], here[1], here[2], total)
+                here[k] += share * (origin[i, k] + t * direction[i, k])
+                view[k] += share * direction[i, k]
+        whole = _guess(middle, way, strength, sigma, table.k0, cosine, here, view, total)
         for i in range(around[g], around[g + 1]):
             for kind in range(3):
                 brought[kind, i, w] = 0.0
@@ -168,7 +205,7 @@ def gather(geometry, medium, table, segments, w, beams, middle, strength, picks,
                 if second or negative and later:
                     kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
                     brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
-                        geometry, medium, beams, beam, w, v, uniform(local, 0), share, p, d, origin, direction, far, i, room)
+                        geometry, medium, beams, beam, w, v, uniform(local, 0), share_of, p, d, origin, direction, far, i, room)
             if later:
                 brought[LATER, i, w] += sum_of_look_ups(looked_up, table) + sum_of_look_ups(tiles, segments)
 

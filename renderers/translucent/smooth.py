@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from renderers.scattering import mean_cosines
 from renderers.threads import run
 from renderers.translucent import _geometry
 from renderers.translucent.transport import located
@@ -53,14 +54,7 @@ def seen(transport, rays) -> Seen:
 
 def reduced(medium):
     """sigma_t' (L,) 1/m: of each wavelength the extinction, but for light that goes on as it came."""
-    g = np.array([np.sum(2 * np.pi * _forward(medium.v, phase)) for phase in medium.phase])
-    return medium.sigma_t * (1 - medium.albedo * g)
-
-
-def _forward(v, phase):
-    """Integral of phase cos theta over each step of v = 1 - cos theta, both linear in it."""
-    p, q, a, b = phase[:-1], phase[1:], 1 - v[:-1], 1 - v[1:]
-    return np.diff(v) * (2 * p * a + p * b + q * a + 2 * q * b) / 6
+    return medium.sigma_t * (1 - medium.albedo * mean_cosines(medium))
 
 
 def smoothed(image, what, share=1.0):

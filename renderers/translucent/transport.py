@@ -12,13 +12,14 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers import wavefront
+from renderers.mitsuba.world import LOBE
+from renderers.scattering import mean_cosines
 from renderers.threads import run
 from renderers.translucent import _gather, _geometry, _walk
 from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
-_TOGETHER = 64  # lines of sight, near each other, that draw beams by one guess
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
 UNLIMITED = 1 << 40  # events between two surfaces
 
@@ -234,14 +235,50 @@ def at_surfaces(transport, paths, sums, far, place):
 
 
 def shaded(transport, paths, sums, power=False):
-    """Paths that Mitsuba has turned at surfaces, after their light has been added; `power` as in `World.shade`."""
-    n, colours = len(paths), transport.colours
+    """Paths that Mitsuba has turned at surfaces, after their light has been added; `power` as in `World.shade`.
+
+    At the first surface that the camera sees, if it is a smooth dielectric, a path goes both ways.
+    """
+    n = len(paths)
     if n == 0:
         return paths
     numbers = np.empty((n, 6))
     wavefront.draw(paths.states, numbers)
-    shading = transport.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn,
-                                    power=power)
+    seen = paths.single & (paths.bounces == 0) & (not power)
+    if not seen.any():
+        return _turned(transport, paths, _shade(transport, paths, numbers, power), sums)
+    parts = [_turned(transport, paths.of(~seen), _shade(transport, paths.of(~seen), numbers[~seen], power), sums)]
+    paths, numbers = paths.of(seen), numbers[seen]
+    back, on = (_shade(transport, paths, _chosen(numbers, lobe), power) for lobe in (0.0, 1.0))
+    both = back.hit & back.delta & on.delta & (back.density > 0) & (on.density > 0) \
+        & (np.abs(back.density + on.density - 1) < 1e-4)
+    parts.append(_turned(transport, paths.of(~both), _shade(transport, paths.of(~both), numbers[~both], power), sums))
+    for shading, add in ((back, sums), (on, Sums(0, found=False))):
+        part = paths.of(both)
+        part.weight *= shading.density[both][:, None]
+        parts.append(_turned(transport, part, _rows(shading, both), add))
+    wavefront.skip(parts[-1].states, 1 << 40)
+    return joined(parts)
+
+
+def _shade(transport, paths, numbers, power):
+    return transport.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn, power=power)
+
+
+def _chosen(numbers, lobe):
+    """The same numbers, but for that which chooses a lobe of a BSDF."""
+    numbers = numbers.copy()
+    numbers[:, LOBE] = lobe
+    return numbers
+
+
+def _rows(shading, chosen):
+    """Some of what was found."""
+    return type(shading)(*(_rows(one, chosen) if isinstance(one, tuple) else one[chosen] for one in shading))
+
+
+def _turned(transport, paths, shading, sums):
+    """Paths that go on from surfaces as Mitsuba says, after their light has been added."""
     if sums.found:
         _emits(transport, paths, shading, sums)
     hit = np.flatnonzero(shading.hit)
@@ -249,7 +286,7 @@ def shaded(transport, paths, sums, power=False):
     m = len(hit)
     if m == 0:
         return paths
-    run(wavefront.reflect, m, colours, paths.weight, shading.weight[hit])
+    run(wavefront.reflect, m, transport.colours, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
     paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
     paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
@@ -274,15 +311,16 @@ def _gathered(transport, paths, number, far, sums, gather):
         return
     body, beams = transport.bodies[number], gather.beams[number]
     rows = rows[by_place(paths.origin[rows], body.vertices)]
-    around = np.append(np.arange(0, len(rows), _TOGETHER), len(rows))
-    some = paths.of(rows)
-    brought = np.zeros((3, *some.weight.shape))
+    some, lengths = paths.of(rows), far[rows]
+    around = np.empty(len(rows) + 1, np.int64)
+    groups = _gather.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
+    brought, cosines = np.zeros((3, *some.weight.shape)), mean_cosines(body.medium)
     for w, (points, segments) in enumerate(body.tables):
-        middle, strength = np.empty((3, len(beams.length))), np.empty(len(beams.length))
-        _gather.strongest(body.medium.sigma_t[w], w, beams, middle, strength)
-        run(_gather.gather, len(around) - 1, transport.geometry, body.medium, points, segments, w, beams, middle, strength,
-            gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
-            far[rows], some.states, brought, block=16)
+        middle, way, strength = (np.empty((*size, len(beams.length))) for size in ((3,), (3,), ()))
+        _gather.strongest(body.medium.sigma_t[w], w, beams, middle, way, strength)
+        run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, middle, way,
+            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
+            lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
     wavefront.skip(states, _gather.DRAWS * gather.picks)
