@@ -84,8 +84,8 @@ def _body(shapes, name, asset, index, wrong):
     if index is not None and abs(index - shape.index) > 1e-3 * index:
         raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
     if not hasattr(asset.multiple, "segment"):
-        raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} in "
-                             "its recipe would do")
+        raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
+                             "in its recipe would do")
     tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()]
     return Body(name, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
 

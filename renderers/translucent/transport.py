@@ -319,8 +319,8 @@ def _gathered(transport, paths, number, far, sums, gather):
         middle, way, strength = (np.empty((*size, len(beams.length))) for size in ((3,), (3,), ()))
         _gather.strongest(body.medium.sigma_t[w], w, beams, middle, way, strength)
         run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, middle, way,
-            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin, some.direction,
-            lengths, some.states, brought, block=16)
+            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
+            some.direction, lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
     wavefront.skip(states, _gather.DRAWS * gather.picks)
