@@ -31,6 +31,7 @@ def define(name, inside):
                                  "llvm_ad_rgb")
             self.inside = inside(props)
 
+        @noted
         def render(self, scene, sensor, seed=0, spp=0, develop=True, evaluate=True):
             picture = _picture(self.inside, scene, sensor, int(seed), int(spp) or sensor.sampler().sample_count())
             film = sensor.film()

@@ -315,19 +315,19 @@ recipe: ../../recipes/{recipe}.yaml
 scene: {{mitsuba: {name}.xml, unit: 1 mm}}
 stop: {{noise: 2%, time: 60 s, samples: 1024}}
 translucent:
-  bodies: [{{shape: {shape}, boundary: {boundary}}}]
+  bodies: [{{shape: {shape}{boundary}}}]
 """
-# name: recipe, body, its boundary
+# name: recipe, body, its index where it is not matched
 BODIES = {
-    "bumpy_ball": ("bumpy_sphere", "ball", "{index: 1.5}"),
-    "bumpy_ball_point": ("bumpy_sphere", "ball", "{index: 1.5}"),
-    "candle": ("wax", "candle", "{index: 1.446}"),
-    "candle_hollow": ("wax", "candle", "{index: 1.446}"),
-    "candle_ball": ("wax", "candle", "{index: 1.446}"),
-    "glass_of_milk": ("milk_dilute", "milk", "{index: 0.9}"),
-    "head": ("skin", "head", "{index: 1.4}"),
-    "bust": ("marble", "head", "none"),
-    "soap_and_lamp": ("soap", "soap", "{index: 1.47, roughness: 0.1}"),
+    "bumpy_ball": ("bumpy_sphere", "ball", 1.5),
+    "bumpy_ball_point": ("bumpy_sphere", "ball", 1.5),
+    "candle": ("wax", "candle", 1.446),
+    "candle_hollow": ("wax", "candle", 1.446),
+    "candle_ball": ("wax", "candle", 1.446),
+    "glass_of_milk": ("milk_dilute", "milk", 0.9),
+    "head": ("skin", "head", 1.4),
+    "bust": ("marble", "head", None),
+    "soap_and_lamp": ("soap", "soap", 1.47),
 }
 
 
@@ -338,7 +338,8 @@ def main():
     for name, (what, fov, origin, target, parts) in PICTURES.items():
         frame = FRAME.format(what=what, fov=fov, origin=text(origin), target=text(target), parts="\n".join(parts))
         (HERE / f"{name}.xml").write_text(frame)
-        recipe, shape, boundary = BODIES[name]
+        recipe, shape, index = BODIES[name]
+        boundary = f", boundary: {{index: {index}}}" if index else ""
         (HERE / f"{name}.yaml").write_text(SCENE.format(what=what, name=name, recipe=recipe, shape=shape, boundary=boundary))
 
 

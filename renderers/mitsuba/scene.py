@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import wraps
 from pathlib import Path
 
 from bakery.errors import AssetError, BakeryError, UsageError
@@ -11,16 +12,17 @@ from renderers.mitsuba import bitmaps, passes, variants
 
 # Share of the scene's own samples.
 QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
-# What plugins could not do while a scene was loaded, newest last.
+# What plugins could not do while a scene was loaded or rendered, newest last.
 faults: list[BakeryError] = []
 
 
-def noted(construct):
-    """A plugin's constructor, whose errors are kept for `load`: Mitsuba's parser keeps the text of an exception only."""
+def noted(function):
+    """A plugin's constructor or method, whose errors are kept: Mitsuba keeps the text of an exception only."""
 
-    def made(properties):
+    @wraps(function)
+    def made(*args, **more):
         try:
-            return construct(properties)
+            return function(*args, **more)
         except BakeryError as error:
             faults.append(error)
             raise
@@ -50,15 +52,21 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
     chosen, reason = variants.activate(colour, variant)
     faults.clear()
     try:
-        scene = mi.load_file(str(path), **{key: str(value) for key, value in (parameters or {}).items()})
+        # optimised, shapes with equal BSDFs become one without an id, in an order that changes from run to run
+        scene = mi.load_file(str(path), optimize=False, **{key: str(value) for key, value in (parameters or {}).items()})
     except (RuntimeError, ValueError, TypeError, BakeryError) as error:
         if faults:
-            kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
-            raise kind(f"{path}: {faults[-1]}") from None
+            raise _of_plugin(path) from None
         raise UsageError(f"{path}: Mitsuba cannot load this scene: {error}") from None
     if sensor and not scene.sensors():
         raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
     return scene, chosen, reason
+
+
+def _of_plugin(path):
+    """The error to raise for what a plugin could not do."""
+    kind = AssetError if isinstance(faults[-1], AssetError) else UsageError
+    return kind(f"{path}: {faults[-1]}")
 
 
 def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=None, spp=None, tolerance=0.0,
@@ -95,8 +103,13 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters)
     samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
-    picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
-                            time_limit=time_limit, seed=seed, progress=progress)
+    try:
+        picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
+                                time_limit=time_limit, seed=seed, progress=progress)
+    except RuntimeError:
+        if faults:
+            raise _of_plugin(scene_path) from None
+        raise
     bitmaps.write(pair, images.tone_map(picture.rgb), picture.rgb)
     return {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
             "samples": picture.samples, "noise": picture.noise, "stopped_by": picture.stopped_by, "tone_curve": images.TONE_CURVE}

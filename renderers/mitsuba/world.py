@@ -257,6 +257,35 @@ class World:
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self._index(sample.emitter)))
 
+    def lights_in(self, boxes) -> list[int]:
+        """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it."""
+        found = []
+        for position, emitter in enumerate(self._scene.emitters()):
+            if self._infinite[position]:
+                continue
+            its = (emitter.get_shape() or emitter).bbox()
+            its = self._unit * np.array([its.min, its.max], float).reshape(2, 3)
+            if any(np.all((its[0] <= box[1]) & (its[1] >= box[0])) for box in boxes):
+                found.append(position)
+        return found
+
+    def light_rays(self, light, random):
+        """Rays on which a light (position in `light_names`) sends its power.
+
+        random : (n, 5) or more columns, of which five are used
+
+        Returns
+        -------
+        origin, direction : (n, 3) m, on the light;  (n, 3) unit
+        power : (n, 3) RGB, radiance times m^2 sr, over the density of the ray
+        """
+        import mitsuba as mi
+
+        wave, *places = _uniform(mi, random, 0, 5)
+        ray, power = self._scene.emitters()[light].sample_ray(0.0, wave, mi.Point2f(*places[:2]), mi.Point2f(*places[2:]))
+        origin, direction, power = _arrays(len(random), ray.o, ray.d, _finite(power))
+        return self._metres(origin), direction.astype(float), power * self._unit**2
+
     def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
 

@@ -62,7 +62,8 @@ def advance(geometry, medium, most, waits, origin, direction, weight, states, fa
             if waits:
                 status[i] = EVENT
                 break
-            turn(medium, origin, direction, weight, states, i, drawn, density, single, values)
+            turn(medium, origin, direction, weight, states, i, drawn, density, values)
+            single[i] = True  # no light was sampled
             roulette(weight, states, bounces, alive, i, i + 1)
             if not alive[i]:
                 status[i] = DEAD
@@ -70,9 +71,8 @@ def advance(geometry, medium, most, waits, origin, direction, weight, states, fa
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def turn(medium, origin, direction, weight, states, i, drawn, density, single, values):
+def turn(medium, origin, direction, weight, states, i, drawn, density, values):
     density[i] = scattered(medium, direction, weight, states, i, values)
-    single[i] = False
     for k in range(3):
         drawn[i, k] = origin[i, k]
 
@@ -83,7 +83,8 @@ def scatter(medium, origin, direction, weight, states, drawn, density, single, b
     medium = lent(medium)
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
-        turn(medium, origin, direction, weight, states, i, drawn, density, single, values)
+        turn(medium, origin, direction, weight, states, i, drawn, density, values)
+        single[i] = False
         roulette(weight, states, bounces, alive, i, i + 1)
 
 

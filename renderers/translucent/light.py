@@ -19,7 +19,7 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.threads import run
-from renderers.translucent import _geometry, _light, _walk, transport
+from renderers.translucent import _geometry, _light, _walk, transport, within
 from renderers.translucent._gather import Beams
 from renderers.translucent.paths import Paths, joined
 from renderers.translucent.transport import UNLIMITED, Sums
@@ -78,6 +78,9 @@ def beams(how, entries, places, walks, boundary, ways, number, seed) -> list[Bea
         inside = transport.located(how.geometry, paths)[0] == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
+    for paths, power in within.emitted(how, places, len(how.bodies) * _APART, (seed, number)):
+        parts.append(paths)
+        powers.append(power)
     power = np.concatenate(powers)
     if len(power):
         chosen, scale = _chosen(joined(parts), power, walks)

@@ -17,6 +17,7 @@ ENTRIES, WALKS, PICKS = 4096, 8192, 8
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 CLOSER = "closer"  # layer: what sharing over half the distance changes
+_BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _LAYERS = ("order0", "order1", "order2", "orders")
 
 
@@ -82,6 +83,9 @@ def _body(shapes, name, asset, index, wrong):
         raise wrong("shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
     if index is not None and abs(index - shape.index) > 1e-3 * index:
         raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
+    if not hasattr(asset.multiple, "segment"):
+        raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
+                             "in its recipe would do")
     tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()]
     return Body(name, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
 
@@ -159,7 +163,18 @@ def _reasons(assets, bodies):
     said = []
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
+    said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "
+             "as diffusion has it" for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
     if any(not body.matched for body in bodies):
         said.append("light that scatters once reaches the eye through refracting boundaries by chance: lights without extent do "
                     "not show in it")
     return said
+
+
+def _too_short(body, asset):
+    """Extent of the tables and size of the body, mean free paths, where light that matters (1e-3 of it) goes beyond."""
+    reach, k0 = np.asarray(asset.multiple.extent), np.asarray(asset.multiple.k0)
+    size = np.ptp(body.vertices, axis=0).max() * body.medium.sigma_t
+    beyond = (1 + k0 * reach) * np.exp(-k0 * reach) * (reach > 0)
+    worst = int(np.argmax(beyond * (size > reach)))
+    return [(reach[worst], size[worst])] if size[worst] > reach[worst] and beyond[worst] > _BEYOND else []

@@ -45,7 +45,7 @@ class Inside:
         self.boundary = one_of(NAME, props, "boundary", BOUNDARIES, default["boundary"].default)
         self.unit = length_of_one(NAME, props)
         self.assets = {}
-        for key in props.property_names():
+        for key in list(props.keys()):
             if key.startswith(_BODY):
                 asset = bakery.open(str(mi.file_resolver().resolve(props[key])))
                 for stage in NEEDS:
