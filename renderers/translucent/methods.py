@@ -9,7 +9,7 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import light, smooth, transport
+from renderers.translucent import light, refraction, smooth, transport
 from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
@@ -62,7 +62,7 @@ def transport_of(world, names, assets, indices, wrong) -> Transport:
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
-    return Transport(world, bodies, geometry, colours)
+    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies])
 
 
 def _body(shapes, name, asset, index, wrong):
@@ -148,6 +148,6 @@ def _reasons(assets, bodies):
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     if any(not body.matched for body in bodies):
-        said.append("light that scatters once reaches the eye through refracting boundaries by chance: lights without extent do "
-                    "not show in it")
+        said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
+                    "extent is looked for from where it scatters, straight through one smooth boundary, not by mirrors or glass")
     return said
