@@ -9,7 +9,7 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import light, refraction, smooth, transport
+from renderers.translucent import dipole, light, refraction, smooth, transport
 from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
@@ -41,7 +41,7 @@ def prepare(job, world, seed) -> Method:
     entries = settings.bodies
     how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message))
-    return Method(*of(how, settings.method, settings.boundary, seed), _reasons(assets, how.bodies))
+    return Method(*of(how, settings.method, settings.boundary, seed), _reasons(assets, how.bodies, settings.method))
 
 
 def of(how, name, boundary, seed):
@@ -95,7 +95,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     height, width = how.world.size
     tabled = name == "vrl+tables"
     # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
-    second = [name == "vrl" or how.world.without_extent and not body.matched for body in how.bodies]
+    second = [name in ("vrl", "dipole") or how.world.without_extent and not body.matched for body in how.bodies]
     most = [UNLIMITED if name == "paths" else 1 if joins else 2 for joins in second]
 
     entries = []
@@ -105,7 +105,21 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
 
     def found(number):
-        return images(transport.from_eye(how, most, None, number, seed))
+        sums = transport.from_eye(how, most, None, number, seed)
+        if name == "dipole":
+            # what scatters again where a boundary turns it back
+            sums.by_order[2:] = 0.0
+        return images(sums)
+
+    def diffused(number):
+        if not entries:
+            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
+        made = light.beams(how, entries, places, walks, False, False, number, seed)
+        number += _LATER
+        what = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
+        later = dipole.seen(how, made, picks, number, seed).reshape(height, width, 3)
+        half, later = smooth.smoothed(later, what, 0.5), smooth.smoothed(later, what)
+        return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(number):
         if not entries:
@@ -125,7 +139,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
 
     if name == "paths":
         return (Part("paths", found),)
-    return Part("few", found), Part("beams", gathered)
+    return Part("few", found), Part("dipoles", diffused) if name == "dipole" else Part("beams", gathered)
 
 
 def _beyond(body, mirrored):
@@ -143,8 +157,10 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies):
+def _reasons(assets, bodies, method):
     said = []
+    if method == "dipole":
+        said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as from diffusion under a plane")
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     if any(not body.matched for body in bodies):

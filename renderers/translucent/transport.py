@@ -133,7 +133,7 @@ def onward(transport, paths, most, sums, gather=None) -> Paths:
     parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], place[outside])]
     for number in np.unique(body[~outside]):
         here = body == number
-        parts += _inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
+        parts += inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
     return joined(parts)
 
 
@@ -157,7 +157,7 @@ def through(transport, number, paths, far, place, most, waits):
     return status
 
 
-def _inside(transport, paths, number, far, place, most, sums, gather):
+def inside(transport, paths, number, far, place, most, sums, gather):
     """Parts of the paths in a body after their next surface or event."""
     body = transport.bodies[number]
     if gather is not None:
