@@ -1,7 +1,8 @@
 """The directional dipole, for comparison: light that leaves a body as if it had diffused under a plane boundary.
 
 Of light scattered twice and more.  Approximate: diffusion, in the half space under the tangent of where light comes in; so it is
-wrong near that place, in thin and curved parts, and of light that goes on forward or is absorbed soon.
+wrong near that place, in thin and curved parts, and of light that goes on forward or is absorbed soon.  Light scattered once is
+in it, too, which diffusion does not tell apart: with it rendered on its own, as is usual, pictures are too bright.
 """
 
 from __future__ import annotations
