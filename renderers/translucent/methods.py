@@ -160,7 +160,7 @@ def _beyond(body, mirrored):
 def _reasons(assets, bodies, method):
     said = []
     if method == "dipole":
-        said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as from diffusion under a plane, "
+        said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as by diffusion under a plane, "
                     "too bright, more so where more is absorbed; noisy where places of light are further apart than it spreads")
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
