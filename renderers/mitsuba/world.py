@@ -87,6 +87,21 @@ class Shading(NamedTuple):
     delta: np.ndarray
 
 
+class IdealLight(NamedTuple):
+    """A light without extent.
+
+    Attributes
+    ----------
+    number : position in `World.light_names`
+    place : (3,) m, of the light, or, of a distant one, unit, the direction towards it
+    distant : whether it is at infinity
+    """
+
+    number: int
+    place: np.ndarray
+    distant: bool
+
+
 class Shape(NamedTuple):
     """A surface of the scene.
 
@@ -98,6 +113,7 @@ class Shape(NamedTuple):
     index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
         (`null`); None of other surfaces
     smooth : whether that is no rough dielectric
+    normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
     """
 
     name: str
@@ -106,6 +122,7 @@ class Shape(NamedTuple):
     box: np.ndarray
     index: float | None
     smooth: bool
+    normals: np.ndarray | None = None
 
 
 class World:
@@ -166,14 +183,16 @@ class World:
 
         found = []
         for shape in self._scene.shapes():
-            vertices = faces = None
+            vertices = faces = normals = None
             if shape.is_mesh():
                 vertices = self._unit * np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
                 faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
+                if shape.has_vertex_normals() and not shape.has_face_normals():
+                    normals = np.array(shape.vertex_normals_buffer(), float).reshape(-1, 3)
             box = shape.bbox()
             box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
             smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
-            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth))
+            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals))
         return found
 
     def extents(self):
@@ -285,6 +304,35 @@ class World:
         ray, power = self._scene.emitters()[light].sample_ray(0.0, wave, mi.Point2f(*places[:2]), mi.Point2f(*places[2:]))
         origin, direction, power = _arrays(len(random), ray.o, ray.d, _finite(power))
         return self._metres(origin), direction.astype(float), power * self._unit**2
+
+    def ideal_lights(self) -> list[IdealLight]:
+        """Lights without extent of which a light sample tells where they are."""
+        import mitsuba as mi
+
+        found, middle = [], self.box.mean(axis=0, keepdims=True) if self.box is not None else np.zeros((1, 3))
+        for number, emitter in enumerate(self._scene.emitters()):
+            flags = emitter.flags()
+            distant = mi.has_flag(flags, mi.EmitterFlags.Infinite)
+            # beams with an area have a direction, but no sample finds them
+            beam = distant and mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
+            if beam or mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
+                sample = self.from_light(number, middle)
+                towards = sample.direction[0].astype(float)
+                found.append(IdealLight(number, towards if distant else middle[0] + sample.distance[0] * towards, distant))
+        return found
+
+    def from_light(self, number, point) -> LightSample:
+        """A light without extent from each of n points (n, 3) m, whatever is in between."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if not len(point):
+            return _empty(self.from_light(number, np.zeros((1, 3))))
+        here = dr.zeros(mi.Interaction3f, len(point))
+        here.p = self._inside(mi, point)
+        sample, radiance = self._scene.emitters()[number].sample_direction(here, mi.Point2f(0.5))
+        return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
+                                    mi.Int32(number)))
 
     def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False) -> Shading:
         """What rays meet: emission, a light sample and a next direction.

@@ -9,7 +9,7 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import light, smooth, transport
+from renderers.translucent import dipole, light, refraction, smooth, transport
 from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
@@ -42,7 +42,7 @@ def prepare(job, world, seed) -> Method:
     entries = settings.bodies
     how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message))
-    return Method(*of(how, settings.method, settings.boundary, seed), _reasons(assets, how.bodies))
+    return Method(*of(how, settings.method, settings.boundary, seed), _reasons(assets, how.bodies, settings.method))
 
 
 def of(how, name, boundary, seed):
@@ -63,7 +63,7 @@ def transport_of(world, names, assets, indices, wrong) -> Transport:
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
-    return Transport(world, bodies, geometry, colours)
+    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies])
 
 
 def _body(shapes, name, asset, index, wrong):
@@ -99,7 +99,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     height, width = how.world.size
     tabled = name == "vrl+tables"
     # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
-    second = [name == "vrl" or how.world.without_extent and not body.matched for body in how.bodies]
+    second = [name in ("vrl", "dipole") or how.world.without_extent and not body.matched for body in how.bodies]
     most = [UNLIMITED if name == "paths" else 1 if joins else 2 for joins in second]
 
     entries = []
@@ -109,7 +109,21 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
 
     def found(number):
-        return images(transport.from_eye(how, most, None, number, seed))
+        sums = transport.from_eye(how, most, None, number, seed)
+        if name == "dipole":
+            # what scatters again where a boundary turns it back
+            sums.by_order[2:] = 0.0
+        return images(sums)
+
+    def diffused(number):
+        if not entries:
+            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
+        made = light.beams(how, entries, places, walks, False, False, number, seed)
+        number += _LATER
+        what = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
+        later = dipole.seen(how, made, picks, number, seed).reshape(height, width, 3)
+        half, later = smooth.smoothed(later, what, 0.5), smooth.smoothed(later, what)
+        return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(number):
         if not entries:
@@ -129,7 +143,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
 
     if name == "paths":
         return (Part("paths", found),)
-    return Part("few", found), Part("beams", gathered)
+    return Part("few", found), Part("dipoles", diffused) if name == "dipole" else Part("beams", gathered)
 
 
 def bias(means, rgb) -> float | None:
@@ -159,15 +173,18 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies):
+def _reasons(assets, bodies, method):
     said = []
+    if method == "dipole":
+        said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as by diffusion under a plane, "
+                    "too bright, more so where more is absorbed; noisy where places of light are further apart than it spreads")
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "
              "as diffusion has it" for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
     if any(not body.matched for body in bodies):
-        said.append("light that scatters once reaches the eye through refracting boundaries by chance: lights without extent do "
-                    "not show in it")
+        said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
+                    "extent is looked for from where it scatters, straight through one smooth boundary, not by mirrors or glass")
     return said
 
 

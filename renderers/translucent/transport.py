@@ -15,7 +15,7 @@ from renderers import wavefront
 from renderers.mitsuba.world import LOBE
 from renderers.scattering import mean_cosines
 from renderers.threads import run
-from renderers.translucent import _gather, _geometry, _walk
+from renderers.translucent import _gather, _geometry, _walk, refraction
 from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
@@ -36,12 +36,14 @@ class Transport(NamedTuple):
     """How light goes.
 
     world : `renderers.mitsuba.world.World`;  bodies : list of `Body`;  geometry : `_geometry.Geometry`;  colours : `Colours`
+    bent : of each body, ways of light through its boundary (`refraction.Bent`) from each light that paths cannot find through it
     """
 
     world: object
     bodies: list[Body]
     geometry: _geometry.Geometry
     colours: Colours
+    bent: list
 
     @property
     def matched(self):
@@ -135,7 +137,7 @@ def onward(transport, paths, most, sums, gather=None) -> Paths:
     parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], place[outside])]
     for number in np.unique(body[~outside]):
         here = body == number
-        parts += _inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
+        parts += inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
     return joined(parts)
 
 
@@ -159,7 +161,7 @@ def through(transport, number, paths, far, place, most, waits):
     return status
 
 
-def _inside(transport, paths, number, far, place, most, sums, gather):
+def inside(transport, paths, number, far, place, most, sums, gather):
     """Parts of the paths in a body after their next surface or event."""
     body = transport.bodies[number]
     if gather is not None:
@@ -180,7 +182,8 @@ def _inside(transport, paths, number, far, place, most, sums, gather):
         rest = np.ones(len(paths), bool)
         rest[split] = False
         paths, far, place = paths.of(rest), far[rest], place[rest]
-    status = through(transport, number, paths, far, place, most[number], body.matched)
+    status = through(transport, number, paths, far, place, most[number],
+                     body.matched or sums.found and bool(transport.bent[number]))
     met, events = status == _walk.CONTACT, status == _walk.EVENT
     parts.append(_at_events(transport, number, paths.of(events), sums))
     return parts + _met(transport, number, paths.of(met), far[met], place[met], sums)
@@ -210,8 +213,10 @@ def _at_events(transport, number, paths, sums):
     if n == 0:
         return paths
     medium = transport.bodies[number].medium
-    if sums.found:
+    if sums.found and transport.bodies[number].matched:
         _lit(transport, medium, paths, sums)
+    for bent in transport.bent[number] if sums.found else []:
+        _lit_through(transport, number, bent, paths, sums)
     alive = np.empty(n, bool)
     run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
         paths.single, paths.bounces, alive)
@@ -225,18 +230,41 @@ def _lit(transport, medium, paths, sums):
     wavefront.draw(paths.states, numbers)
     sample = transport.world.lights(paths.origin, numbers, hidden=False)
     towards = sample.direction.astype(float)
-    inside, last, bright = np.empty((n, len(transport.bodies))), np.empty(n), (sample.radiance > 0).any(axis=1)
-    run(_geometry.lengths, n, transport.geometry, transport.matched, paths.origin, towards, sample.distance * bright, inside,
-        last)
-    seen = bright & np.isfinite(inside).all(axis=1)
-    some = np.flatnonzero(seen)
-    last, towards_some = last[some] + transport.off, towards[some]
-    ahead = sample.distance[some] * (1 - 1e-4) - last
-    hidden = transport.world.trace(paths.origin[some] + last[:, None] * towards_some, towards_some, np.maximum(ahead, 0))
-    seen[some] = ~(hidden < ahead)
+    inside, seen = _in_between(transport, paths.origin, towards, sample.distance, (sample.radiance > 0).any(axis=1))
     run(_walk.lit, n, medium, transport.colours, transport.sigma_t, inside, seen, paths.direction, paths.weight, towards,
         sample.radiance, sample.density, sample.delta, added)
     sums.add(paths, added)
+
+
+def _in_between(transport, origin, towards, distance, bright):
+    """Lengths (n, bodies) m of ways to lights in each body, and whether a light that is `bright` (n,) is seen."""
+    n = len(origin)
+    inside, last = np.empty((n, len(transport.bodies))), np.empty(n)
+    run(_geometry.lengths, n, transport.geometry, transport.matched, origin, towards, distance * bright, inside, last)
+    seen = bright & np.isfinite(inside).all(axis=1)
+    some = np.flatnonzero(seen)
+    last, towards_some = last[some] + transport.off, towards[some]
+    ahead = distance[some] * (1 - 1e-4) - last
+    hidden = transport.world.trace(origin[some] + last[:, None] * towards_some, towards_some, np.maximum(ahead, 0))
+    seen[some] = ~(hidden < ahead)
+    return inside, seen
+
+
+def _lit_through(transport, number, bent, paths, sums):
+    """Adds what a light without extent sends through the boundary of body `number` to events in it."""
+    place, towards, within, share = refraction.joined(transport, number, bent, paths)
+    some = np.flatnonzero(share > 0)
+    if not len(some):
+        return
+    lit, place, towards, added = paths.of(some), place[some], towards[some], np.empty((len(some), 3))
+    sample = transport.world.from_light(bent.number, place)
+    away = sample.direction.astype(float)
+    radiance = sample.radiance * share[some, None]
+    inside, seen = _in_between(transport, place + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
+    inside[:, number] += within[some]
+    run(_walk.lit, len(some), transport.bodies[number].medium, transport.colours, transport.sigma_t, inside, seen, lit.direction,
+        lit.weight, towards, radiance.astype(np.float32), sample.density, np.ones(len(some), bool), added)
+    sums.add(lit, added)
 
 
 def at_surfaces(transport, paths, sums, far, place):

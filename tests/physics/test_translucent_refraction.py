@@ -1,0 +1,98 @@
+"""Light of a point through a refracting boundary: what is found from inside against what comes in from outside.
+
+The same energy twice: irradiance at points spread evenly in a body, and light that comes in at points spread evenly on its
+boundary.  Fixed seeds; they compare within 5 standard errors: a false alarm in 6e-7, should random numbers be drawn anew.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery import kernels
+from renderers import wavefront
+from renderers.mitsuba import variants
+from renderers.mitsuba.world import World
+from renderers.scattering import scatterer
+from renderers.translucent import refraction, transport
+from renderers.translucent.bodies import Body, laid_out
+from renderers.translucent.paths import Paths
+from tests.conftest import ROOT
+
+SIGMA, INDEX = 100.0, 1.5
+
+
+def lit(shape):
+    """Transport in a body in the light of a point."""
+    variants.activate("rgb", None)
+    import mitsuba as mi
+
+    world = World(mi.load_dict({
+        "type": "scene", "ball": {**shape, "bsdf": {"type": "dielectric", "int_ior": INDEX, "ext_ior": 1.0}},
+        "lamp": {"type": "point", "position": [90.0, -60.0, 110.0], "intensity": {"type": "rgb", "value": 1.0}}}), 1e-3)
+    (found,) = world.shapes()
+    medium = scatterer([SIGMA], [0.9], np.array([0, np.pi]), np.full((1, 2), 1 / (4 * np.pi)))
+    bodies, geometry = laid_out(world, [Body("ball", *kernels.solid(found.vertices, found.faces), found.index, found.smooth,
+                                             medium, [], False)], None)
+    colours = transport.Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3))
+    return transport.Transport(world, bodies, geometry, colours, [refraction.bent(world, bodies[0], [found])])
+
+
+def from_inside(how, count):
+    """Integral over the body of irradiance, W m, and its standard error."""
+    body, (bent,) = how.bodies[0], how.bent[0]
+    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    points, states = low + (high - low) * np.random.default_rng(1).random((count, 3)), np.empty(count, np.uint64)
+    wavefront.begin_streams(kernels.stream_key(0, "render.translucent", 0), 0, states)
+    paths = Paths.begun(points, np.tile([0.0, 0, 1], (count, 1)), np.ones((count, 1)), states, np.arange(count))
+    paths = paths.of(transport.located(how.geometry, paths)[0] == 0)
+    place, _, within, share = refraction.joined(how, 0, bent, paths)
+    sample = how.world.from_light(bent.number, place)
+    away = sample.direction.astype(float)
+    _, seen = transport._in_between(how, place + how.off * away, away, sample.distance, share > 0)
+    values = share * sample.radiance[:, 0] * np.exp(-SIGMA * within) * seen * np.prod(high - low)
+    return values.sum() / count, np.sqrt((values**2).sum()) / count
+
+
+def from_outside(how, count):
+    """The same, of light that comes in at points on the boundary, by the normals of its triangles."""
+    body, random = how.bodies[0], np.random.default_rng(2)
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1) / 2
+    at = random.choice(len(area), count, p=area / area.sum())
+    root, v = np.sqrt(random.random((count, 1))), random.random((count, 1))
+    points = a[at] + root * (1 - v) * (b[at] - a[at]) + root * v * (c[at] - a[at])
+    normal = normal[at] / (2 * area[at])[:, None]
+    sample = how.world.from_light(0, points)
+    away = sample.direction.astype(float)
+    cosine = np.einsum("nk,nk->n", away, normal)
+    _, seen = transport._in_between(how, points + 2 * how.off * away, away, sample.distance, cosine > 0)
+    beyond = np.sqrt(1 - (1 - cosine**2) / INDEX**2)
+    way = -away / INDEX + (cosine / INDEX - beyond)[:, None] * normal
+    reflected = np.array([kernels.fresnel(max(one, 0.0), INDEX)[0] for one in cosine])
+    paths = Paths.begun(points + how.off * way, way, np.ones((count, 1)), np.zeros(count, np.uint64), np.arange(count))
+    within, far, _ = transport.located(how.geometry, paths)
+    far = np.where(within == 0, far, 0.0)
+    values = np.where(seen, (1 - reflected) * cosine * sample.radiance[:, 0] * -np.expm1(-SIGMA * far) / SIGMA, 0) * area.sum()
+    return values.mean(), values.std() / np.sqrt(count)
+
+
+BUMPY = {"type": "ply", "filename": str(ROOT / "assets/scenes/bumpy_ball.ply"), "face_normals": True}
+CUBE = {"type": "cube"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [BUMPY, CUBE], ids=["bumpy", "cube"])
+def test_no_way_of_light_through_a_boundary_is_lost(shape):
+    import mitsuba as mi
+
+    variants.activate("rgb", None)
+    if shape is CUBE:
+        matrix = mi.ScalarTransform4f().translate([0, 0, 38]).rotate([0, 0, 1], 20).scale(25)
+        shape = {**shape, "to_world": matrix}
+    how = lit(shape)
+    inside, its_error = from_inside(how, 200_000)
+    outside, error = from_outside(how, 200_000)
+    assert abs(inside - outside) < 5 * np.hypot(its_error, error)
+    assert np.hypot(its_error, error) < 0.01 * outside
