@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt
 from bakery import kernels
 from renderers.scattering import Scatterer, scatterer
 from renderers.translucent._geometry import Geometry
+from renderers.translucent._shells import Shells
 
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
@@ -25,6 +26,7 @@ class Body(NamedTuple):
     medium : `Scatterer`, of the events that the tables count
     tables : of each wavelength those of points and of segments, ready for look-ups
     convex : whether no straight way between two of its points leaves it, or meets another surface
+    shells : `Shells`, through which paths jump in it
     """
 
     name: str
@@ -35,6 +37,7 @@ class Body(NamedTuple):
     medium: Scatterer
     tables: list
     convex: bool
+    shells: Shells
 
     @property
     def matched(self):
