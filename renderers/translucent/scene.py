@@ -44,8 +44,8 @@ class Translucent(Section):
     bodies: Annotated[list[Body], Field(min_length=1, max_length=256)] = Field(description="Shapes that are translucent.")
     method: word(*METHODS) = Field(
         "auto", description="paths: light is followed event by event; shells: the same, but far from surfaces it jumps to the "
-        "surface of the largest empty sphere by stored exits; vrl: beams of light, of which each event begins one, are joined with "
-        "lines of sight; vrl+tables: third and later events from the tables; auto: vrl+tables."
+        "surface of the largest empty sphere by stored exits; vrl: beams of light, of which each event begins one, are joined "
+        "with lines of sight; vrl+tables: third and later events from the tables; auto: vrl+tables."
     )
     boundary: word(*BOUNDARIES) = Field(
         "negative", description="Of the tables, which know none. negative: light that leaves a body is taken away, exactly; "
