@@ -21,6 +21,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | voxels with triangles | | `mark_voxels` |
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
+| how far they are from a point | the same | `distance_to_triangles` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame`, `surface_density` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
@@ -74,6 +75,7 @@ from bakery.physics.grains.surface import left as surface_share
 from bakery.physics.grains.surface import towards as surface_density
 from bakery.physics.grains.surface import turned as at_surface
 from bakery.physics.granular._distance import deepest as deepest_in_mesh
+from bakery.physics.granular._distance import distance as distance_to_triangles
 from bakery.physics.granular._packed import flight as flight_to_sphere
 from bakery.physics.granular._voxels import mark as mark_voxels
 from bakery.physics.granular.aggregate import (
@@ -164,6 +166,7 @@ __all__ = [
     "disc_cells",
     "disc_order",
     "discs_of_cell",
+    "distance_to_triangles",
     "drjit_tables",
     "enclosing_sphere",
     "exemplars",

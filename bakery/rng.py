@@ -47,6 +47,7 @@ STREAMS = {
     "render.translucent": Stream(0x7274726E, ("pass",)),
     "render.entries": Stream(0x72656E74, ("pass",)),
     "render.light": Stream(0x726C6774, ("pass",)),
+    "render.shells": Stream(0x7273686C, ("radius",)),
 }
 _WORD = 1 << 32
 

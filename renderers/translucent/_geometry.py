@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from bakery.kernels import lent, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.kernels import distance_to_triangles, lent, mesh_scratch, nearest_triangle, triangle_normal
 
 OUTSIDE = -1  # of all bodies
 _ALMOST = 1 - 1e-4  # of the way to a light: its own surface is none in between
@@ -20,7 +21,7 @@ class Geometry(NamedTuple):
     nodes, children, blocks : of `bakery.kernels.Mesh.tree`, in units of `scale` (m) about `centre` (3,) m
     owner : number of the body whose boundary each place of the tree is, -1 of other surfaces
     low, edge : (3,) m, corner and edges of voxels
-    clear : (X, Y, Z) float32 m, no triangle is nearer to any point of a voxel
+    clear : (X, Y, Z) float32 m, no triangle is nearer to the middle of a voxel
     """
 
     nodes: np.ndarray
@@ -53,13 +54,30 @@ def outward(geometry, place, d, i):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def clearance(geometry, p, i):
     """Distance (m) within which no triangle is of point i of p (n, 3) m; 0 where that is not known."""
-    x = (p[i, 0] - geometry.low[0]) / geometry.edge[0]
-    y = (p[i, 1] - geometry.low[1]) / geometry.edge[1]
-    z = (p[i, 2] - geometry.low[2]) / geometry.edge[2]
+    low, edge = geometry.low, geometry.edge
+    x, y, z = (p[i, 0] - low[0]) / edge[0], (p[i, 1] - low[1]) / edge[1], (p[i, 2] - low[2]) / edge[2]
     u, v, w = geometry.clear.shape
     if not (0 <= x < u and 0 <= y < v and 0 <= z < w):
         return 0.0
-    return float(geometry.clear[int(x), int(y), int(z)])
+    a, b, c = int(x), int(y), int(z)
+    dx, dy, dz = (x - a - 0.5) * edge[0], (y - b - 0.5) * edge[1], (z - c - 0.5) * edge[2]
+    return max(geometry.clear[a, b, c] - math.sqrt(dx * dx + dy * dy + dz * dz), 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure(geometry, begin, end):
+    """Makes `clear` of voxels begin to end, in the order of the array."""
+    geometry = lent(geometry)
+    tree, room, p = (geometry.nodes, geometry.children, geometry.blocks), mesh_scratch(), np.empty(3)
+    _, v, w = geometry.clear.shape
+    for i in range(begin, end):
+        a, b, c = i // (v * w), i // w % v, i % w
+        p[0] = geometry.low[0] + (a + 0.5) * geometry.edge[0]
+        p[1] = geometry.low[1] + (b + 0.5) * geometry.edge[1]
+        p[2] = geometry.low[2] + (c + 0.5) * geometry.edge[2]
+        # less what single precision rounds
+        geometry.clear[a, b, c] = max(distance_to_triangles(tree, geometry.centre, geometry.scale, p, np.inf, room)
+                                      - 1e-6 * geometry.scale, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -10,19 +10,20 @@ from numba import njit
 from bakery.kernels import lent, mesh_scratch
 from renderers.scattering import flight, flown, left, mean_phase, scattered
 from renderers.translucent._geometry import clearance, first
+from renderers.translucent._shells import jump, largest
 from renderers.wavefront import roulette, to_rgb, uniform
 
 CONTACT, EVENT, DEAD = range(3)  # how far a path has come: to a surface; to an event that waits for a light sample; it has ended
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(geometry, medium, most, waits, origin, direction, weight, states, far, place, start, drawn, density, single, events,
-            bounces, status, alive, begin, end):
+def advance(geometry, medium, shells, most, waits, origin, direction, weight, states, far, place, start, drawn, density, single,
+            events, bounces, status, alive, begin, end):
     """Takes paths begin to end through a body, up to a surface.
 
     Parameters
     ----------
-    medium : `Scatterer`
+    medium : `Scatterer`;  shells : `_shells.Shells`, through which paths jump that have room for them
     most : events since the last surface, after which a path goes straight to the next, with what the medium leaves of it
     waits : whether a path stops at each event
     origin, direction : (n, 3) m, unit; become those of the last flight
@@ -35,12 +36,25 @@ def advance(geometry, medium, most, waits, origin, direction, weight, states, fa
     status : (n,) becomes CONTACT, EVENT or DEAD
     alive : (n,) bool, room
     """
-    geometry, medium = lent(geometry), lent(medium)
-    room, values = mesh_scratch(), np.empty(weight.shape[1])
+    geometry, medium, shells = lent(geometry), lent(medium), lent(shells)
+    room, values, radii = mesh_scratch(), np.empty(weight.shape[1]), len(shells.radii)
     for i in range(begin, end):
         status[i] = -1
         while status[i] < 0:
             straight = events[i] >= most
+            at = largest(shells.radii, radii, clearance(geometry, origin, i)) if radii > 0 and not straight else -1
+            if at >= 0:
+                met = jump(shells, at, origin, direction, weight, states, i)
+                start[i], far[i] = -1, np.nan
+                events[i] += met
+                bounces[i] += met
+                # the event that drew the direction took no light sample
+                single[i] |= met > 0
+                roulette(weight, states, bounces, alive, i, i + 1)
+                if not alive[i]:
+                    status[i] = DEAD
+                    break
+                continue
             t = np.inf if straight else flight(medium, weight, states, i)
             # flights that end sooner than any triangle may be need no search among them
             if math.isnan(far[i]) and not t < clearance(geometry, origin, i):

@@ -6,11 +6,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from bakery import kernels
 from renderers.scattering import Scatterer, scatterer
+from renderers.threads import run
+from renderers.translucent import _geometry
 from renderers.translucent._geometry import Geometry
+from renderers.translucent._shells import Shells
 
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
@@ -25,6 +27,7 @@ class Body(NamedTuple):
     medium : `Scatterer`, of the events that the tables count
     tables : of each wavelength those of points and of segments, ready for look-ups
     convex : whether no straight way between two of its points leaves it, or meets another surface
+    shells : `Shells`, through which paths jump in it
     """
 
     name: str
@@ -35,6 +38,7 @@ class Body(NamedTuple):
     medium: Scatterer
     tables: list
     convex: bool
+    shells: Shells
 
     @property
     def matched(self):
@@ -81,7 +85,7 @@ def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
                                for place, other in enumerate(boxes) if place != number)
     corners, owners = np.concatenate(corners), np.concatenate(owners)
     bodies = [one._replace(convex=not full and _is_convex(one.vertices, one.faces)) for one, full in zip(bodies, crowded)]
-    return bodies, _geometry(corners, owners, np.concatenate([one.vertices for one in bodies]))
+    return bodies, _laid_in_voxels(corners, owners, np.concatenate([one.vertices for one in bodies]))
 
 
 def _reaches(box, body):
@@ -104,7 +108,7 @@ def _holds(body, point):
     return bool(angle.sum() > 2 * np.pi)
 
 
-def _geometry(corners, owners, vertices):
+def _laid_in_voxels(corners, owners, vertices):
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     centre, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 * (1 + 1e-9)
     points = (corners.reshape(-1, 3) - centre) / scale
@@ -116,12 +120,9 @@ def _geometry(corners, owners, vertices):
     size = float((high - low).max())
     count = np.maximum(1, np.ceil(_VOXELS * (high - low) / size)).astype(int)
     edge = np.maximum(high - low, 1e-6 * size) / count
-    marked = np.zeros(count, np.uint8)
-    kernels.mark_voxels(marked, low, edge, np.array(corners.reshape(-1, 3), order="C"), faces.astype(np.int64), 1e-6 * size,
-                        np.uint8(1))
-    # between the middles of voxels; a point of each may be half a diagonal nearer
-    clear = distance_transform_edt(marked == 0, sampling=edge) - np.linalg.norm(edge)
-    return Geometry(nodes, children, blocks, centre, scale, owner, low, edge, np.maximum(clear, 0).astype(np.float32))
+    made = Geometry(nodes, children, blocks, centre, scale, owner, low, edge, np.empty(count, np.float32))
+    run(_geometry.measure, made.clear.size, made)
+    return made
 
 
 def _is_convex(vertices, faces, share=1e-4):

@@ -9,10 +9,11 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import dipole, light, refraction, smooth, transport
+from renderers.translucent import dipole, light, refraction, shells, smooth, transport
 from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
+EACH_EVENT = ("paths", "shells")  # methods that have no beams
 ENTRIES, WALKS, PICKS = 4096, 8192, 8
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
@@ -41,8 +42,10 @@ def prepare(job, world, seed) -> Method:
         raise job.scene.wrong("translucent.bodies", "the assets have different wavelengths; assets of the same ones would do")
     entries = settings.bodies
     how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
-                       lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message))
-    return Method(*of(how, settings.method, settings.boundary, seed), _reasons(assets, how.bodies, settings.method))
+                       lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
+                       settings.method == "shells")
+    said = _reasons(assets, how.bodies, settings.method) + (shells.reasons(how) if settings.method == "shells" else [])
+    return Method(*of(how, settings.method, settings.boundary, seed), said)
 
 
 def of(how, name, boundary, seed):
@@ -51,11 +54,12 @@ def of(how, name, boundary, seed):
     return name, parts(how, name, boundary, seed)
 
 
-def transport_of(world, names, assets, indices, wrong) -> Transport:
+def transport_of(world, names, assets, indices, wrong, jumps=False) -> Transport:
     """How light goes in a scene.
 
     names : of the shapes that are bodies;  assets : of each;  indices : refractive index of each, or None
     wrong : function of (number of a body, what of it, message) -> the exception to raise where something is wrong
+    jumps : whether paths jump through stored exits from spheres
     """
     shapes = world.shapes()
     bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message))
@@ -63,7 +67,8 @@ def transport_of(world, names, assets, indices, wrong) -> Transport:
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
-    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies])
+    how = Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies])
+    return shells.laid(how) if jumps else how
 
 
 def _body(shapes, name, asset, index, wrong):
@@ -87,7 +92,8 @@ def _body(shapes, name, asset, index, wrong):
         raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
                              "in its recipe would do")
     tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()]
-    return Body(name, vertices, faces, shape.index, shape.smooth, medium_of(asset), tables, False)
+    medium = medium_of(asset)
+    return Body(name, vertices, faces, shape.index, shape.smooth, medium, tables, False, shells.none(len(medium.sigma_t)))
 
 
 def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
@@ -100,7 +106,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     tabled = name == "vrl+tables"
     # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
     second = [name in ("vrl", "dipole") or how.world.without_extent and not body.matched for body in how.bodies]
-    most = [UNLIMITED if name == "paths" else 1 if joins else 2 for joins in second]
+    most = [UNLIMITED if name in EACH_EVENT else 1 if joins else 2 for joins in second]
 
     entries = []
 
@@ -141,8 +147,8 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers
 
-    if name == "paths":
-        return (Part("paths", found),)
+    if name in EACH_EVENT:
+        return (Part(name, found),)
     return Part("few", found), Part("dipoles", diffused) if name == "dipole" else Part("beams", gathered)
 
 

@@ -12,7 +12,7 @@ from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, owner
 from renderers.common import Common, node_at
 
-METHODS = ("auto", "paths", "vrl", "vrl+tables", "dipole")
+METHODS = ("auto", "paths", "shells", "vrl", "vrl+tables", "dipole")
 BOUNDARIES = ("negative", "mirrored", "none")
 NEEDS = ("medium", "multiple")  # stages of the asset
 FILES = ()
@@ -43,8 +43,9 @@ class Translucent(Section):
 
     bodies: Annotated[list[Body], Field(min_length=1, max_length=256)] = Field(description="Shapes that are translucent.")
     method: word(*METHODS) = Field(
-        "auto", description="paths: light is followed event by event; vrl: beams of light, of which each event begins one, are "
-        "joined with lines of sight; vrl+tables: third and later events from the tables; dipole: second and later events by the "
+        "auto", description="paths: light is followed event by event; shells: the same, but far from surfaces it jumps to the "
+        "surface of the largest empty sphere by stored exits; vrl: beams of light, of which each event begins one, are joined "
+        "with lines of sight; vrl+tables: third and later events from the tables; dipole: second and later events by the "
         "directional dipole, approximately, for comparison; auto: vrl+tables."
     )
     boundary: word(*BOUNDARIES) = Field(
@@ -62,7 +63,7 @@ class SceneFile(Common):
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys."""
     method = values.get("translucent.method", "auto")
-    if (node := node_at(root, "translucent.boundary")) is not None and method in ("paths", "vrl", "dipole"):
+    if (node := node_at(root, "translucent.boundary")) is not None and method in ("paths", "shells", "vrl", "dipole"):
         yield owner(node).problem(f"found a boundary of tables, which method {method} does not use",
                                   "expected it with method: vrl+tables")
     if node_at(root, "scene") is None:

@@ -153,9 +153,10 @@ def through(transport, number, paths, far, place, most, waits):
     """Takes paths through a body: how far they have come (`_walk`), and distance and place of what they meet."""
     n, before = len(paths), paths.events.copy()
     status, alive = np.empty(n, np.int64), np.empty(n, bool)
-    run(_walk.advance, n, transport.geometry, transport.bodies[number].medium, most, waits, paths.origin, paths.direction,
-        paths.weight, paths.states, far, place, paths.start, paths.drawn, paths.density, paths.single, paths.events,
-        paths.bounces, status, alive)
+    body = transport.bodies[number]
+    run(_walk.advance, n, transport.geometry, body.medium, body.shells, most, waits, paths.origin, paths.direction, paths.weight,
+        paths.states, far, place, paths.start, paths.drawn, paths.density, paths.single, paths.events, paths.bounces, status,
+        alive)
     paths.order += paths.events - before
     paths.scattered |= paths.events > before
     return status
