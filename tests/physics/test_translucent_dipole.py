@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from renderers.scattering import scatterer
-from renderers.translucent import _dipole, dipole
+from renderers.translucent import _dipole, dipole, shells
 from renderers.translucent.bodies import Body
 
 pytestmark = pytest.mark.slow  # kernels that no quicker test compiles
@@ -16,7 +16,8 @@ def made(albedo, g=0.0, index=1.0):
     """The dipole of a medium of mean free path 1 m."""
     theta = np.linspace(0, np.pi, 721)
     phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * np.cos(theta)) ** 1.5)
-    return dipole.dipole_of(Body("", None, None, index, True, scatterer([1.0], [albedo], theta, [phase]), [], True))
+    medium = scatterer([1.0], [albedo], theta, [phase])
+    return dipole.dipole_of(Body("", None, None, index, True, medium, [], True, shells.none(1)))
 
 
 def fluence(one, x, way):
@@ -74,7 +75,7 @@ def test_a_ball_is_too_bright_by_what_is_known():
         "ball": {"type": "ply", "filename": str(ROOT / "assets/scenes/bumpy_ball.ply"), "bsdf": {"type": "null"}}}), 1e-3)
     (shape,) = world.shapes()
     medium = scatterer([200.0], [0.9], np.array([0, np.pi]), np.full((1, 2), 1 / (4 * np.pi)))
-    ball = Body("ball", *kernels.solid(shape.vertices, shape.faces), 1.0, True, medium, [], False)
+    ball = Body("ball", *kernels.solid(shape.vertices, shape.faces), 1.0, True, medium, [], False, shells.none(1))
     bodies, geometry = laid_out(world, [ball], None)
     how = transport.Transport(world, bodies, geometry, transport.Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3)), [[]])
     (paths,) = methods.parts(how, "paths", "negative", 0)

@@ -14,7 +14,7 @@ from renderers import wavefront
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.scattering import scatterer
-from renderers.translucent import refraction, transport
+from renderers.translucent import refraction, shells, transport
 from renderers.translucent.bodies import Body, laid_out
 from renderers.translucent.paths import Paths
 from tests.conftest import ROOT
@@ -33,7 +33,7 @@ def lit(shape):
     (found,) = world.shapes()
     medium = scatterer([SIGMA], [0.9], np.array([0, np.pi]), np.full((1, 2), 1 / (4 * np.pi)))
     bodies, geometry = laid_out(world, [Body("ball", *kernels.solid(found.vertices, found.faces), found.index, found.smooth,
-                                             medium, [], False)], None)
+                                             medium, [], False, shells.none(1))], None)
     colours = transport.Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3))
     return transport.Transport(world, bodies, geometry, colours, [refraction.bent(world, bodies[0], [found])])
 
