@@ -1,7 +1,7 @@
 """What beams of light send to lines of sight inside a body: second events by connecting them, later ones from the tables.
 
 Beams and lines of sight are joined in points drawn on both, in proportion to what light gets there.  Of many beams a few are
-drawn for a line of sight, in proportion to what they would bring it if it did not matter which way they point.
+drawn for a line of sight (`_choice`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from bakery.kernels import (
     sum_of_look_ups,
     triangle_normal,
 )
+from renderers.translucent._choice import drawn, guess
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform
 
@@ -29,10 +30,6 @@ LATER, SECOND, OTHER = range(3)  # what `gather` finds
 _BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bring, and the share that is drawn evenly
 _NEAR = 4.0  # mfp, from the middle of a beam, within which all of it is looked up, not a point that is drawn on it
 DRAWS = 6  # random numbers for each beam
-_FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
-_ANYWAY = 0.2  # share of the guess that does not hang on directions
-_TOGETHER, _APART, _ALIKE = 16, 2.0, 0.8  # lines of sight, mfp, cosine: at most and least, of those that draw beams by one guess
-_SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
 
 
 class Beams(NamedTuple):
@@ -59,81 +56,16 @@ def _along(u, sigma, length):
     return min(-math.log1p(-u * share) / sigma, length), share / sigma
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
-def _guess(middle, way, strength, sigma, k0, g, here, view, total):
-    """Cumulated guesses of what beams bring to a place against a line of sight, into total (N,).
-
-    middle, way : (3, N) m, where beams are strongest, and their directions;  strength : (N,) of each
-    g : mean cosine of the phase function;  here, view : (3,) m, and direction of the line of sight
-    """
-    mean, n = 0.0, len(total)
-    ex, ey, ez, vx, vy, vz = here[0], here[1], here[2], view[0], view[1], view[2]
-    for b in range(n):
-        x, y, z = ex - middle[0, b], ey - middle[1, b], ez - middle[2, b]
-        r = sigma * math.sqrt(x * x + y * y + z * z)
-        far, near = k0 * r, r + _SOFT
-        # light keeps its direction the less, the farther it has come: two Henyey-Greenstein lobes, of the way and of the view
-        lobe = g * g / (1 + (1 - g) * r)
-        over = sigma / near
-        ahead = over * (x * way[0, b] + y * way[1, b] + z * way[2, b])
-        back = -(vx * way[0, b] + vy * way[1, b] + vz * way[2, b])
-        one, two = 1 + lobe * lobe - 2 * lobe * ahead, 1 + lobe * lobe - 2 * lobe * back
-        both = (1 - lobe * lobe) / (one * two)
-        lobes = _ANYWAY + (1 - _ANYWAY) * both * math.sqrt(both * (1 - lobe * lobe))
-        # 1 / exp(far), as far as it matters
-        total[b] = strength[b] * lobes * (near + 1) / (near * near * (1 + far * (1 + far * (0.5 + far * (1 / 6 + far / 24)))))
-        mean += total[b]
-    mean *= _FLOOR / max(n, 1)
-    whole = 0.0
-    for b in range(n):
-        whole += total[b] + (mean if strength[b] > 0.0 else 0.0)
-        total[b] = whole
-    return whole
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def grouped(origin, direction, far, sigma, around):
-    """Groups of lines of sight that see much the same, one after the other: their number, and where they begin, into around.
-
-    sigma : 1/m;  around : (n + 1,)
-    """
-    count, one = 0, 0
-    for i in range(len(far)):
-        new = i == 0 or i - one >= _TOGETHER
-        if not new:
-            square, cosine = 0.0, 0.0
-            for k in range(3):
-                square += (origin[i, k] - origin[one, k]) ** 2
-                cosine += direction[i, k] * direction[one, k]
-            new = sigma * sigma * square > _APART * _APART or cosine < _ALIKE
-        if new:
-            around[count], one = i, i
-            count += 1
-    around[count] = len(far)
-    return count
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def strongest(sigma, w, beams, middle, way, strength):
-    """Where beams are strongest at wavelength w, middle (3, N) m, their directions way (3, N), and how strong, for `_guess`."""
-    for b in range(len(beams.length)):
-        s = min(1.0 / sigma, 0.5 * beams.length[b])
-        for k in range(3):
-            middle[k, b], way[k, b] = beams.origin[b, k] + s * beams.direction[b, k], beams.direction[b, k]
-        # a short beam has little power to scatter
-        strength[b] = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def gather(geometry, medium, table, segments, w, cosine, beams, middle, way, strength, picks, later, second, beyond, around,
-           origin, direction, far, states, brought, begin, end):
+def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks, later, second, beyond, around, origin,
+           direction, far, states, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
 
     Parameters
     ----------
     medium : `Scatterer`;  table, segments : ready tables of points and of segments of wavelength w
     cosine : mean, of the phase function
-    beams : `Beams`;  middle, way, strength : of `strongest`
+    beams : `Beams`, neighbours one after another;  clusters : `Clusters` of them
     picks : beams drawn for each line of sight
     later : whether third and later events count, by the table, and second ones on beams of negative power
     second : whether second ones on others do
@@ -145,9 +77,10 @@ def gather(geometry, medium, table, segments, w, cosine, beams, middle, way, str
         began with light scattered before; W/m^2 sr
     """
     geometry, medium, table, segments, beams = lent(geometry), lent(medium), lent(table), lent(segments), lent(beams)
+    clusters = lent(clusters)
     looked_up, tiles = no_look_ups(), no_look_ups()
     n = len(beams.length)
-    total, room, local = np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
+    items, total, room, local = np.empty(n + 1, np.int64), np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
     p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
     normal, here, view, share_of = np.empty(3), np.empty(3), np.empty(3), np.empty(_BINS)
     sigma, albedo = medium.sigma_t[w], medium.albedo[w]
@@ -159,21 +92,19 @@ def gather(geometry, medium, table, segments, w, cosine, beams, middle, way, str
             for k in range(3):
                 here[k] += share * (origin[i, k] + t * direction[i, k])
                 view[k] += share * direction[i, k]
-        whole = _guess(middle, way, strength, sigma, table.k0, cosine, here, view, total)
+        count = guess(clusters, sigma, table.k0, cosine, here, view, items, total)
         for i in range(around[g], around[g + 1]):
             for kind in range(3):
                 brought[kind, i, w] = 0.0
             if beyond < np.inf:
                 _facing(geometry, origin, direction, i, p, d, normal, room)
             local[0] = states[i]
-            if not whole > 0.0:
-                continue
             for pick in range(picks):
-                u = (pick + uniform(local, 0)) / picks * whole
-                beam = min(np.searchsorted(total, u, side="right"), n - 1)
-                chance = (total[beam] - (total[beam - 1] if beam > 0 else 0.0)) / whole * picks
+                beam, chance = drawn(clusters, items, total, count, (pick + uniform(local, 0)) / picks)
+                if not chance > 0.0:
+                    break
                 s, weight = _along(uniform(local, 0), sigma, beams.length[beam])
-                power = beams.power[beam, w] / chance
+                power = beams.power[beam, w] / (chance * picks)
                 weight *= power * sigma
                 u, v = uniform(local, 0), uniform(local, 0)
                 for k in range(3):
@@ -185,7 +116,7 @@ def gather(geometry, medium, table, segments, w, cosine, beams, middle, way, str
                     for k in range(3):
                         d[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k])
                         ray[k] = beams.direction[beam, k]
-                        square += (origin[i, k] + t * direction[i, k] - middle[k, beam]) ** 2
+                        square += (origin[i, k] + t * direction[i, k] - clusters.middle[k, beam]) ** 2
                     if sigma * sigma * square < _NEAR * _NEAR:
                         for k in range(3):
                             d[0, k] += sigma * s * ray[k]

@@ -105,7 +105,10 @@ class _Made:
 
     def beams(self, waves):
         none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0, np.int64), np.zeros(0, bool)
-        return Beams(*(np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(none, *self._parts, strict=True)))
+        made = [np.concatenate(arrays) for arrays in zip(none, *self._parts, strict=True)]
+        # neighbours one after another, as `_choice` wants them
+        order = transport.by_place(made[0], made[0]) if len(made[0]) else np.zeros(0, np.int64)
+        return Beams(*(np.ascontiguousarray(values[order]) for values in made))
 
 
 # ---- light that comes in

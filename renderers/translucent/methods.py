@@ -14,7 +14,7 @@ from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
-ENTRIES, WALKS, PICKS = 4096, 8192, 8
+ENTRIES, WALKS, PICKS = 16384, 8192, 32
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 CLOSER = "closer"  # layer: what sharing over half the distance changes

@@ -15,7 +15,7 @@ from renderers import wavefront
 from renderers.mitsuba.world import LOBE
 from renderers.scattering import mean_cosines
 from renderers.threads import run
-from renderers.translucent import _gather, _geometry, _walk, refraction
+from renderers.translucent import _choice, _gather, _geometry, _walk, refraction
 from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
@@ -370,13 +370,12 @@ def _gathered(transport, paths, number, far, sums, gather):
     rows = rows[by_place(paths.origin[rows], body.vertices)]
     some, lengths = paths.of(rows), far[rows]
     around = np.empty(len(rows) + 1, np.int64)
-    groups = _gather.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
+    groups = _choice.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
     brought, cosines = np.zeros((3, *some.weight.shape)), mean_cosines(body.medium)
     for w, (points, segments) in enumerate(body.tables):
-        middle, way, strength = (np.empty((*size, len(beams.length))) for size in ((3,), (3,), ()))
-        _gather.strongest(body.medium.sigma_t[w], w, beams, middle, way, strength)
-        run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, middle, way,
-            strength, gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
+        clusters = _choice.clusters_of(body.medium.sigma_t[w], w, beams)
+        run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, clusters,
+            gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
             some.direction, lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
