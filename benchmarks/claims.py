@@ -24,11 +24,11 @@ def filled(page, tables, name="goa-claims.md"):
     return page
 
 
-def small(figure):
-    """PNG of at most 64 colours, which lines and letters do not miss."""
+def small(figure, colours=64):
+    """PNG of at most so many colours: lines and letters do not miss more than 64."""
     from PIL import Image
 
-    picture = Image.open(io.BytesIO(saved(figure, ("png",))["png"])).convert("RGB").quantize(64, dither=Image.Dither.NONE)
+    picture = Image.open(io.BytesIO(saved(figure, ("png",))["png"])).convert("RGB").quantize(colours, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, "png", optimize=True)
     return buffer.getvalue()
@@ -40,7 +40,7 @@ def command(package, description, claims, name, settings=None):
     Parameters
     ----------
     package : holds the modules
-    claims : dict, name on the command line -> (module, picture or None)
+    claims : dict, name on the command line -> (module, picture or None); COLOURS of a module are those of its picture
     name : of the page in docs/; a module's PAGE takes its place
     settings : dict, parameter of every `measure` -> (kind, value if not said, what it is): options of the command
     """
@@ -67,6 +67,6 @@ def command(package, description, claims, name, settings=None):
         page.write_text(filled(page.read_text(encoding="utf-8"), tables, page.name), encoding="utf-8")
         if picture:
             with look(picture), matplotlib.rc_context({"savefig.dpi": 120}):
-                (asked.docs / "pictures" / picture).write_bytes(small(claim.draw(numbers)))
+                (asked.docs / "pictures" / picture).write_bytes(small(claim.draw(numbers), getattr(claim, "COLOURS", 64)))
             print(f"picture: {asked.docs / 'pictures' / picture}", flush=True)
         print(f"{time.perf_counter() - start:.0f} s", flush=True)

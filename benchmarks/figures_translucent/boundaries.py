@@ -1,4 +1,4 @@
-"""What the boundaries of tables get wrong, and what they cost: a ball under a panel, by its radius and medium."""
+"""What the boundaries of tables get wrong, and what they cost: a ball under a panel and a sky, by its radius and medium."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ PAGE = "translucent.md"
 RADII = (0.5, 2.0, 5.0, 20.0, 100.0)  # mean free paths
 ALBEDOS, COSINES, INDICES = (0.5, 0.95, 0.99, 0.999), (0.0, 0.8), (1.0, 1.4)
 BOUNDARIES = ("negative", "mirrored", "none")
-SECONDS = {"paths": 3.0, "few": 1.5, "negative": 2.0, "mirrored": 1.0, "none": 1.0}
+SECONDS = {"paths": 3.0, "few": 1.0, "negative": 3.5, "mirrored": 1.0, "none": 1.0}
 OF = 2  # pictures are so many times smaller than asked for
 
 
 def measure(size, share):
-    """By index, g, albedo, radius: of `paths` and of each boundary, what was found of all light and of three and more events;
-    and the share of those in what scattered."""
+    """By index, g, albedo, radius: of `paths` and of each boundary, what was found of scattered light and of that of three and
+    more events; and the share of those in it."""
     numbers = {"size": size // OF, "share": share}
     for index in INDICES:
         for g in COSINES:
             for albedo in ALBEDOS:
                 plain = stand.ball(stand.medium(albedo, g), index, size // OF)
                 for radius in RADII:
-                    numbers[index, g, albedo, radius] = _measured(stand.thicker(plain, radius), share)
+                    here = numbers[index, g, albedo, radius] = _measured(stand.thicker(plain, radius), share)
+                    print(f"index {index:g}, g {g:g}, albedo {albedo:g}, radius {radius:g}: {_light(here[0])}", flush=True)
     return numbers
 
 
@@ -32,9 +33,10 @@ def _measured(how, share):
     runs |= {boundary: stand.Run(how, f"vrl+tables, {boundary}", 1, ("beams",)) for boundary in BOUNDARIES}
     stand.together(runs, {name: share * seconds for name, seconds in SECONDS.items()}, 2)
     paths, few = runs["paths"], runs["few"]
-    found = {"paths": tuple(map(paths.found, (stand.ALL, stand.LATER)))}
-    found |= {name: tuple(runs[name].found(layer, few) for layer in (stand.ALL, stand.LATER)) for name in BOUNDARIES}
-    return found, found["paths"][1].total / paths.found(stand.SCATTERED).total
+    layers = stand.SCATTERED, stand.LATER
+    found = {"paths": tuple(map(paths.found, layers))}
+    found |= {name: tuple(runs[name].found(layer, few) for layer in layers) for name in BOUNDARIES}
+    return found, found["paths"][1].total / found["paths"][0].total
 
 
 def tables(numbers):

@@ -15,7 +15,7 @@ def measure(size, share):
     """By medium and method: light of two and more events from a ball of index 1.5 under a panel and a sky."""
     numbers = {"size": size, "share": share}
     for name, (albedo, g) in MEDIA.items():
-        how = stand.thicker(stand.ball(stand.medium(albedo, g), 1.5, size, stand.PANEL + stand.SKY), RADIUS)
+        how = stand.thicker(stand.ball(stand.medium(albedo, g), 1.5, size), RADIUS)
         runs = {method: stand.Run(how, method) for method in SECONDS}
         stand.together(runs, {method: share * seconds for method, seconds in SECONDS.items()})
         numbers[name] = {method: run.found(stand.SECOND) for method, run in runs.items()}

@@ -7,6 +7,7 @@ mean square difference from a reference, less what the noise of both brings abou
 
 from __future__ import annotations
 
+import re
 import tempfile
 import time
 from functools import cache
@@ -72,16 +73,20 @@ def medium(albedo, g):
     return bakery.open(made)
 
 
-def shipped(name, size, asset=None):
-    """Light in a shipped scene, `transport.Transport`; its bodies are of another asset than its own if one is given."""
+def shipped(name, size, changes=()):
+    """Light in a shipped scene, `transport.Transport`, after changes (pattern, what takes its place) of its XML."""
     job = Render(scenes.load(SCENES / f"{name}.yaml"), folder() / f"{name}.png", overwrite=True)
-    values = job.scene.values
-    bodies = [one.shape for one in values.translucent.bodies]
-    assets = job.assets if asset is None else [asset] * len(bodies)
-    return _transport(World(job.scene.file(values.scene.mitsuba), values.scene.unit, size=(size, size)), bodies, assets)
+    values, text = job.scene.values, (SCENES / f"{name}.xml").read_text(encoding="utf-8")
+    for pattern, other in [(r'"filename" value="', f'"filename" value="{SCENES}/'), *changes]:
+        text, count = re.subn(pattern, other, text)
+        if not count:
+            raise ValueError(f"{name}.xml has no {pattern}")
+    (folder() / f"{name}.xml").write_text(text, encoding="utf-8")
+    world = World(folder() / f"{name}.xml", values.scene.unit, size=(size, size))
+    return _transport(world, [one.shape for one in values.translucent.bodies], job.assets)
 
 
-def ball(asset, index, size, around=PANEL):
+def ball(asset, index, size, around=PANEL + SKY):
     """Light in a ball of radius 1 mm, one mean free path of an asset of `medium`."""
     vertices, faces = icosphere(1280)
     (folder() / "ball.ply").write_bytes(ply.mesh(vertices, faces))
@@ -132,8 +137,8 @@ class Passes:
         self.render(10**6)  # compiles, and finds where light comes in
 
     def go_on(self, until):
-        """Renders until so many processor seconds are spent in all, two passes at least."""
-        while self.seconds < until or self.count < 2:
+        """Renders until so many processor seconds are spent in all, three passes at least."""
+        while self.seconds < until or self.count < 3:
             begin = time.process_time()
             layers = self.render(self.count)
             self.seconds, self.count = self.seconds + time.process_time() - begin, self.count + 1
@@ -202,8 +207,10 @@ def together(runs, seconds, rounds=4):
 
 def ratio(found, reference):
     """Of mean luminances, and its standard error."""
+    if found.total == reference.total:
+        return 1.0, 0.0  # both dark
     if reference.total == 0:
-        return (1.0, 0.0) if found.total == 0 else (np.inf, np.inf)
+        return np.inf, np.inf
     value = found.total / reference.total
     return value, np.hypot(found.error, value * reference.error) / abs(reference.total)
 

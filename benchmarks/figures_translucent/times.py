@@ -9,8 +9,9 @@ from benchmarks.figures_goa import measures as of
 from . import stand
 
 SCENES = ("bumpy_ball", "candle")
-REFERENCE, SECONDS, ROUNDS = 220.0, 30.0, 4  # of `paths`, which is the reference, and of each other method
+REFERENCE, SECONDS, ROUNDS = 150.0, 16.0, 4  # of `paths`, which is the reference, and of each other method
 AFTER = 60.0  # s
+COLOURS = 256
 
 
 def measure(size, share):
@@ -47,7 +48,7 @@ def tables(numbers):
         found[f"fig27_{scene}"] = of.table(head, body) + (
             f"\n\nThe reference is the `paths` of this run, {REFERENCE * numbers['share']:g} s: noise of a pixel "
             f"{100 * reference.noise:.1f} %, of the mean {100 * reference.error / reference.total:.1f} %. The others: "
-            f"{SECONDS * numbers['share']:g} s each, in turns; {stand.conditions(numbers['size'])}.")
+            f"{SECONDS * numbers['share']:g} s each, in turns; {stand.conditions(numbers['size'])}")
     return found
 
 
@@ -63,8 +64,9 @@ def draw(numbers):
         for k, method in enumerate(methods):
             found, _, trace = numbers[scene][method]
             value, least, _ = stand.bias(found, reference) if method != "paths" else (0.0, 0.0, 0.0)
-            ax.plot(t, np.hypot(np.sqrt(found.seconds / t), 100 * value * (least > 0)), color=f"C{k}", label=method)
-            ax.plot(*np.transpose([(spent, 100 * noise) for spent, noise in trace]), ".", color=f"C{k}")
+            ax.plot(t, np.hypot(np.sqrt(found.seconds / t), 100 * value * (least > 0)), color=f"C{k % 10}", label=method,
+                    linestyle="--" if ", " in method else "-")
+            ax.plot(*np.transpose([(spent, 100 * noise) for spent, noise in trace]), ".", color=f"C{k % 10}")
         ax.set(xscale="log", yscale="log", xlabel="processor time, s", title=scene)
     ax.legend(fontsize=6)
     curves.axes[0].set_ylabel("error, %")
