@@ -16,6 +16,7 @@ help:
 	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
 	@echo "make figures-discrete  the same for pictures of separate particles (docs/discrete-claims.md)"
 	@echo "make figures-granular  the same for pictures of packed grains (docs/granular-claims.md)"
+	@echo "make figures-translucent  the same for tables of multiple scattering (docs/translucent-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
@@ -91,7 +92,7 @@ scenes: $(VENV)/.ready
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) || exit 1; done
 
 # CLAIM="fig6 fig11" makes some of them
-.PHONY: figures-goa figures-discrete figures-granular
+.PHONY: figures-goa figures-discrete figures-granular figures-translucent
 figures-goa: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.figures_goa $(if $(CLAIM),--only $(CLAIM))
 
@@ -100,6 +101,11 @@ figures-discrete: $(VENV)/.ready
 
 figures-granular: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.figures_granular $(if $(CLAIM),--only $(CLAIM))
+
+# SIZE=32 is the pictures' width, SHARE=0.2 a fifth of the time
+figures-translucent: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.figures_translucent $(if $(CLAIM),--only $(CLAIM)) $(if $(SIZE),--size $(SIZE)) \
+		$(if $(SHARE),--share $(SHARE))
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check bakery renderers tests benchmarks

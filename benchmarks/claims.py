@@ -1,4 +1,5 @@
-"""A page of claims that are measured again: what the commands of `figures_goa`, `figures_discrete`, `figures_granular` share."""
+"""A page of claims that are measured again: what the commands of `figures_goa`, `figures_discrete`, `figures_granular`,
+`figures_translucent` share."""
 
 from __future__ import annotations
 
@@ -23,31 +24,34 @@ def filled(page, tables, name="goa-claims.md"):
     return page
 
 
-def small(figure):
-    """PNG of at most 64 colours, which lines and letters do not miss."""
+def small(figure, colours=64):
+    """PNG of at most so many colours: lines and letters do not miss more than 64."""
     from PIL import Image
 
-    picture = Image.open(io.BytesIO(saved(figure, ("png",))["png"])).convert("RGB").quantize(64, dither=Image.Dither.NONE)
+    picture = Image.open(io.BytesIO(saved(figure, ("png",))["png"])).convert("RGB").quantize(colours, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, "png", optimize=True)
     return buffer.getvalue()
 
 
-def command(package, description, claims, name):
+def command(package, description, claims, name, settings=None):
     """Measures claims, prints their tables, puts them into the page and saves the pictures beside it.
 
     Parameters
     ----------
     package : holds the modules
-    claims : dict, name on the command line -> (module, picture)
-    name : of the page in docs/
+    claims : dict, name on the command line -> (module, picture or None); COLOURS of a module are those of its picture
+    name : of the page in docs/; a module's PAGE takes its place
+    settings : dict, parameter of every `measure` -> (kind, value if not said, what it is): options of the command
     """
     parser = argparse.ArgumentParser(prog=f"python -m {package}", description=description)
     parser.add_argument("--only", nargs="+", choices=claims, default=list(claims), metavar="CLAIM", help=", ".join(claims))
     parser.add_argument("--docs", type=Path, default=Path(__file__).resolve().parents[1] / "docs",
                         help=f"folder of {name} and pictures/")
+    for setting, (kind, usual, what) in (settings or {}).items():
+        parser.add_argument(f"--{setting}", type=kind, default=usual, help=f"{what}; {usual}")
     asked = parser.parse_args()
-    page, start = asked.docs / name, time.perf_counter()
+    start = time.perf_counter()
     (asked.docs / "pictures").mkdir(exist_ok=True)
     import matplotlib
 
@@ -56,10 +60,13 @@ def command(package, description, claims, name):
         module, picture = claims[chosen]
         print(f"[{i + 1}/{len(asked.only)}] {chosen}: {module.replace('_', ' ')} ...", flush=True)
         claim = importlib.import_module(f"{package}.{module}")
-        numbers = claim.measure()
+        numbers = claim.measure(**{setting: getattr(asked, setting) for setting in settings or {}})
         tables = claim.tables(numbers)
-        with look(picture), matplotlib.rc_context({"savefig.dpi": 120}):
-            (asked.docs / "pictures" / picture).write_bytes(small(claim.draw(numbers)))
-        page.write_text(filled(page.read_text(encoding="utf-8"), tables, name), encoding="utf-8")
-        print("\n\n".join(tables.values()) + f"\npicture: {asked.docs / 'pictures' / picture}", flush=True)
+        print("\n\n".join(tables.values()), flush=True)
+        page = asked.docs / getattr(claim, "PAGE", name)
+        page.write_text(filled(page.read_text(encoding="utf-8"), tables, page.name), encoding="utf-8")
+        if picture:
+            with look(picture), matplotlib.rc_context({"savefig.dpi": 120}):
+                (asked.docs / "pictures" / picture).write_bytes(small(claim.draw(numbers), getattr(claim, "COLOURS", 64)))
+            print(f"picture: {asked.docs / 'pictures' / picture}", flush=True)
         print(f"{time.perf_counter() - start:.0f} s", flush=True)

@@ -1,0 +1,17 @@
+"""Command line: see the package."""
+
+from __future__ import annotations
+
+from benchmarks.claims import command
+
+CLAIMS = {  # name on the command line: (module, picture)
+    "fig27": ("times", "translucent_times.png"), "fig19": ("infinite", "translucent_infinite.png"),
+    "fig20": ("diffusion", "translucent_diffusion.png"), "fig25": ("radii", "translucent_radii.png"),
+    "fig32": ("obstacles", "translucent_obstacles.png"), "boundaries": ("boundaries", None), "extremes": ("extremes", None),
+}
+SETTINGS = {  # of `measure`: (kind, value if not said, what it is)
+    "size": (int, 48, "pixels along a side of pictures"), "share": (float, 1.0, "factor of all processor times"),
+}
+
+if __name__ == "__main__":
+    command(__package__, __doc__, CLAIMS, "translucent-claims.md", SETTINGS)

@@ -1,0 +1,62 @@
+"""What the boundaries of tables get wrong, and what they cost: a ball under a panel and a sky, by its radius and medium."""
+
+from __future__ import annotations
+
+from benchmarks.figures_goa import measures as of
+
+from . import stand
+
+PAGE = "translucent.md"
+RADII = (0.5, 2.0, 5.0, 20.0, 100.0)  # mean free paths
+ALBEDOS, COSINES, INDICES = (0.5, 0.95, 0.99, 0.999), (0.0, 0.8), (1.0, 1.4)
+BOUNDARIES = ("negative", "mirrored", "none")
+SECONDS = {"paths": 3.0, "few": 1.0, "negative": 3.5, "mirrored": 1.0, "none": 1.0}
+OF = 2  # pictures are so many times smaller than asked for
+
+
+def measure(size, share):
+    """By index, g, albedo, radius: of `paths` and of each boundary, what was found of scattered light and of that of three and
+    more events; and the share of those in it."""
+    numbers = {"size": size // OF, "share": share}
+    for index in INDICES:
+        for g in COSINES:
+            for albedo in ALBEDOS:
+                plain = stand.ball(stand.medium(albedo, g), index, size // OF)
+                for radius in RADII:
+                    here = numbers[index, g, albedo, radius] = _measured(stand.thicker(plain, radius), share)
+                    print(f"index {index:g}, g {g:g}, albedo {albedo:g}, radius {radius:g}: {_light(here[0])}", flush=True)
+    return numbers
+
+
+def _measured(how, share):
+    runs = {"paths": stand.Run(how, "paths"), "few": stand.Run(how, "vrl+tables", 1, ("few",))}
+    runs |= {boundary: stand.Run(how, f"vrl+tables, {boundary}", 1, ("beams",)) for boundary in BOUNDARIES}
+    stand.together(runs, {name: share * seconds for name, seconds in SECONDS.items()}, 2)
+    paths, few = runs["paths"], runs["few"]
+    layers = stand.SCATTERED, stand.LATER
+    found = {"paths": tuple(map(paths.found, layers))}
+    found |= {name: tuple(runs[name].found(layer, few) for layer in layers) for name in BOUNDARIES}
+    return found, found["paths"][1].total / found["paths"][0].total
+
+
+def tables(numbers):
+    light, spent = [], []
+    for index in INDICES:
+        for g in COSINES:
+            for albedo in ALBEDOS:
+                here = [numbers[index, g, albedo, radius] for radius in RADII]
+                light.append([f"{index:g}", f"{g:g}", f"{albedo:g}", *(_light(found) for found, _ in here)])
+                spent.append([f"{index:g}", f"{g:g}", f"{albedo:g}",
+                              *(f"{100 * later:.0f} %: {_seconds(found)}" for found, later in here)])
+    head = ["index", "g", "albedo", *(f"R = {radius:g}" for radius in RADII)]
+    times = stand.conditions(numbers["size"], SECONDS, numbers["share"])
+    return {"boundaries_light": of.table(head, light) + "\n\n" + times, "boundaries_seconds": of.table(head, spent)}
+
+
+def _light(found):
+    ratios = {name: stand.ratio(found[name][1], found["paths"][1]) for name in BOUNDARIES}
+    return f"{stand.over(*ratios['negative'], 2)} / {ratios['mirrored'][0]:.2f} / {ratios['none'][0]:.2f}"
+
+
+def _seconds(found):
+    return " / ".join(stand.of_seconds(found[name][0].seconds) for name in ("paths", *BOUNDARIES))
