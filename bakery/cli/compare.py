@@ -1,0 +1,179 @@
+"""`bake compare SCENE --methods a,b,c`: one scene by several methods, beside one another on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bakery.cli import offers
+from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of
+from bakery.errors import Interrupted, UsageError
+
+
+@click.command(name="compare", short_help="render a scene by several methods, and show them beside one another")
+@click.argument("source", type=click.Path(), metavar="SCENE")
+@click.option("--methods", required=True, metavar="A,B,C", help="Names of methods, as the scene's section takes them.")
+@click.option("--reference", metavar="METHOD|FILE.exr", help="What the others are held against.  [default: the first method]")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE.html",
+              help="The page; the pictures lie in a folder of its name beside it.  Default: NAME_compare.html beside the scene.")
+@click.option("--time", "seconds", metavar="TIME", help="For each method, such as 60s: --set stop.time.")
+@click.option("--noise", metavar="X", help="For each method, such as 2%: --set stop.noise.")
+@click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
+              help="Noise against time.  [default: what the scene asks for]")
+@click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_rgb); the best that runs by default.")
+@click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed; each method has its own from it.  [default: 0]")
+@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of the scene; repeatable.")
+@click.option("--resume", is_flag=True, help="Go on also from samples that were enough for an earlier call.")
+@click.option("--force", is_flag=True, help="Render every method anew.")
+@overwrite_option
+@json_option
+@quiet_option
+def command(source, methods, reference, output, seconds, noise, quality, variant, seed, settings, resume, force, overwrite,
+            as_json, quiet):
+    """Render SCENE (.yaml) by several methods, and write one page: the pictures with a slider between any two, signed differences
+    from the reference, errors beneath the noise, FLIP, times, and what the methods say of themselves.
+
+    Methods whose pictures are there are not rendered again; what was interrupted is gone on with.  Prints the paths of the page
+    and of the pictures.
+    """
+    from bakery.run.progress import choose
+
+    if Path(source).suffix.lower() not in (".yaml", ".yml"):
+        raise UsageError(f'found "{source}", which is no scene (.yaml); only scenes have methods to compare')
+    if resume and force:
+        raise UsageError("--resume goes on with what is there, --force begins anew; one of them would do")
+    stop = [f"stop.{key}={value}" for key, value in (("time", seconds), ("noise", noise)) if value is not None]
+    values = settings_of(None, None, None, [*settings, *stop])
+    jobs, page, file = _planned(source, methods, reference, output, values, seed, resume, overwrite)
+    progress = choose(quiet)
+    try:
+        summary = _compared(jobs, page, reference or jobs[0].name, file, progress, quality=quality, variant=variant,
+                            resume=resume, force=force, overwrite=overwrite)
+    except KeyboardInterrupt:
+        raise Interrupted("interrupted; pictures that are finished are kept, the same call goes on") from None
+    finally:
+        progress.close()
+    if as_json:
+        print_json(summary)
+        return
+    print_paths([summary["page"], *(path for one in summary["methods"] for path in one["files"])])
+    for line in _lines(summary):
+        progress.say(line)
+
+
+def _planned(source, methods, reference, output, values, seed, resume, overwrite):
+    """Jobs, the page, and the reference where it is a file; everything that can be wrong before work is said here."""
+    from bakery.store.outputs import PAGE, by_suffix, check_outputs
+    from renderers import comparison, scene
+
+    named = [name.strip() for name in methods.split(",") if name.strip()]
+    file = Path(reference) if reference and reference.lower().endswith(".exr") else None
+    if reference and file is None and reference not in named:
+        named.append(reference)
+    if file is not None and not file.is_file():
+        raise UsageError(f'--reference: found "{reference}", and there is no such file')
+    if len(named) + (file is not None) < 2:
+        raise UsageError(f"--methods: found {len(named) or 'none'}; two or more, or a --reference, would do")
+    loaded = scene.load(source, values)
+    page = Path(output) if output else loaded.picture.with_name(f"{loaded.values.name}_compare.html")
+    if page.suffix.lower() != ".html":
+        raise UsageError(f"{page}: a page's name ends in .html; the pictures go into a folder of its name without it")
+    if resume and not loaded.rules.RESUMES:
+        raise UsageError(f"--resume: the renderer {loaded.section} cannot go on from an EXR; leave the option out")
+    jobs = comparison.jobs(source, named, page.with_suffix(""), values, seed)
+    inputs = [*loaded.inputs, *([file] if file else [])]
+    check_outputs([(page, PAGE)], inputs, overwrite)
+    if page.with_suffix("").is_dir():
+        check_outputs(by_suffix(path for job in jobs for path in (*job.pair, job.record)), inputs, overwrite)
+    return jobs, page, file
+
+
+def _compared(jobs, page, reference, file, progress, **options) -> dict:
+    """Renders, measures and writes; what `--json` prints."""
+    from bakery.draw.files import folder_for
+    from bakery.report import comparison as report
+    from bakery.store.put import put
+    from renderers import differences
+
+    other = None if file is None else differences.read(file, reference)
+    folder_for(page.with_suffix(""))
+    made, pictures = [], []
+    for job in jobs:
+        made.append(_made(job, progress, options))
+        pictures.append(differences.read(job.pair[1], job.name))
+        if other:
+            differences.same_size(pictures[-1], other, file)
+    base = other or next(one for one in pictures if one.name == reference)
+    with progress.during("measuring differences"):
+        found = differences.compared([*([other] if other else []), *pictures], base, dict(jobs[0].scene.values.display))
+        summary = _summary(made, found, base, file)
+        shown, limit = _shown(found)
+        text = report.page(summary, shown, limit)
+    put(page, text)
+    return summary | {"page": str(page), "bytes": len(text.encode())}
+
+
+def _made(job, progress, options):
+    """The pictures of a method, with their progress."""
+    from bakery.run import compiling
+    from renderers import comparison
+
+    job = comparison.baked(job, progress)
+    progress.stage("render", f"{job.scene.values.name} by {job.name}", 0.0, 0.0)
+    with compiling.watched(("renderers",), progress.compiling) as clock:
+        return comparison.render(job, **options, progress=progress.update, compiled=lambda: clock.seconds)
+
+
+def _summary(made, found, base, file) -> dict:
+    """All numbers and words of the comparison."""
+    from renderers import differences
+
+    first = made[0].job.scene
+    by_name = {one.name: one for one in found}
+    methods = []
+    for one in made:
+        report, seen = one.report, by_name[one.job.name]
+        difference = None if seen.difference is None else {
+            key: value for key, value in seen.difference._asdict().items() if key != "map"}
+        methods.append({key: report.get(key) for key in ("method", "files", "samples", "noise", "mean", "mean_error", "seconds",
+                                                         "passes", "stopped_by", "reasons")}
+                       | {"name": one.job.name, "seed": one.job.seed, "stated_bias": report["bias"], "processor": one.processor,
+                          "compiling": one.compiling, "taken": one.taken, "difference": difference, "flip": seen.flip})
+    remarks = [differences.flip_missing()]
+    remarks += [f"The noise of {one} is not known, so it is not taken off." for one in
+                dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)]
+    remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
+    return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
+            "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
+            "overrides": {key: value for key, value in first.overrides.items() if key != first.rules.CHOICE[0]},
+            "reference": base.name, "reference_file": None if file is None else str(file),
+            "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
+
+
+def _shown(found):
+    """PNGs of pictures and maps, and the difference at the ends of the signed maps' colours."""
+    from bakery.draw import maps
+    from bakery.report.comparison import Shown
+    from renderers.images import eight_bits
+
+    limit = maps.limit([one.difference.map for one in found if one.difference])
+    return [Shown(one.name, maps.picture(eight_bits(one.display)),
+                  maps.coloured(one.difference.map, -limit, limit, maps.SIGNED) if one.difference else b"",
+                  maps.coloured(one.flip_map, 0.0, 1.0, maps.SHARE) if one.flip_map is not None else b"") for one in found], limit
+
+
+def _lines(summary) -> list[str]:
+    """For people, on standard error."""
+    from bakery.report.comparison import difference_text
+
+    lines = []
+    for one in summary["methods"]:
+        error, bias = difference_text(one)
+        words = ["reference"] if one["name"] == summary["reference"] else []
+        words += [f"error {error}"] * bool(error) + [f"bias {bias}"] * bool(bias)
+        words += [f"FLIP {one['flip']:.3f}"] if one["flip"] is not None else []
+        words += [f"noise {100 * one['noise']:.2g} %"] if one["noise"] is not None else []
+        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]]
+        lines.append(f"{one['name']}: {', '.join(words)}")
+    return lines + summary["remarks"]
