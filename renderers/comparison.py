@@ -51,7 +51,7 @@ class Made:
     ----------
     job : `Job`
     report : of the renderer; its `seconds` are those of all calls, `earlier` among them those before interruptions
-    processor : s, of all processors
+    processor : s, of all processors, without compiling
     compiling : s, of the clock, that went into compiling kernels
     taken : whether they were there already
     """
@@ -97,7 +97,7 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
 
 
 def render(job: Job, *, quality=None, variant=None, resume=False, force=False, overwrite=False, progress=None,
-           compiled: Callable[[], float] = lambda: 0.0) -> Made:
+           compiled: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0)) -> Made:
     """The pictures of a method: those that are there where they are finished, else rendered, on from where they were interrupted.
 
     Parameters
@@ -107,7 +107,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     resume : go on also with samples that an earlier call thought enough
     force : render anew
     progress : function of (fraction 0 to 1, noise or None)
-    compiled : seconds that went into compiling kernels so far
+    compiled : seconds that went into compiling kernels so far, of the clock and of the processors
 
     Raises
     ------
@@ -121,12 +121,11 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         return Made(job, kept["report"], kept["processor"], kept["compiling"], True)
     on = same or (resume and job.pair[1].is_file())
     spent = {key: kept.get(key, 0.0) if on else 0.0 for key in ("seconds", "processor", "compiling")}
-    begin = time.monotonic(), time.process_time(), compiled()
+    begin = _clocks(compiled)
     before = _stamp(job.pair[1])
 
     def keep(finished, **more):
-        now = time.monotonic(), time.process_time(), compiled()
-        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, now)}
+        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))}
         kept = {"made_of": made_of, "finished": finished, "picture": fingerprint(job.pair[1]), **values, **more}
         text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
         images.write([(job.record, lambda place: Path(place).write_text(text, encoding="utf-8"))])
@@ -149,6 +148,12 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         report["seconds"]["total"] += spent["seconds"]
     values = keep(True, report=report)
     return Made(job, report, values["processor"], values["compiling"], False)
+
+
+def _clocks(compiled):
+    """Seconds of the clock, of the processors without compiling, and of compiling."""
+    clock, processors = compiled()
+    return time.monotonic(), time.process_time() - processors, clock
 
 
 def _stamp(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import click
@@ -119,10 +120,15 @@ def _made(job, progress, options):
     from bakery.run import compiling
     from renderers import comparison
 
-    job = comparison.baked(job, progress)
+    job, spent = comparison.baked(job, progress), [0.0]  # processor seconds of compiling
+
+    def tell(active):
+        spent[0] += -time.process_time() if active else time.process_time()
+        progress.compiling(active)
+
     progress.stage("render", f"{job.scene.values.name} by {job.name}", 0.0, 0.0)
-    with compiling.watched(("renderers",), progress.compiling) as clock:
-        return comparison.render(job, **options, progress=progress.update, compiled=lambda: clock.seconds)
+    with compiling.watched(("renderers",), tell) as clock:
+        return comparison.render(job, **options, progress=progress.update, compiled=lambda: (clock.seconds, spent[0]))
 
 
 def _summary(made, found, base, file) -> dict:

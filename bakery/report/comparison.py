@@ -18,7 +18,7 @@ _SAID = (
     "bias: difference of the means of the luminance, with one standard error by the scatter of the passes.",
     "noise: root mean square standard error of the luminance over its mean.",
     "time: by the clock, without the compiling of kernels, which a machine does once; to 1 % noise: that time, as noise goes "
-    "with the root of it; processor: of all cores, with compiling.")
+    "with the root of it; processor: time of all cores together, also without compiling.")
 _FLIP = "FLIP: what a person sees of the difference of the pictures as they are shown, 0 to 1, at 67 pixels a degree."
 
 
