@@ -11,6 +11,9 @@ from bakery.cli import offers
 from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of
 from bakery.errors import Interrupted, UsageError
 
+PASSES = 2  # that a picture has at least
+TOLERANCE = 0.05  # of scenes that say none, as renderers take it
+
 
 @click.command(name="compare", short_help="render a scene by several methods, and show them beside one another")
 @click.argument("source", type=click.Path(), metavar="SCENE")
@@ -95,6 +98,7 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     from bakery.draw.files import folder_for
     from bakery.report import comparison as report
     from bakery.store.put import put
+    from bakery.trade import methods as trade
     from renderers import differences
 
     other = None if file is None else differences.read(file, reference)
@@ -109,8 +113,10 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     with progress.during("measuring differences"):
         found = differences.compared([*([other] if other else []), *pictures], base, dict(jobs[0].scene.values.display))
         summary = _summary(made, found, base, file)
+        curves = _curves(summary)
+        summary["trade"] = trade.compared(curves, jobs[0].scene.values.tolerance or TOLERANCE) if curves else None
         shown, limit = _shown(found)
-        text = report.page(summary, shown, limit)
+        text = report.page(summary, shown, limit, _drawing(curves) if curves else None)
     put(page, text)
     return summary | {"page": str(page), "bytes": len(text.encode())}
 
@@ -157,6 +163,34 @@ def _summary(made, found, base, file) -> dict:
             "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
 
 
+def _curves(summary) -> list:
+    """Error against time of each method, where it is known; of two or more."""
+    from bakery.trade.methods import Curve
+
+    curves = []
+    for one in summary["methods"]:
+        found = one["difference"]
+        known = one["name"] == summary["reference"] or (found is not None and not found["left_in"])
+        if one["noise"] and one["passes"] and known:
+            error, most = (found["error"] if found["resolved"] else 0.0, found["most"]) if found else (0.0, 0.0)
+            first = min(1.0, PASSES / min(one["passes"].values())) * one["processor"]
+            curves.append(Curve(one["name"], one["processor"], first, one["noise"], error, most))
+    return curves if len(curves) > 1 else []
+
+
+def _drawing(curves):
+    """Error against time."""
+    from bakery.draw import times
+    from bakery.trade import methods
+
+    grid = methods.times(curves)
+    seconds = {curve.name: grid[grid >= curve.first * (1 - 1e-9)] for curve in curves}
+    return times.picture(
+        {curve.name: (seconds[curve.name], curve.after(seconds[curve.name]), curve.after(seconds[curve.name], curve.most))
+         for curve in curves},
+        {curve.name: (curve.seconds, float(curve.after(curve.seconds))) for curve in curves})
+
+
 def _shown(found):
     """PNGs of pictures and maps, and the difference at the ends of the signed maps' colours."""
     from bakery.draw import maps
@@ -182,4 +216,4 @@ def _lines(summary) -> list[str]:
         words += [f"noise {100 * one['noise']:.2g} %"] if one["noise"] is not None else []
         words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]]
         lines.append(f"{one['name']}: {', '.join(words)}")
-    return lines + summary["remarks"]
+    return lines + (summary["trade"]["advice"] if summary["trade"] else []) + summary["remarks"]

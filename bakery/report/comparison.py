@@ -8,6 +8,8 @@ from html import escape
 from math import floor, log10
 
 from bakery.draw import maps
+from bakery.draw.picture import Picture
+from bakery.report.figures import drawing
 from bakery.report.html import document, image, paragraph, section, table
 
 SMALL = 320  # pixels: narrower pictures are enlarged as squares
@@ -40,7 +42,7 @@ class Shown:
     flip: bytes = b""
 
 
-def page(summary: Mapping, shown: Sequence[Shown], limit: float) -> str:
+def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture | None = None) -> str:
     """The whole page, UTF-8.
 
     Parameters
@@ -48,6 +50,7 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float) -> str:
     summary : what `bake compare --json` prints
     shown : in the order of the page
     limit : relative difference at the ends of the signed maps' colours
+    times : drawing of error against time, where noise is known
     """
     methods = {one["name"]: one for one in summary["methods"]}
     wide, high = summary["size"]
@@ -70,6 +73,8 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float) -> str:
              _slider([(key, name) for key, name, _ in images], shown, summary["reference"], wide, high),
              *section("Pictures", [grid("p")]),
              *section("Figures", [_figures(summary), *map(paragraph, _SAID), paragraph(summary["flip"] or _FLIP)])]
+    if times is not None:
+        parts += section("Error against time", [*map(paragraph, summary["trade"]["advice"]), drawing(times)])
     if any(one.difference for one in shown):
         said = paragraph("Luminance, relative to the reference's mean; red where the picture is brighter. Noise is not taken "
                          "off: it is what changes from pixel to pixel.")

@@ -7,15 +7,11 @@ from html import escape
 
 from bakery.asset.axes import axes
 from bakery.asset.summary import describe
-from bakery.draw.files import as_jpeg
-from bakery.draw.picture import drawn
 from bakery.draw.table import Table
-from bakery.report.figures import pictures, title_of
+from bakery.report.figures import drawing, pictures, title_of
 from bakery.report.html import document, image, paragraph, section, table
 from bakery.stages.conform import stages_of
 from bakery.store.tree import Dataset, Group, read_text
-
-HEAVY = 150_000  # bytes of a drawing from which on shades may be lossy: a page is to stay below 2 MB
 
 
 def page(root: Group, description: str = "", picture: bytes = b"", source: str = "ASSET") -> str:
@@ -37,7 +33,7 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     for stage in reversed(stages):  # what renderers take first, then what it came from
         for told in stage.tables(root, partial(axes, root)):
             parts += section(told.title, _told(told))
-    figures = [_figure(picture, title_of(root)) for picture in pictures(root)]
+    figures = [drawing(picture, title_of(root)) for picture in pictures(root)]
     parts += section("Pictures", figures)
     parts += section("Stages", [_stages(summary), *(paragraph(f"{key} {text}.") for key, text in summary["explained"].items())])
     parts += section("Content", [_datasets(summary)])
@@ -64,16 +60,6 @@ def _rendered(picture: bytes, name: str, source: str) -> str:
                 "it.</p>\n")
     return (f"<figure>{image(picture, f'{name}, rendered')}<figcaption>Rendered: the standard preview of "
             "<code>bake render</code>.</figcaption></figure>\n")
-
-
-def _figure(picture, of: str) -> str:
-    # as an image, not inline: ids of several drawings cannot meet, and an image runs no script; as whichever form is smaller
-    forms = drawn(picture, of=of)
-    data = min(forms.values(), key=len)
-    if len(data) > HEAVY:
-        data = min(data, as_jpeg(forms["png"]), key=len)
-    return (f'<figure class="drawing"><div>{image(data, f"{picture.title}. {picture.caption}")}</div><figcaption>'
-            f"<strong>{escape(picture.title)}.</strong> {escape(picture.caption)}</figcaption></figure>\n")
 
 
 def _stages(summary: dict) -> str:

@@ -11,6 +11,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from bakery.cli.compare import _drawing
+from bakery.trade.methods import Curve
 from renderers import differences, scene
 from renderers.colour import LUMINANCE
 from renderers.progressive import Estimate, Part, Stop, fingerprint
@@ -36,6 +38,7 @@ def place(call, milk, monkeypatch):
     monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
     monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
     monkeypatch.setattr("tests.toy_renderer.render", render)
+    monkeypatch.setattr("bakery.report.comparison.drawing", lambda times: "<figure>drawn</figure>")
     monkeypatch.setattr(render, "asked", [], raising=False)
     monkeypatch.setattr(render, "interrupt", None, raising=False)
     (milk.parent / "haze.yaml").write_text(SCENE)
@@ -60,6 +63,15 @@ def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=Fa
     estimate.run(Stop(noise=job.scene.values.stop.noise, samples=16), job.progress(0.0, 1.0))
     render.asked.append((name, seed, begun, estimate.samples))
     return estimate.finish(job, method=name, reasons=[f"why {name} & <how>"])
+
+
+def test_the_drawing_shows_what_was_measured():
+    """Curves begin with the first picture, and go through what was rendered."""
+    curves = [Curve("a", 8.0, 1.0, 0.05, 0.0, 0.0), Curve("b", 2.0, 0.5, 0.02, 0.03, 0.04)]
+    columns = dict(_drawing(curves).columns)
+    assert columns["a: time [s]"][0] == pytest.approx(1.0, rel=0.15) and columns["b: time [s]"][0] == pytest.approx(0.5)
+    assert np.interp(8.0, columns["a: time [s]"], columns["a: error"]) == pytest.approx(0.05, rel=0.01)
+    assert np.all(columns["b: at most"] > columns["b: error"])
 
 
 def compared(call, place, *words, methods="single,isotropic"):
@@ -101,7 +113,7 @@ def test_numbers_and_page(call, place):
     parts = Parts(page)
     assert {"p0", "p1", "d1", "slider"} <= set(parts.ids) and "d0" not in parts.ids
     assert parts.addresses and all(address.startswith("data:image/png;base64,") for address in parts.addresses)
-    for said in ("A haze & a <sun>", "why isotropic & <how>", "10 %", "haze: 2 methods"):
+    for said in ("A haze & a <sun>", "why isotropic & <how>", "10 %", "haze: 2 methods", "drawn", *found["trade"]["advice"]):
         assert said in parts.text, said
     assert re.search("script-src 'sha256-[A-Za-z0-9+/=]+'\"", page.read_text())
 
