@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from zlib import crc32
 
 import bakery
 from bakery.errors import Interrupted, UsageError
@@ -26,7 +28,7 @@ class Job:
 
     Attributes
     ----------
-    name : of the method
+    name : of the method, with what else it sets
     scene : with the method set, not baked
     pair : paths (PNG, EXR) of its pictures
     seed : of its passes; None where the renderer takes none
@@ -69,10 +71,11 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     Parameters
     ----------
     path : of a scene
-    names : of methods, all different
+    names : of methods, all different; `METHOD:KEY=VALUE` also sets keys beside that of the method, or dotted ones, and may stand
+        beside the method as it is
     folder : of the pictures; need not be there
     settings : dotted key -> value as text
-    seed : of the passes; each method has its own, this one and its place in the renderer's list, so that noise is independent
+    seed : of the passes; each method has its own, from this one and its name, so that noise is independent
 
     Raises
     ------
@@ -83,17 +86,40 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     key, known = rules.CHOICE
     if key in settings:
         raise UsageError(f"--set {key}: the methods are those of --methods; leave it out")
-    for name in names:
-        if name not in known:
-            raise UsageError(f'found "{name}", which is no method of this scene; {fields.one_of(known)} would do'
-                             f"{fields.nearest(name, known)}")
-        if list(names).count(name) > 1:
+    own, stems = {name: _settings(name, key, known) for name in names}, [_stem(name) for name in names]
+    for name, stem in zip(names, stems):
+        if stems.count(stem) > 1:
             raise UsageError(f"found {name} twice; each method once would do")
     # a filter has no passes: with the same noise in what it filters its methods compare best
-    seeds = {name: (seed or 0) + known.index(name) if rules.RESUMES else seed for name in names}
-    loaded = {name: scene.load(path, {**settings, key: name}) for name in names}
-    return [Job(name, loaded[name], tuple(Path(folder, name + suffix) for suffix in (".png", ".exr")), seeds[name])
-            for name in names]
+    seeds = [(seed or 0) + _place(name, own[name][key], known) if rules.RESUMES else seed for name in names]
+    loaded = [scene.load(path, {**settings, **own[name]}) for name in names]
+    return [Job(name, each, tuple(Path(folder, stem + suffix) for suffix in (".png", ".exr")), own_seed)
+            for name, stem, each, own_seed in zip(names, stems, loaded, seeds)]
+
+
+def _settings(name, key, known) -> dict[str, str]:
+    """Dotted key -> value of `METHOD:KEY=VALUE:…`."""
+    method, *more = name.split(":")
+    if method not in known:
+        raise UsageError(f'found "{method}", which is no method of this scene; {fields.one_of(known)} would do'
+                         f"{fields.nearest(method, known)}")
+    settings, section = {key: method}, key.rpartition(".")[0]
+    for one in more:
+        beside, equals, value = one.partition("=")
+        if not equals or not beside:
+            raise UsageError(f'found "{name}"; METHOD:KEY=VALUE would do, of a key beside {key}')
+        settings[beside if "." in beside else f"{section}.{beside}"] = value
+    return settings
+
+
+def _stem(name) -> str:
+    """Of the files of a method."""
+    return re.sub(r"[^\w.+=-]", "_", name)
+
+
+def _place(name, method, known) -> int:
+    """A number for each name, which does not depend on what it is compared with."""
+    return known.index(method) + (0 if name == method else len(known) * (1 + crc32(name.encode()) % 1_000_000))
 
 
 def render(job: Job, *, quality=None, variant=None, resume=False, force=False, overwrite=False, progress=None,

@@ -182,7 +182,7 @@ def compared(pictures, reference, display) -> list[Compared]:
 
 
 def same_size(picture: Picture, reference: Picture, place) -> None:
-    """UsageError where a reference from a file has another size than the pictures."""
+    """UsageError where the reference, from a file or of a method, has another size than a picture."""
     if picture.rgb.shape != reference.rgb.shape:
         (high, wide), (other_high, other_wide) = picture.rgb.shape[:2], reference.rgb.shape[:2]
         raise UsageError(f"{place}: has {other_wide} x {other_high} pixels, and {picture.name} {wide} x {high}; a reference of "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -17,7 +18,8 @@ TOLERANCE = 0.05  # of scenes that say none, as renderers take it
 
 @click.command(name="compare", short_help="render a scene by several methods, and show them beside one another")
 @click.argument("source", type=click.Path(), metavar="SCENE")
-@click.option("--methods", required=True, metavar="A,B,C", help="Names of methods, as the scene's section takes them.")
+@click.option("--methods", required=True, metavar="A,B,C",
+              help="As the scene's section takes them; METHOD:KEY=VALUE also sets a key beside that of the method.")
 @click.option("--reference", metavar="METHOD|FILE.exr", help="What the others are held against.  [default: the first method]")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html",
               help="The page; the pictures lie in a folder of its name beside it.  Default: NAME_compare.html beside the scene.")
@@ -71,10 +73,10 @@ def _planned(source, methods, reference, output, values, seed, resume, overwrite
     from bakery.store.outputs import PAGE, by_suffix, check_outputs
     from renderers import comparison, scene
 
-    named = [name.strip() for name in methods.split(",") if name.strip()]
+    named = [name.strip() for name in re.split(r",(?![^\[]*\])", methods) if name.strip()]  # not at commas of [lists]
     file = Path(reference) if reference and reference.lower().endswith(".exr") else None
     if reference and file is None and reference not in named:
-        named.append(reference)
+        named.insert(0, reference)
     if file is not None and not file.is_file():
         raise UsageError(f'--reference: found "{reference}", and there is no such file')
     if len(named) + (file is not None) < 2:
@@ -107,8 +109,7 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     for job in jobs:
         made.append(_made(job, progress, options))
         pictures.append(differences.read(job.pair[1], job.name))
-        if other:
-            differences.same_size(pictures[-1], other, file)
+        differences.same_size(pictures[-1], other or pictures[0], file or jobs[0].name)
     base = other or next(one for one in pictures if one.name == reference)
     with progress.during("measuring differences"):
         found = differences.compared([*([other] if other else []), *pictures], base, dict(jobs[0].scene.values.display))
@@ -143,12 +144,15 @@ def _summary(made, found, base, file) -> dict:
 
     first = made[0].job.scene
     by_name = {one.name: one for one in found}
+    common = {key: value for key, value in first.overrides.items() if key != first.rules.CHOICE[0]
+              and all(one.job.scene.overrides.get(key) == value for one in made)}
     methods = []
     for one in made:
         report, seen = one.report, by_name[one.job.name]
         difference = None if seen.difference is None else {
             key: value for key, value in seen.difference._asdict().items() if key != "map"}
-        methods.append({key: report.get(key) for key in ("method", "files", "samples", "noise", "mean", "mean_error", "seconds",
+        methods.append({"overrides": {key: value for key, value in one.job.scene.overrides.items() if key not in common}}
+                       | {key: report.get(key) for key in ("method", "files", "samples", "noise", "mean", "mean_error", "seconds",
                                                          "passes", "stopped_by", "reasons")}
                        | {"name": one.job.name, "seed": one.job.seed, "stated_bias": report["bias"], "processor": one.processor,
                           "compiling": one.compiling, "taken": one.taken, "difference": difference, "flip": seen.flip})
@@ -158,7 +162,7 @@ def _summary(made, found, base, file) -> dict:
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
     return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
             "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
-            "overrides": {key: value for key, value in first.overrides.items() if key != first.rules.CHOICE[0]},
+            "overrides": common,
             "reference": base.name, "reference_file": None if file is None else str(file),
             "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
 

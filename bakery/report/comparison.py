@@ -152,7 +152,7 @@ def _figures(summary: Mapping) -> str:
     for one in summary["methods"]:
         error, bias = difference_text(one)
         time = one["seconds"]["total"] - one["compiling"]
-        ran = f" ({one['method']})" if one["method"] != one["name"] else ""
+        ran = f" ({one['method']})" if one["method"] != one["name"].partition(":")[0] else ""
         rows.append([one["name"] + ran, "reference" if one["name"] == summary["reference"] else error, bias,
                      "" if one["flip"] is None else f"{one['flip']:.3f}", _share(one["stated_bias"]), _share(one["noise"]),
                      "" if one["samples"] is None else str(one["samples"]), _seconds(time),

@@ -15,6 +15,7 @@ from bakery.cli.compare import _drawing
 from bakery.trade.methods import Curve
 from renderers import differences, scene
 from renderers.colour import LUMINANCE
+from renderers.comparison import jobs
 from renderers.progressive import Estimate, Part, Stop, fingerprint
 from renderers.running import Render
 from tests.browser import CHROMIUM, Page
@@ -118,6 +119,7 @@ def test_numbers_and_page(call, place):
     assert re.search("script-src 'sha256-[A-Za-z0-9+/=]+'\"", page.read_text())
 
 
+@pytest.mark.slow
 def test_what_is_there_is_taken(call, place):
     """Until something that it depends on changes; samples go on with --resume, all begin anew with --force."""
     compared(call, place)
@@ -154,13 +156,27 @@ def test_an_interruption_is_gone_on_with(call, place):
 
 
 @pytest.mark.slow
+def test_settings_of_one_method(call, place):
+    """Beside the method as it is, with noise and files of their own; a bare key is of the method's section."""
+    found = compared(call, place, "--set", "tolerance=3%", methods="single,single:stop.noise=4%,isotropic:stop.samples=9")
+    assert [one["overrides"] for one in found["methods"]] == [
+        {"toy.method": "single"}, {"toy.method": "single", "stop.noise": "4%"}, {"toy.method": "isotropic", "stop.samples": "9"}]
+    assert found["overrides"] == {"tolerance": "3%"} and found["trade"]["tolerance"] == 0.03
+    assert [(name, samples) for name, _, _, samples in render.asked] == [("single", 16), ("single", 4), ("isotropic", 16)]
+    assert len({one["seed"] for one in found["methods"]}) == 3 and found["methods"][1]["difference"]["error"] < 0.02
+    assert (place / "haze_compare" / "single_stop.noise=4_.png").is_file()
+    own = jobs(place / "haze.yaml", ["single:method=isotropic"], place, {})
+    assert own[0].scene.values.toy.method == "isotropic"
+
+
+@pytest.mark.slow
 def test_references(call, place):
     """A method that is not in the list is rendered too; a file is held against all, whatever it says of its noise."""
     found = compared(call, place, "--reference", "isotropic", methods="single")
-    assert [one["name"] for one in found["methods"]] == ["single", "isotropic"]
-    assert found["methods"][0]["difference"]["bias"] == pytest.approx(-1 / 11, abs=0.01)
+    assert [one["name"] for one in found["methods"]] == ["isotropic", "single"]
+    assert found["methods"][1]["difference"]["bias"] == pytest.approx(-1 / 11, abs=0.01)
     own = compared(call, place, "--reference", place / "haze_compare" / "isotropic.exr", "-o", place / "b.html", methods="single")
-    assert own["methods"][0]["difference"] == found["methods"][0]["difference"] and len(own["methods"]) == 1
+    assert own["methods"][0]["difference"] == found["methods"][1]["difference"] and len(own["methods"]) == 1
     assert own["reference"] == own["reference_file"] == str(place / "haze_compare" / "isotropic.exr")
     from renderers.mitsuba import bitmaps
 
@@ -177,21 +193,22 @@ def test_references(call, place):
 
 def test_without_flip(call, place, monkeypatch):
     """It is said on the page and on standard error, and the rest goes on; with it there are maps."""
-    here = importlib.util.find_spec("flip_evaluator")
-    assert (compared(call, place)["methods"][1]["flip"] is not None) == bool(here)
+    if importlib.util.find_spec("flip_evaluator"):
+        assert compared(call, place)["methods"][1]["flip"] > 0 and "f1" in Parts(place / "haze_compare.html").ids
     monkeypatch.setattr(differences, "find_spec", lambda name: None)
-    found = compared(call, place)
-    assert found["methods"][1]["flip"] is None and "flip-evaluator is not installed" in found["flip"]
+    status, _, err = call("compare", place / "haze.yaml", "--methods", "single,isotropic")
     parts = Parts(place / "haze_compare.html")
-    assert "flip-evaluator is not installed" in parts.text and "f1" not in parts.ids and "d1" in parts.ids
-    assert "flip-evaluator" in call("compare", place / "haze.yaml", "--methods", "single,isotropic")[2]
+    assert status == 0 and all("flip-evaluator is not installed" in text for text in (err, parts.text))
+    assert "f1" not in parts.ids and "d1" in parts.ids
 
 
-@pytest.mark.parametrize(("words", "said"), [
+WRONG = (
     ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
     ("haze.yaml --methods single,single", "found single twice"),
     ("haze.yaml --methods single", "two or more, or a --reference"),
     ("haze.yaml --methods ,", "found none"),
+    ("haze.yaml --methods single,single:sun", "METHOD:KEY=VALUE would do"),
+    ("haze.yaml --methods single,single:son=[1,1,1]", "toy.son"),
     ("haze.yaml --methods single --reference gone.exr", "there is no such file"),
     ("haze.yaml --methods single --reference other", 'found "other"'),
     ("haze.yaml --methods single,isotropic --set toy.method=single", "those of --methods"),
@@ -201,13 +218,16 @@ def test_without_flip(call, place, monkeypatch):
     ("haze.yaml --methods single,isotropic -o notes.html", "not an HTML page"),
     ("milk.h5 --methods single,isotropic", "only scenes have methods"),
     ("gone.yaml --methods single,isotropic", "no such scene"),
-])
-def test_what_is_wrong_is_said_before_anything_is_rendered(call, place, monkeypatch, words, said):
+)
+
+
+def test_what_is_wrong_is_said_before_anything_is_rendered(call, place, monkeypatch):
     monkeypatch.chdir(place)
     (place / "notes.html").write_text("what I saw")
     before = set(place.iterdir())
-    status, out, err = call("compare", *words.split())
-    assert status == 2 and not out and said in err, err
+    for words, said in WRONG:
+        status, out, err = call("compare", *words.split())
+        assert status == 2 and not out and said in err, (words, err)
     assert not render.asked and set(place.iterdir()) == before
 
 
