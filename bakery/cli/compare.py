@@ -117,7 +117,7 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
         curves = _curves(summary)
         summary["trade"] = trade.compared(curves, jobs[0].scene.values.tolerance or TOLERANCE) if curves else None
         shown, limit = _shown(found)
-        text = report.page(summary, shown, limit, _drawing(curves) if curves else None)
+        text = report.page(summary, shown, limit, _drawing(curves, summary["trade"]["knee"]) if curves else None)
     put(page, text)
     return summary | {"page": str(page), "bytes": len(text.encode())}
 
@@ -157,8 +157,8 @@ def _summary(made, found, base, file) -> dict:
                        | {"name": one.job.name, "seed": one.job.seed, "stated_bias": report["bias"], "processor": one.processor,
                           "compiling": one.compiling, "taken": one.taken, "difference": difference, "flip": seen.flip})
     remarks = [differences.flip_missing()]
-    remarks += [f"The noise of {one} is not known, so it is not taken off." for one in
-                dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)]
+    unknown = dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)
+    remarks += [f"Noise that is not known is not taken off: that of {', '.join(unknown)}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
     return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
             "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
@@ -182,8 +182,8 @@ def _curves(summary) -> list:
     return curves if len(curves) > 1 else []
 
 
-def _drawing(curves):
-    """Error against time."""
+def _drawing(curves, knee):
+    """Error against time, with the knee of the front."""
     from bakery.draw import times
     from bakery.trade import methods
 
@@ -192,7 +192,8 @@ def _drawing(curves):
     return times.picture(
         {curve.name: (seconds[curve.name], curve.after(seconds[curve.name]), curve.after(seconds[curve.name], curve.most))
          for curve in curves},
-        {curve.name: (curve.seconds, float(curve.after(curve.seconds))) for curve in curves})
+        {curve.name: (curve.seconds, float(curve.after(curve.seconds))) for curve in curves},
+        knee and (knee["seconds"], knee["error"]))
 
 
 def _shown(found):

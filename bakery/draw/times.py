@@ -12,13 +12,14 @@ _COLOURS = ("#1f5fbf", "#b3541e", "#2c8a4b", "#8a4fbf", "#c0272d", "#0f8a94", "#
 _DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)))
 
 
-def picture(curves: Mapping[str, tuple], measured: Mapping[str, tuple]) -> Picture:
+def picture(curves: Mapping[str, tuple], measured: Mapping[str, tuple], knee: tuple | None) -> Picture:
     """Error against time, both logarithmic.
 
     Parameters
     ----------
     curves : by name seconds (T,), error (T,) and its upper bound (T,), relative
     measured : by name seconds and error of the picture that was rendered
+    knee : seconds and error of the knee of the front, or None
     """
 
     def draw(figure):
@@ -29,6 +30,9 @@ def picture(curves: Mapping[str, tuple], measured: Mapping[str, tuple]) -> Pictu
             axes.fill_between(seconds, 100 * error, 100 * most, color=colour, alpha=0.15, linewidth=0)
             axes.plot(seconds, 100 * error, color=colour, linestyle=dash, linewidth=2, label=name)
             axes.plot(measured[name][0], 100 * measured[name][1], "o", color=colour, markeredgecolor=INK, markersize=7)
+        if knee is not None:
+            axes.plot(knee[0], 100 * knee[1], "o", color="none", markeredgecolor=INK, markeredgewidth=1.6, markersize=17,
+                      label="knee")
         for axis in (axes.xaxis, axes.yaxis):
             plain_decades(axis)
         figure.legend(loc="outside right upper")

@@ -76,14 +76,15 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
             "until": {name: t if math.isfinite(t) else None for name, t in until.items()},
             "knee": None if found is None else {"name": at[found][0].name, "seconds": points[found].seconds,
                                                 "error": points[found].error},
-            "advice": [_closest(ranges), *_for(curves, until, tolerance), *_hidden(curves)]}
+            "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
+                       *_for(curves, until, tolerance), *_hidden(curves)]}
 
 
 def _closest(ranges):
     if len(ranges) == 1:
         return f"{ranges[0]['name']} is closest to the reference at all times."
     parts = [f"{one['name']} " + (f"up to {duration(one['end'])}" if one["end"] else "from there on") for one in ranges]
-    return f"Closest to the reference: {', '.join(parts)}."
+    return f"Closest to the reference, by time of all cores together: {', '.join(parts)}."
 
 
 def _hidden(curves):
@@ -91,6 +92,10 @@ def _hidden(curves):
     hidden = [f"up to {100 * curve.most:.2g} % of {curve.name}" for curve in curves if not curve.error and curve.most]
     if hidden:
         yield f"Noise may hide errors that would change this: {', '.join(hidden)}. Less noise tells."
+
+
+def _bend(name, point):
+    return f"Knee: {name} after {duration(point.seconds)}, {100 * point.error:.2g} %; from there on more time brings less."
 
 
 def _for(curves, until, tolerance):
