@@ -121,7 +121,7 @@ def _caption(method: Mapping | None, is_reference: bool) -> str:
 
 def _figure(key: str, name: str, data: bytes, caption: str) -> str:
     caption = f"<strong>{escape(name)}</strong> {escape(caption)}"
-    return f'<figure>{image(data, name, f" id={chr(34)}{key}{chr(34)}")}<figcaption>{caption}</figcaption></figure>\n'
+    return f'<figure>{image(data, name, key)}<figcaption>{caption}</figcaption></figure>\n'
 
 
 def _slider(choices, shown, reference: str, wide: int, high: int) -> str:

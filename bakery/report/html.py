@@ -53,10 +53,11 @@ def paragraph(text: str, kind: str = "") -> str:
     return f'<p class="{kind}">{escape(text)}</p>\n' if kind else f"<p>{escape(text)}</p>\n"
 
 
-def image(data: bytes, words: str, more: str = "") -> str:
-    """An image inside of the page: PNG, JPEG or SVG; `words` for those who do not see it, `more` attributes."""
+def image(data: bytes, words: str, key: str = "") -> str:
+    """An image inside of the page: PNG, JPEG or SVG; `words` for those who do not see it, `key`: its id, if it has one."""
+    named = f' id="{key}"' if key else ""
     kind = "png" if data.startswith(b"\x89PNG") else "jpeg" if data.startswith(b"\xff\xd8") else "svg+xml"
-    return f'<img alt="{escape(words)}" src="data:image/{kind};base64,{base64.b64encode(data).decode()}"{more}>'
+    return f'<img alt="{escape(words)}" src="data:image/{kind};base64,{base64.b64encode(data).decode()}"{named}>'
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = (), hashes: Sequence[int] = ()) -> str:

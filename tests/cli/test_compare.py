@@ -191,6 +191,7 @@ def test_references(call, place):
     assert status == 2 and "has 16 x 12 pixels, and single 32 x 24" in err
 
 
+@pytest.mark.slow
 def test_without_flip(call, place, monkeypatch):
     """It is said on the page and on standard error, and the rest goes on; with it there are maps."""
     if importlib.util.find_spec("flip_evaluator"):
