@@ -49,6 +49,8 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
         raise UsageError(f'found "{source}", which is no scene (.yaml); only scenes have methods to compare')
     if resume and force:
         raise UsageError("--resume goes on with what is there, --force begins anew; one of them would do")
+    if quality is not None and quality not in offers.QUALITIES:
+        raise UsageError(f'--quality: found "{quality}"; {", ".join(offers.QUALITIES)} would do')
     stop = [f"stop.{key}={value}" for key, value in (("time", seconds), ("noise", noise)) if value is not None]
     values = settings_of(None, None, None, [*settings, *stop])
     jobs, page, file = _planned(source, methods, reference, output, values, seed, resume, overwrite)
@@ -103,7 +105,7 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     from bakery.trade import methods as trade
     from renderers import differences
 
-    other = None if file is None else differences.read(file, reference)
+    other = None if file is None else differences.read(file, file.name)
     folder_for(page.with_suffix(""))
     made, pictures = [], []
     for job in jobs:

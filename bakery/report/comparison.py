@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from math import floor, log10
+from pathlib import Path
 
 from bakery.draw import maps
 from bakery.draw.picture import Picture
@@ -54,7 +55,8 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
     """
     methods = {one["name"]: one for one in summary["methods"]}
     wide, high = summary["size"]
-    lead = f"{summary['renderer']}, {wide} x {high} pixels. Reference: {summary['reference']}."
+    assets = ", ".join(Path(asset).name for asset in summary["asset"].split(", "))
+    lead = f"{summary['renderer']}, {assets}, {wide} x {high} pixels. Reference: {summary['reference']}."
     if summary["overrides"]:
         lead += " Set: " + ", ".join(f"{key}={value}" for key, value in summary["overrides"].items()) + "."
     images = [(f"p{i}", one.name, one.picture) for i, one in enumerate(shown)]
