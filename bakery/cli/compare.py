@@ -192,9 +192,9 @@ def _drawing(curves, knee):
     grid = methods.times(curves)
     seconds = {curve.name: grid[grid >= curve.first * (1 - 1e-9)] for curve in curves}
     return times.picture(
-        {curve.name: (seconds[curve.name], curve.after(seconds[curve.name]), curve.after(seconds[curve.name], curve.most))
+        {curve.name: (seconds[curve.name], *(curve.after(seconds[curve.name], error) for error in (curve.error, curve.most)))
          for curve in curves},
-        {curve.name: (curve.seconds, float(curve.after(curve.seconds))) for curve in curves},
+        {curve.name: (curve.seconds, float(curve.after(curve.seconds, curve.error))) for curve in curves},
         knee and (knee["seconds"], knee["error"]))
 
 

@@ -39,13 +39,18 @@ class Curve(NamedTuple):
     error: float
     most: float
 
-    def after(self, seconds, error=None):
-        """Error (...) after (...) s; with the upper bound in place of the error beneath the noise, if that is given."""
-        return np.sqrt((self.error if error is None else error) ** 2 + self.noise**2 * self.seconds / np.asarray(seconds))
+    @property
+    def sure(self) -> float:
+        """The error beneath the noise where it stands out of it, else its upper bound: what may be hidden counts as there."""
+        return self.error or self.most
+
+    def after(self, seconds, beneath=None):
+        """Error (...) after (...) s, with what is sure beneath the noise unless another is given."""
+        return np.sqrt((self.sure if beneath is None else beneath) ** 2 + self.noise**2 * self.seconds / np.asarray(seconds))
 
     def until(self, tolerance: float) -> float:
-        """Seconds after which the error is below a tolerance; inf if never."""
-        left = tolerance**2 - self.error**2
+        """Seconds after which the error is surely below a tolerance; inf if that is not said."""
+        left = tolerance**2 - self.sure**2
         return max(self.first, self.noise**2 * self.seconds / left) if left > 0 else math.inf
 
 
@@ -70,14 +75,16 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     for one, later in zip(ranges, [*ranges[1:], {"begin": None}], strict=True):
         one["end"] = later["begin"]
     bend = knee([points[i] for i in efficient])
-    found = None if bend is None else efficient[bend]
+    # where one method follows another the front has a step, which is no bend
+    on_a_curve = bend is not None and len({at[i][0].name for i in efficient[max(bend - 1, 0):bend + 2]}) == 1
+    found = efficient[bend] if on_a_curve else None
     until = {curve.name: curve.until(tolerance) for curve in curves}
     return {"tolerance": tolerance, "ranges": ranges,
             "until": {name: t if math.isfinite(t) else None for name, t in until.items()},
             "knee": None if found is None else {"name": at[found][0].name, "seconds": points[found].seconds,
                                                 "error": points[found].error},
             "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
-                       *_for(curves, until, tolerance), *_hidden(curves)]}
+                       *_for(curves, until, tolerance)]}
 
 
 def _closest(ranges):
@@ -85,13 +92,6 @@ def _closest(ranges):
         return f"{ranges[0]['name']} is closest to the reference at all times."
     parts = [f"{one['name']} " + (f"up to {duration(one['end'])}" if one["end"] else "from there on") for one in ranges]
     return f"Closest to the reference, by time of all cores together: {', '.join(parts)}."
-
-
-def _hidden(curves):
-    """What noise may hide of errors, where none stands out of it."""
-    hidden = [f"up to {100 * curve.most:.2g} % of {curve.name}" for curve in curves if not curve.error and curve.most]
-    if hidden:
-        yield f"Noise may hide errors that would change this: {', '.join(hidden)}. Less noise tells."
 
 
 def _bend(name, point):
@@ -102,10 +102,11 @@ def _for(curves, until, tolerance):
     """Sentences about a tolerance."""
     wanted = f"{100 * tolerance:.3g} %"
     best = min(curves, key=lambda curve: until[curve.name])
-    if math.isinf(until[best.name]):
-        yield f"For {wanted}: none of them, however long."
-    else:
+    if math.isfinite(until[best.name]):
         yield f"For {wanted}: {best.name}, after {duration(until[best.name])}."
+    elif all(curve.error for curve in curves):
+        yield f"For {wanted}: none of them, however long."
     for curve in curves:
         if math.isinf(until[curve.name]):
-            yield f"{curve.name} stays {100 * curve.error:.2g} % off, however long."
+            yield (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.error else
+                   f"Noise hides whether {curve.name} reaches {wanted}: its error is below {100 * curve.most:.2g} %.")

@@ -35,11 +35,17 @@ def test_who_is_closest_changes_where_the_curves_cross():
     ([EXACT, QUICK], 0.02, ["For 2 %: exact, after 10 min.", "quick stays 3 % off, however long."]),
     ([QUICK], 0.02, ["For 2 %: none of them, however long.", "quick stays 3 % off, however long."]),
     ([EXACT, QUICK._replace(error=0.0, most=0.06)], 0.05,
-     ["For 5 %: quick, after 1.6 s.", "Noise may hide errors that would change this: up to 6 % of quick. Less noise tells."]),
+     ["For 5 %: exact, after 2 min.", "Noise hides whether quick reaches 5 %: its error is below 6 %."]),
+    ([QUICK._replace(error=0.0, most=0.06)], 0.05, ["Noise hides whether quick reaches 5 %: its error is below 6 %."]),
 ])
 def test_what_is_said_of_a_tolerance(curves, tolerance, said):
     found = compared(curves, tolerance)
     assert [sentence for sentence in found["advice"][1:] if not sentence.startswith("Knee")] == said
+
+
+def test_a_step_is_no_knee():
+    """Where a better method has its first picture."""
+    assert compared([EXACT._replace(first=100.0), EXACT._replace(name="worse", seconds=300.0)], 0.01)["knee"] is None
 
 
 def test_noise_alone_has_no_knee():
