@@ -13,7 +13,7 @@ import pytest
 
 from bakery.cli.compare import _drawing
 from bakery.trade.methods import Curve
-from renderers import differences, scene
+from renderers import comparison, differences, scene
 from renderers.colour import LUMINANCE
 from renderers.comparison import jobs
 from renderers.progressive import Estimate, Part, Stop, fingerprint
@@ -153,6 +153,22 @@ def test_an_interruption_is_gone_on_with(call, place):
     assert found["methods"][1]["seconds"]["earlier"] > 0
     whole, again = (differences.read(place / folder / "isotropic.exr", "") for folder in ("whole", "haze_compare"))
     assert np.allclose(whole.rgb, again.rgb, rtol=1e-6)
+
+
+def test_time_that_went_into_compiling_is_given_back(place, monkeypatch):
+    """Once, as time for passes; the report has the time of both."""
+    asked, clock = [], iter([(0.0, 0.0), (20.0, 5.0), (20.0, 5.0)])
+
+    def timed(scene, output, **options):
+        report = render(scene, output, **options)
+        asked.append((scene.values.stop.time, options.get("resume", False)))
+        return report | {"stopped_by": "time", "seconds": {"passes": 30.0, "total": 31.0}}
+
+    monkeypatch.setattr("tests.toy_renderer.render", timed)
+    job, = jobs(place / "haze.yaml", ["single"], place, {"stop.time": "30 s"})
+    made = comparison.render(comparison.baked(job), quality="preview", compiled=lambda: next(clock))
+    assert asked == [(30.0, False), (80.0, True)]  # preview takes a quarter of it
+    assert made.report["seconds"] == {"passes": 60.0, "total": 62.0} and made.compiling == 20.0
 
 
 @pytest.mark.slow
