@@ -169,7 +169,8 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         lost = compiled()[0] - begin[2]
         if report.get("stopped_by") == "time" and lost > _LITTLE * report["seconds"]["total"]:
             # its time is for passes: a machine that has the kernels already would have used it for them
-            report = _together(report, drawn(_stopping_after(job.scene, lost * QUALITY[quality or "final"] ** 2), True))
+            again = min(lost * QUALITY[quality or "final"] ** 2, job.scene.values.stop.time)
+            report = _together(report, drawn(_stopping_after(job.scene, again), True))
     except Interrupted as error:
         if _stamp(job.pair[1]) != before:
             keep(False)
