@@ -38,7 +38,7 @@ TOLERANCE = 0.05  # of scenes that say none, as renderers take it
 def command(source, methods, reference, output, seconds, noise, quality, variant, seed, settings, resume, force, overwrite,
             as_json, quiet):
     """Render SCENE (.yaml) by several methods, and write one page: the pictures with a slider between any two, signed differences
-    from the reference, errors beneath the noise, FLIP, times, and what the methods say of themselves.
+    from the reference, errors beneath the noise, FLIP, error against time, and what the methods say of themselves.
 
     Methods whose pictures are there are not rendered again; what was interrupted is gone on with.  Prints the paths of the page
     and of the pictures.
