@@ -13,6 +13,7 @@ help:
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make pictures  bake and draw what the docs show"
 	@echo "make scenes    bake and render the scenes of assets/scenes"
+	@echo "make gallery   one page of all recipes and scenes with their pictures: build/gallery.html"
 	@echo "make figures-goa  measure again what is claimed of geometrical optics (docs/goa-claims.md)"
 	@echo "make figures-discrete  the same for pictures of separate particles (docs/discrete-claims.md)"
 	@echo "make figures-granular  the same for pictures of packed grains (docs/granular-claims.md)"
@@ -90,6 +91,12 @@ scenes: $(VENV)/.ready
 	$(BIN)/bake recipes/emitter.yaml -o build/emitter.h5
 	for scene in $(SCENES) $(PARTICLES) $(GRAINS); do \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) || exit 1; done
+
+# of what `make pictures` and `make scenes` have rendered, or of the pictures of docs/
+.PHONY: gallery
+gallery: $(VENV)/.ready
+	@mkdir -p build
+	$(BIN)/python docs/pictures/gallery.py build/gallery.html
 
 # CLAIM="fig6 fig11" makes some of them
 .PHONY: figures-goa figures-discrete figures-granular figures-translucent

@@ -94,12 +94,13 @@ class Mean:
     count : passes
     layers : (H, W, 3) by name, means; but for the layer "" in single precision, as the EXR has them
     square : (H, W, 4), squared distances of the passes from their mean, added up, of R, G, B and luminance of the layer ""
+    spread : (4,), the same of the mean over all pixels: noise that pixels of a pass share is in it
     lost : values that were no number, from a weight that overflowed, and count as dark
     seconds : of the quickest pass seen, as the first one compiles; inf before it
     """
 
     def __init__(self):
-        self.count, self.layers, self.square, self.lost, self.seconds = 0, {}, 0.0, 0, math.inf
+        self.count, self.layers, self.square, self.spread, self.lost, self.seconds = 0, {}, 0.0, np.zeros(4), 0, math.inf
 
     def add(self, layers, seconds=math.inf):
         """One more pass; a layer that it lacks is black in it."""
@@ -112,8 +113,9 @@ class Mean:
             self.lost += int(wrong.sum())
             self.layers[name] = (mean + (image - mean) / self.count).astype(float if name == "" else np.float32)
             if name == "":
-                before, after = image - mean, image - self.layers[""]
-                self.square = self.square + np.dstack([before * after, (before @ colour.LUMINANCE) * (after @ colour.LUMINANCE)])
+                before, after = _with_luminance(image - mean), _with_luminance(image - self.layers[""])
+                self.square = self.square + before * after
+                self.spread = self.spread + before.mean((0, 1)) * after.mean((0, 1))
 
     @property
     def variance(self):
@@ -261,7 +263,8 @@ class Estimate:
 
         Returns
         -------
-        report : of `Render.finish`, with `passes` by part and `stopped_by`
+        report : of `Render.finish`, with `passes` by part, `stopped_by`, and `mean_error`, standard error of `mean`, None where a
+            part has one pass
 
         Raises
         ------
@@ -269,13 +272,16 @@ class Estimate:
         """
         if not all(mean.count for mean in self.means.values()):
             raise self._interrupted("before there was a picture; nothing was written")
-        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost} for name, mean in self.means.items()}
+        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost, "spread": mean.spread.tolist()}
+                for name, mean in self.means.items()}
+        error = _error_of_mean(kept)
         lost = sum(mean.lost for mean in self.means.values())
         reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
                             noise=self.noise, passes={name: mean.count for name, mean in self.means.items()},
-                            stopped_by=self.stopped_by, reasons=reasons, **more)
+                            mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
+                            reasons=reasons, **more)
         if self._signal:
             noise = "" if self.noise is None else f", noise {100 * self.noise:.2g} %"
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
@@ -310,11 +316,33 @@ class Estimate:
         other = sorted(key for key in stored.keys() | own.keys() if stored.get(key) != own.get(key))
         for name, mean in self.means.items() if not other else ():
             prefix, part = self._prefix(name), state["parts"][name]
-            mean.count, mean.lost = int(part["passes"]), int(part["lost"])
+            mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), np.array(part["spread"], float)
             mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in part["layers"]}
             if mean.count >= _LEAST:
                 mean.square = _image(channels, f"{prefix}noise.", "RGBY").astype(float) ** 2 * (mean.count * (mean.count - 1))
         return other
+
+
+def error_of_mean(text) -> np.ndarray | None:
+    """Standard errors (4,) of a picture's mean R, G, B and luminance, by the scatter of its passes; None where it does not say.
+
+    text : dict, attributes of its EXR
+    """
+    try:
+        return _error_of_mean(json.loads(text[_STATE])["parts"])
+    except (KeyError, TypeError, ValueError):
+        return None  # another program's, or an earlier version's
+
+
+def _error_of_mean(parts):
+    variances = [np.array(part["spread"], float) / (part["passes"] * (part["passes"] - 1)) for part in parts.values()
+                 if part["passes"] >= _LEAST]
+    return np.sqrt(sum(variances)) if len(variances) == len(parts) else None
+
+
+def _with_luminance(rgb):
+    """(H, W, 4) from (H, W, 3)."""
+    return np.dstack([rgb, rgb @ colour.LUMINANCE])
 
 
 def fingerprint(*what) -> str:

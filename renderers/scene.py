@@ -8,7 +8,8 @@ may say stands in `renderers.common`.  One of its sections names the renderer (`
 - its module `scene`: `SceneFile(Common)`, what the whole file may hold; `NEEDS`, stages of the asset; `FILES`, its own keys of
   files, `*` where any name may stand; `BODIES`, the key that may be a list of bodies, each with its own asset and files, or "";
   `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
-  `resume` and goes on from the samples of the EXR that stands; `problems(root, values)`, what has to hold between keys.
+  `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the dotted key that chooses the method, and the names
+  that it may have; `problems(root, values)`, what has to hold between keys.
 """
 
 from __future__ import annotations

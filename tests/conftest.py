@@ -98,7 +98,7 @@ def undrawn(monkeypatch):
     png = io.BytesIO()
     Image.new("RGB", (2, 1)).save(png, "png")
     blank = {"png": png.getvalue(), "svg": b'<svg xmlns="http://www.w3.org/2000/svg"/>'}
-    for place in ("bakery.draw.picture", "bakery.report.page"):
+    for place in ("bakery.draw.picture", "bakery.report.figures"):
         monkeypatch.setattr(f"{place}.drawn", lambda picture, forms=("png", "svg"), of="": {form: blank[form] for form in forms})
 
 

@@ -27,6 +27,7 @@ COMMANDS = {
     "plot": "draw pictures of what an asset holds",
     "report": "write one self-contained page about an asset",
     "render": "render an asset's preview, or a scene",
+    "compare": "render a scene by several methods, and show them beside one another",
     "export": "hand an asset to other software",
     "trade": "measure error against time over the knobs of each stage",
     "schema": "print the recipe's JSON Schema",
@@ -34,7 +35,7 @@ COMMANDS = {
     "completion": "print the shell's completion script",
 }
 
-TELLING = ("bake", "plan", "trade", "render")  # commands that report their own progress
+TELLING = ("bake", "plan", "trade", "render", "compare")  # commands that report their own progress
 
 
 def is_recipe(word: str) -> bool:

@@ -1,5 +1,6 @@
-"""What people look at: pictures, tables in text, one page.
+"""What people look at: pages of HTML without outside resources.
 
-`summary` says in plain values what an asset holds, `text` prints for terminals, `figures` draws, `style` keeps the look and the
-bytes the same everywhere, `page` puts all of it into one HTML file.  Nothing here knows the command line.
+`html`, with `page.css` and `slider.js`, is what all pages are made of; `page` is about an asset, whose pictures `figures`
+collects, `comparison` about pictures of one scene by several methods, `gallery` shows pictures with their names.  Nothing here
+knows the command line.
 """

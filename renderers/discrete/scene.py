@@ -19,6 +19,7 @@ FILES = ("discrete.where.mesh", "discrete.where.grid")
 BODIES = ""  # lists of bodies: none
 UNUSED: dict[str, str] = {}  # common keys
 RESUMES = True
+CHOICE = "discrete.method", METHODS  # the key of the method, and what it may be
 
 TIME = Quantity("time", "times", "s", {"ms": -3, "s": 0}, "s")
 SPEED = Quantity("speed", "speeds", "m/s", {"um/s": -6, "mm/s": -3, "cm/s": -2, "m/s": 0, "km/s": 3}, "m/s")

@@ -17,6 +17,7 @@ KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_a
 NEEDS = ("medium", "beam")  # stages of the asset
 FILES = ("picture.color", "picture.depth", "picture.mitsuba", "fog.density.file")
 RESUMES = False  # a filter has no samples
+CHOICE = "filter.kernel", KERNELS  # the key of the method, and what it may be
 BODIES = ""  # lists of bodies: none
 UNUSED = {
     "tolerance": "none: the filter's errors are stated in docs/screen.md",

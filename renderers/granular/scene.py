@@ -18,6 +18,7 @@ FILES = ("granular.where.mesh", "granular.where.fraction.grid", "granular.where.
 BODIES = "granular.where"  # may be a list, each with its own asset
 UNUSED = {"film.wavelengths": "none: grains are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
+CHOICE = "granular.method", METHODS  # the key of the method, and what it may be
 
 
 class InMesh(Section):

@@ -19,6 +19,7 @@ FILES = ()
 BODIES = "translucent.bodies"  # a list, each with its own asset
 UNUSED = {"film.wavelengths": "none: bodies are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
+CHOICE = "translucent.method", METHODS  # the key of the method, and what it may be
 
 
 class Boundary(Section):

@@ -90,13 +90,13 @@ def test_its_needs_are_baked(call, place, milk, monkeypatch):
 
 
 def test_messages_list_every_renderer(call, place, milk):
-    said = "found no renderer's section; expected fog, discrete, granular or toy"
+    said = "found no renderer's section; expected fog, discrete, granular, translucent or toy"
     (place / "haze.yaml").write_text(SCENE[:SCENE.index("toy:")])
     assert said in call("render", place / "haze.yaml")[2] and said in call("plan", milk, "--scene", place / "haze.yaml")[2]
     (place / "haze.yaml").write_text(SCENE + "fog: {}\n")
     for words in (("render", place / "haze.yaml"), ("plan", milk, "--scene", place / "haze.yaml")):
         status, _, err = call(*words)
-        found = "haze.yaml:6: fog: found the sections of 2 renderers, fog, toy; expected fog, discrete, granular or toy"
+        found = "haze.yaml:6: fog: found the sections of 2 renderers, fog, toy; expected fog, discrete, granular, translucent or "
         assert status == 2 and found in err
 
 

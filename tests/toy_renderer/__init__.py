@@ -25,8 +25,9 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     sun = np.array(toy.sun) / np.linalg.norm(toy.sun)
     rgb, tell = np.empty(rays.shape), job.progress(0.0, 1.0)
     for channel in range(3):
-        glow(*phase_layout(medium.theta, medium["phase"][channel]), rays, sun, medium.albedo[channel], rgb[..., channel])
+        phase = medium["phase"][channel] if toy.method == "single" else np.full(len(medium.theta), 1 / (4 * np.pi))
+        glow(*phase_layout(medium.theta, phase), rays, sun, medium.albedo[channel], rgb[..., channel])
         if tell:
             tell((channel + 1) / 3)
     job.part_over("haze")
-    return job.finish(rgb, method="single", reasons=["light that is scattered more than once is left out"])
+    return job.finish(rgb, method=toy.method, reasons=["light that is scattered more than once is left out"])

@@ -2,12 +2,15 @@
 
 from pydantic import Field
 
+from bakery.grammar.fields import word
 from bakery.grammar.section import Section
 from renderers.common import Camera, Common, Direction, direction_problems
 
+METHODS = ("single", "isotropic")
 NEEDS = ("medium",)  # stages of the asset
 FILES = ()  # keys of files, besides those of every scene
 RESUMES = False  # whether `render` takes `resume`
+CHOICE = "toy.method", METHODS  # the key of the method, and what it may be
 BODIES = ""  # lists of bodies: none
 UNUSED = {  # common keys that it does without, and what would do
     "scene": "none: a haze has no surfaces", "film.wavelengths": "none: they are the asset's three",
@@ -15,6 +18,7 @@ UNUSED = {  # common keys that it does without, and what would do
 
 
 class Toy(Section):
+    method: word(*METHODS) = Field("single", description="isotropic: as if it scattered the same in all directions.")
     sun: Direction = Field(description="In which its light travels.")
 
 

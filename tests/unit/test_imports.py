@@ -46,7 +46,9 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
           "scene": {"common", "inputs"}, "assets": {"scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"}}
+          "progressive": {"colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"},
+          "differences": {"colour", "images", "mitsuba", "progressive"},
+          "comparison": {"assets", "images", "progressive", "scene"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

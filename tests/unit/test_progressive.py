@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import Interrupted, UsageError
-from renderers import images, progressive
+from renderers import colour, images, progressive
 from renderers.mitsuba import bitmaps
 from renderers.progressive import Estimate, Part, Stop, fingerprint
 from renderers.running import rgb_layers
@@ -55,6 +55,28 @@ def test_noise_is_what_the_mean_is_off():
     assert estimate.variance[..., :3].mean() == pytest.approx(1.25 / 7, rel=4.5 * np.sqrt(2 / 864 * (1 + 0.25**2)) / 1.25)
     assert np.sqrt(np.mean((estimate.rgb - 4.5) ** 2)) == pytest.approx(np.sqrt(1.25 / 7), rel=4.5 / np.sqrt(2 * 144))
     assert estimate.noise == pytest.approx(images.relative_noise(estimate.rgb, estimate.variance[..., :3]), rel=0.1)
+
+
+def test_noise_that_pixels_share_is_in_the_error_of_the_mean(tmp_path):
+    """By the scatter of the passes' means, parts added up; the same from the file, and after going on from it."""
+    levels = np.random.default_rng(8).standard_normal((2, 6, 3))
+
+    def parts():
+        return [Part(name, lambda index, part=part: {"": np.broadcast_to(5 + levels[part, index], SHAPE)})
+                for part, name in enumerate(("splat", "walk"))]
+
+    def error(passes):
+        both = np.concatenate([levels, levels @ colour.LUMINANCE[:, None]], axis=-1)[:, :passes]
+        return np.sqrt(np.sum(both.var(axis=1, ddof=1) / passes, axis=0))
+
+    job, estimate = Job(tmp_path), Estimate(parts(), {})
+    report = ended(job, estimate, 4)
+    assert report["mean_error"] == pytest.approx(error(4)[:3], rel=1e-9)
+    assert progressive.error_of_mean(bitmaps.read(job.pair[1])[1]) == pytest.approx(error(4), rel=1e-9)
+    on = Estimate(parts(), {})
+    on.resume(job.pair[1])
+    assert ended(job, on, 6)["mean_error"] == pytest.approx(error(6)[:3], rel=1e-5)  # means were rounded to 32 bits
+    assert progressive.error_of_mean({}) is None
 
 
 def test_noise_of_all_channels_together_counts_in_full():

@@ -1,0 +1,176 @@
+"""One HTML page about pictures of one scene by several methods, beside one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from math import floor, log10
+from pathlib import Path
+
+from bakery.draw import maps
+from bakery.draw.picture import Picture
+from bakery.report.figures import drawing
+from bakery.report.html import document, image, paragraph, section, table
+
+SMALL = 320  # pixels: narrower pictures are enlarged as squares
+_SAID = (
+    "error: root mean square difference of the luminance of linear radiance from the reference, over the reference's mean, "
+    "with the noise of both pictures taken off; < where it does not stand out of the noise by two standard errors: it is at most "
+    "so much.",
+    "bias: difference of the means of the luminance, with one standard error by the scatter of the passes.",
+    "noise: root mean square standard error of the luminance over its mean.",
+    "time: by the clock, without the compiling of kernels, which a machine does once; to 1 % noise: that time, as noise goes "
+    "with the root of it; processor: time of all cores together, also without compiling.")
+_FLIP = "FLIP: what a person sees of the difference of the pictures as they are shown, 0 to 1, at 67 pixels a degree."
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is shown of a method.
+
+    Attributes
+    ----------
+    name : of the method, or of the reference's file
+    picture : PNG
+    difference : PNG of the signed map, or b""
+    flip : PNG of the map, or b""
+    """
+
+    name: str
+    picture: bytes
+    difference: bytes = b""
+    flip: bytes = b""
+
+
+def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture | None = None) -> str:
+    """The whole page, UTF-8.
+
+    Parameters
+    ----------
+    summary : what `bake compare --json` prints
+    shown : in the order of the page
+    limit : relative difference at the ends of the signed maps' colours
+    times : drawing of error against time, where noise is known
+    """
+    methods = {one["name"]: one for one in summary["methods"]}
+    wide, high = summary["size"]
+    assets = ", ".join(Path(asset).name for asset in summary["asset"].split(", "))
+    lead = f"{summary['renderer']}, {assets}, {wide} x {high} pixels. Reference: {summary['reference']}."
+    if summary["overrides"]:
+        lead += " Set: " + ", ".join(f"{key}={value}" for key, value in summary["overrides"].items()) + "."
+    images = [(f"p{i}", one.name, one.picture) for i, one in enumerate(shown)]
+    images += [(f"d{i}", f"{one.name}: difference", one.difference) for i, one in enumerate(shown) if one.difference]
+    images += [(f"f{i}", f"{one.name}: FLIP", one.flip) for i, one in enumerate(shown) if one.flip]
+    captions = {one.name: _caption(methods.get(one.name), one.name == summary["reference"]) for one in shown}
+    cell = "grid small" if wide < SMALL else "grid"
+
+    def grid(kind):
+        return f'<div class="{cell}">\n' + "".join(
+            _figure(key, name, data, captions.get(name, "")) for key, name, data in images if key[0] == kind) + "</div>\n"
+
+    parts = [f"<h1>{escape(summary['name'])}: {len(methods)} methods</h1>\n",
+             paragraph(summary["description"], "what") if summary["description"] else "", paragraph(lead, "lead"),
+             *(paragraph(remark, "missed") for remark in summary["remarks"]),
+             _slider([(key, name) for key, name, _ in images], shown, summary["reference"], wide, high),
+             *section("Pictures", [grid("p")]),
+             *section("Figures", [_figures(summary), *map(paragraph, _SAID), paragraph(summary["flip"] or _FLIP)])]
+    if times is not None:
+        parts += section("Error against time", [*map(paragraph, summary["trade"]["advice"]), drawing(times)])
+    if any(one.difference for one in shown):
+        said = paragraph("Luminance, relative to the reference's mean; red where the picture is brighter. Noise is not taken "
+                         "off: it is what changes from pixel to pixel.")
+        scale = _scale(maps.SIGNED, f"−{100 * limit:g} %", f"+{100 * limit:g} %")
+        parts += section("Signed difference from the reference", [scale, said, grid("d")])
+    if any(one.flip for one in shown):
+        parts += section("FLIP", [_scale(maps.SHARE, "0", "1"), grid("f")])
+    parts += section("Time", [_times(summary)])
+    parts += section("What the methods say", [_reasons(summary)])
+    return document(f"{summary['name']}: methods compared", parts, broad=True, script="slider.js")
+
+
+def difference_text(method: Mapping) -> tuple[str, str]:
+    """Error and bias of a method in words, "" where there are none."""
+    found = method["difference"]
+    if found is None:
+        return "", ""
+    error = _share(found["error"]) if found["resolved"] else f"< {_share(found['most'])}"
+    bias, deviation = 100 * found["bias"], 100 * (found["bias_error"] or 0.0)
+    digits = max(0, 1 - floor(log10(deviation or abs(bias) or 1.0)))
+    return error, f"{bias:+.{digits}f}".replace("-", "−") + (f" ± {deviation:.{digits}f} %" if deviation else " %")
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.0f} %"
+
+
+def _seconds(value: float | None) -> str:
+    """Three digits, in the unit that suits."""
+    if value is None:
+        return ""
+    unit, name = (1, "s") if value < 120 else (60, "min") if value < 7200 else (3600, "h")
+    return f"{value / unit:.3g} {name}" if value / unit < 1000 else f"{value / unit:.0f} {name}"
+
+
+def _caption(method: Mapping | None, is_reference: bool) -> str:
+    parts = ["reference"] if is_reference else []
+    if method is not None:
+        parts += [f"{method['samples']} samples"] if method["samples"] is not None else []
+        parts += [f"noise {_share(method['noise'])}"] if method["noise"] is not None else []
+        parts.append(_seconds(method["seconds"]["total"] - method["compiling"]))
+    return ", ".join(parts)
+
+
+def _figure(key: str, name: str, data: bytes, caption: str) -> str:
+    caption = f"<strong>{escape(name)}</strong> {escape(caption)}"
+    return f'<figure>{image(data, name, key)}<figcaption>{caption}</figcaption></figure>\n'
+
+
+def _slider(choices, shown, reference: str, wide: int, high: int) -> str:
+    """Hidden until the script runs: without it the pictures stand side by side."""
+    others = [one.name for one in shown if one.name != reference]
+
+    def select(words, chosen):
+        options = "".join(f'<option value="{key}"{" selected" * (name == chosen)}>{escape(name)}</option>'
+                          for key, name in choices)
+        return f"<label>{words} <select>{options}</select></label>"
+
+    small = " small" if wide < SMALL else ""
+    return (f'<section id="slider" aria-label="Two pictures over each other" hidden>\n<div class="choose">'
+            f'{select("Left", reference)}{select("Right", others[0] if others else reference)}</div>\n'
+            f'<div class="view{small}" style="aspect-ratio: {wide} / {high}"><img alt=""><img alt="" class="over">'
+            '<span class="edge"></span><span class="name left"></span><span class="name right"></span></div>\n'
+            '<input class="move" type="range" min="0" max="100" value="50" step="0.5" aria-label="Edge between left and right">\n'
+            "</section>\n")
+
+
+def _scale(colours: str, low: str, high: str) -> str:
+    return f'<div class="scale"><span>{low}</span>{image(maps.scale(colours), "scale of colours")}<span>{high}</span></div>\n'
+
+
+def _figures(summary: Mapping) -> str:
+    header = ["method", "error", "bias", "FLIP", "stated bias", "noise", "samples", "time", "to 1 % noise", "processor"]
+    rows = []
+    for one in summary["methods"]:
+        error, bias = difference_text(one)
+        time = one["seconds"]["total"] - one["compiling"]
+        ran = f" ({one['method']})" if one["method"] != one["name"].partition(":")[0] else ""
+        rows.append([one["name"] + ran, "reference" if one["name"] == summary["reference"] else error, bias,
+                     "" if one["flip"] is None else f"{one['flip']:.3f}", _share(one["stated_bias"]), _share(one["noise"]),
+                     "" if one["samples"] is None else str(one["samples"]), _seconds(time),
+                     "" if one["noise"] is None else _seconds(time * (one["noise"] / 0.01) ** 2), _seconds(one["processor"])])
+    used = [i for i in range(len(header)) if i == 0 or any(row[i] for row in rows)]
+    return table([header[i] for i in used], [[row[i] for i in used] for row in rows], numbers=range(1, len(used)))
+
+
+def _times(summary: Mapping) -> str:
+    names = list(dict.fromkeys(name for one in summary["methods"] for name in one["seconds"] if name != "total"))
+    rows = [[one["name"], *(_seconds(one["seconds"].get(name)) for name in names), _seconds(one["seconds"]["total"]),
+             _seconds(one["compiling"])] for one in summary["methods"]]
+    return table(["method", *names, "in all", "of it compiling"], rows, numbers=range(1, len(names) + 3))
+
+
+def _reasons(summary: Mapping) -> str:
+    items = [f"<dt><strong>{escape(one['name'])}</strong></dt>\n" + "".join(f"<dd>{escape(reason)}</dd>\n" for reason in
+             one["reasons"]) for one in summary["methods"] if one["reasons"]]
+    return f"<dl>\n{''.join(items)}</dl>\n" if items else ""

@@ -1,0 +1,235 @@
+"""One scene by several methods: which there are, their pictures in a folder, and records with which a later call goes on.
+
+Beside the pictures of a method, `METHOD.png` and `METHOD.exr`, stands `METHOD.json`: what they were made of, whether they are
+finished, the report, and the time that they took.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from zlib import crc32
+
+import bakery
+from bakery.errors import Interrupted, UsageError
+from bakery.grammar import fields
+from renderers import assets, images, scene
+from renderers.progressive import QUALITY, fingerprint
+
+_LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """A method that is to be rendered.
+
+    Attributes
+    ----------
+    name : of the method, with what else it sets
+    scene : with the method set, not baked
+    pair : paths (PNG, EXR) of its pictures
+    seed : of its passes; None where the renderer takes none
+    """
+
+    name: str
+    scene: scene.Scene
+    pair: tuple[Path, Path]
+    seed: int | None
+
+    @property
+    def record(self) -> Path:
+        """Where its record is kept."""
+        return self.pair[0].with_suffix(".json")
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """The pictures of a method.
+
+    Attributes
+    ----------
+    job : `Job`
+    report : of the renderer; its `seconds` are those of all calls, `earlier` among them those before interruptions
+    processor : s, of all processors, without compiling
+    compiling : s, of the clock, that went into compiling kernels
+    taken : whether they were there already
+    """
+
+    job: Job
+    report: dict
+    processor: float
+    compiling: float
+    taken: bool
+
+
+def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
+    """What is to be rendered, all of it checked; nothing is rendered or baked.
+
+    Parameters
+    ----------
+    path : of a scene
+    names : of methods, all different; `METHOD:KEY=VALUE` also sets keys beside that of the method, or dotted ones, and may stand
+        beside the method as it is
+    folder : of the pictures; need not be there
+    settings : dotted key -> value as text
+    seed : of the passes; each method has its own, from this one and its name, so that noise is independent
+
+    Raises
+    ------
+    UsageError : a method is not known, stands twice, or is set by `settings`
+    RecipeError : with every problem of the scene, also of a method's
+    """
+    rules = scene.load(path, settings).rules
+    key, known = rules.CHOICE
+    if key in settings:
+        raise UsageError(f"--set {key}: the methods are those of --methods; leave it out")
+    own, stems = {name: _settings(name, key, known) for name in names}, [_stem(name) for name in names]
+    for name, stem in zip(names, stems):
+        if stems.count(stem) > 1:
+            raise UsageError(f"found {name} twice; each method once would do")
+    # a filter has no passes: with the same noise in what it filters its methods compare best
+    seeds = [(seed or 0) + _place(name, own[name][key], known) if rules.RESUMES else seed for name in names]
+    loaded = [scene.load(path, {**settings, **own[name]}) for name in names]
+    return [Job(name, each, tuple(Path(folder, stem + suffix) for suffix in (".png", ".exr")), own_seed)
+            for name, stem, each, own_seed in zip(names, stems, loaded, seeds)]
+
+
+def _settings(name, key, known) -> dict[str, str]:
+    """Dotted key -> value of `METHOD:KEY=VALUE:…`."""
+    method, *more = name.split(":")
+    if method not in known:
+        raise UsageError(f'found "{method}", which is no method of this scene; {fields.one_of(known)} would do'
+                         f"{fields.nearest(method, known)}")
+    settings, section = {key: method}, key.rpartition(".")[0]
+    for one in more:
+        beside, equals, value = one.partition("=")
+        if not equals or not beside:
+            raise UsageError(f'found "{name}"; METHOD:KEY=VALUE would do, of a key beside {key}')
+        settings[beside if "." in beside else f"{section}.{beside}"] = value
+    return settings
+
+
+def _stem(name) -> str:
+    """Of the files of a method."""
+    return re.sub(r"[^\w.+=-]", "_", name)
+
+
+def _place(name, method, known) -> int:
+    """A number for each name, which does not depend on what it is compared with."""
+    return known.index(method) + (0 if name == method else len(known) * (1 + crc32(name.encode()) % 1_000_000))
+
+
+def render(job: Job, *, quality=None, variant=None, resume=False, force=False, overwrite=False, progress=None,
+           compiled: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0)) -> Made:
+    """The pictures of a method: those that are there where they are finished, else rendered, on from where they were interrupted.
+
+    Parameters
+    ----------
+    job : of `jobs`, its scene baked
+    quality, variant : as the renderers take them
+    resume : go on also with samples that an earlier call thought enough
+    force : render anew
+    progress : function of (fraction 0 to 1, noise or None)
+    compiled : seconds that went into compiling kernels so far, of the clock and of the processors
+
+    Raises
+    ------
+    Interrupted : what is there was written, and the same call goes on with it
+    BakeryError : as the renderer
+    """
+    made_of = _made_of(job, quality, variant)
+    kept = {} if force else _kept(job)
+    same = kept.get("made_of") == made_of
+    if same and kept["finished"]:
+        return Made(job, kept["report"], kept["processor"], kept["compiling"], True)
+    on = same or (resume and job.pair[1].is_file())
+    spent = {key: kept.get(key, 0.0) if on else 0.0 for key in ("seconds", "processor", "compiling")}
+    begin = _clocks(compiled)
+    before = _stamp(job.pair[1])
+
+    def keep(finished, **more):
+        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))}
+        kept = {"made_of": made_of, "finished": finished, "picture": fingerprint(job.pair[1]), **values, **more}
+        text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
+        images.write([(job.record, lambda place: Path(place).write_text(text, encoding="utf-8"))])
+        return values
+
+    def drawn(what, on):
+        return import_module(what.renderer).render(
+            what, job.pair[0], quality=quality, variant=variant, seed=job.seed, overwrite=overwrite, progress=progress,
+            **({"resume": True} if on else {}))
+
+    try:
+        report = drawn(job.scene, on)
+        lost = compiled()[0] - begin[2]
+        if report.get("stopped_by") == "time" and lost > _LITTLE * report["seconds"]["total"]:
+            # its time is for passes: a machine that has the kernels already would have used it for them
+            again = min(lost * QUALITY[quality or "final"] ** 2, job.scene.values.stop.time)
+            report = _together(report, drawn(_stopping_after(job.scene, again), True))
+    except Interrupted as error:
+        if _stamp(job.pair[1]) != before:
+            keep(False)
+        again = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and the "
+                            "same call goes on with it")
+        again.exit_status = error.exit_status
+        raise again from None
+    if on:
+        report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
+        report["seconds"]["total"] += spent["seconds"]
+    values = keep(True, report=report)
+    return Made(job, report, values["processor"], values["compiling"], False)
+
+
+def _stopping_after(one, seconds):
+    """A scene that stops by time."""
+    stop = one.values.stop.model_copy(update={"time": seconds})
+    return dataclasses.replace(one, values=one.values.model_copy(update={"stop": stop}))
+
+
+def _together(report, later):
+    """The report of a render that went on, with the time of both."""
+    parts = {**report["seconds"], **later["seconds"]}
+    return later | {"seconds": {name: report["seconds"].get(name, 0.0) + later["seconds"].get(name, 0.0) for name in parts}}
+
+
+def _clocks(compiled):
+    """Seconds of the clock, of the processors without compiling, and of compiling."""
+    clock, processors = compiled()
+    return time.monotonic(), time.process_time() - processors, clock
+
+
+def _stamp(path):
+    return path.stat().st_mtime_ns if path.exists() else None
+
+
+def _kept(job) -> dict:
+    """The record of a method; {} where none stands beside its pictures, or none that is whole and of the pictures that stand."""
+    if not all(path.is_file() for path in job.pair):
+        return {}
+    try:
+        kept = json.loads(job.record.read_text(encoding="utf-8"))
+        numbers = [float(kept[key]) for key in ("seconds", "processor", "compiling")]
+        whole = kept["picture"] == fingerprint(job.pair[1]) and min(numbers) >= 0 and isinstance(kept["made_of"], str)
+        return kept if whole and (not kept["finished"] or kept["report"]["seconds"]) else {}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _made_of(job, quality, variant) -> str:
+    """What the pictures of a method depend on."""
+    baked, values = job.scene, job.scene.values
+    apart = {baked.path, *(baked.file(name) for one in (values, *baked.bodies) for name in (one.asset, one.recipe) if name)}
+    # no warnings: they are about tuples in place of lists
+    return fingerprint(values.model_dump(mode="json", warnings=False), [quality, variant, job.seed, bakery.__version__],
+                       [bakery.open(path).content_hash for path in dict.fromkeys(baked.assets)],
+                       *(path for path in baked.inputs if path not in apart))
+
+
+def baked(job: Job, progress=None) -> Job:
+    """The job with the assets of its scene, as `renderers.assets.baked`."""
+    return dataclasses.replace(job, scene=assets.baked(job.scene, progress))

@@ -1,0 +1,25 @@
+"""The page of all recipes and scenes: each is on it, with a picture or what makes one; texts stay texts."""
+
+from __future__ import annotations
+
+import runpy
+
+from bakery.report.gallery import Entry, page
+from tests.conftest import ROOT
+
+
+def test_every_recipe_and_scene_is_on_the_page(tmp_path, monkeypatch):
+    program = runpy.run_path(str(ROOT / "docs/pictures/gallery.py"))
+    monkeypatch.setitem(program["main"].__globals__, "reduced", lambda place, width: b"\xff\xd8" + place.stem.encode())
+    program["main"](tmp_path / "gallery.html")
+    text = (tmp_path / "gallery.html").read_text(encoding="utf-8")
+    for folder in ("recipes", "assets/scenes"):
+        for path in (ROOT / folder).glob("*.yaml"):
+            assert f"<code>{folder}/{path.name}</code></figcaption>" in text
+    assert text.count("<figure>") == text.count('<img alt=') + text.count("No picture yet") > 60
+    assert "in the scene lamp_in_dust" in text and "href" not in text
+
+
+def test_texts_of_files_stay_texts():
+    text = page("A & B", "<lead>", {"one": [Entry("a<b", "<script>", "p&q", "make <c>", b"")], "two": []})
+    assert "<script>" not in text and "a&lt;b" in text and "p&amp;q" in text and "make &lt;c&gt;" in text and "two" not in text
