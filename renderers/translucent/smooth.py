@@ -16,7 +16,9 @@ from renderers.threads import run
 from renderers.translucent import _geometry
 from renderers.translucent.transport import located
 
-_REACH = 0.5  # transport mean free paths over which light is taken to be linear
+# over which light is taken to be linear: transport mean free paths, and mean chords of the body.  Balls of half a mean free path,
+# g 0.8, in 32 pixels: three and more events too dark by 17 % without the second, by 0.6 % with it.
+_REACH, _THIN = 0.5, 0.1
 _MOST = 8  # pixels
 _FACING = 0.8  # cosine between normals, at least, of places that share
 
@@ -46,10 +48,16 @@ def seen(transport, rays) -> Seen:
     found[nearer] = -1
     normal = np.zeros((len(rays), 3))
     run(_geometry.normals, len(rays), geometry, place, normal)
-    reach = np.array([_REACH / np.min(reduced(body.medium)) for body in transport.bodies])
+    reach = np.array([min(_REACH / np.min(reduced(body.medium)), _THIN * _mean_chord(body)) for body in transport.bodies])
     point = origin + np.where(found >= 0, far, 0.0)[:, None] * direction
     return Seen(found.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
                 np.where(found >= 0, reach[found], 0.0).reshape(height, width))
+
+
+def _mean_chord(body):
+    """Mean length (m) of straight ways through a body: four times its volume over its surface (Cauchy)."""
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    return 4 / 3 * np.einsum("nk,nk->", a, np.cross(b, c)) / np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
 
 def reduced(medium):
