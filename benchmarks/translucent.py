@@ -26,7 +26,7 @@ from renderers.mitsuba.world import World
 from renderers.running import Render
 
 SCENES = Path(__file__).resolve().parents[1] / "assets" / "scenes"
-METHODS = ("paths", "volpath", "vrl", "vrl+tables", "mirrored", "none")
+METHODS = ("paths", "volpath", "vrl", "vrl+tables", "beams", "beams+tables", "mirrored", "none")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 

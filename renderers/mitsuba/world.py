@@ -67,6 +67,7 @@ class Shading(NamedTuple):
     emitted : (n, 3) float32, radiance of the surface or, for rays that miss, of the environment, times the balance heuristic
         of the ray's direction against `World.lights`
     source : (n,) int32, position of that light in `World.light_names`, -1 where nothing shines
+    by_light : (n,) float32, 1/sr, with which `World.lights` would have drawn it; 0 of a ray that is `delta`
     light : LightSample from the surface; its radiance times BSDF, cosine and balance heuristic, and 0 for rays that miss
     origin : (n, 3) m, of the next ray, off the surface
     direction : (n, 3) float32, of the next ray
@@ -79,6 +80,7 @@ class Shading(NamedTuple):
     point: np.ndarray
     emitted: np.ndarray
     source: np.ndarray
+    by_light: np.ndarray
     light: LightSample
     origin: np.ndarray
     direction: np.ndarray
@@ -372,13 +374,13 @@ class World:
         radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
         away = si.spawn_ray(si.to_world(next_way.wo))
 
-        hit, point, emitted, source, *sample, start, way, weight, by_next, smooth = _arrays(
-            len(origin), valid, si.p, _finite(emitted), self._index(seen.emitter),
+        hit, point, emitted, source, by_light, *sample, start, way, weight, by_next, smooth = _arrays(
+            len(origin), valid, si.p, _finite(emitted), self._index(seen.emitter), by_light,
             light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self._index(light.emitter),
             away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
             mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
-        return Shading(hit, self._metres(point), emitted, source, self._light(*sample), self._metres(start), way, weight, by_next,
-                       ~smooth)
+        return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), way,
+                       weight, by_next, ~smooth)
 
     def _light(self, direction, distance, radiance, density, delta, light):
         distance = np.where(self._infinite[light], FAR, self._metres(distance))

@@ -37,7 +37,7 @@ class Beams(NamedTuple):
 
     origin, direction : (N, 3) m, unit;  length : (N,) m, inf of beams that end nowhere
     power : (N, L) W, negative where light is taken away
-    before : (N,) scattering events before
+    before : (N,) scattering events before;  begun : (N,) bool, the last of them begins the beam, not a surface
     real : (N,) bool, the way from a beam to the eye must not cross surfaces; others are in an infinite medium
     """
 
@@ -46,6 +46,7 @@ class Beams(NamedTuple):
     length: np.ndarray
     power: np.ndarray
     before: np.ndarray
+    begun: np.ndarray
     real: np.ndarray
 
 

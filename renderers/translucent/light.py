@@ -98,13 +98,14 @@ class _Made:
     def __init__(self, real):
         self._real, self._parts = real, []
 
-    def add(self, origin, direction, length, power, before, real=True):
+    def add(self, origin, direction, length, power, before, begun=False, real=True):
         n = len(origin)
         self._parts.append((origin.copy(), direction.copy(), np.broadcast_to(length, n).astype(float), power,
-                            np.broadcast_to(before, n).astype(np.int64), np.full(n, real and self._real)))
+                            np.broadcast_to(before, n).astype(np.int64), np.full(n, begun), np.full(n, real and self._real)))
 
     def beams(self, waves):
-        none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0, np.int64), np.zeros(0, bool)
+        none = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0, np.int64), np.zeros(0, bool),
+                np.zeros(0, bool))
         made = [np.concatenate(arrays) for arrays in zip(none, *self._parts, strict=True)]
         # neighbours one after another, as `_choice` wants them
         order = transport.by_place(made[0], made[0]) if len(made[0]) else np.zeros(0, np.int64)
@@ -116,14 +117,10 @@ class _Made:
 
 def _entered(how, number, entries, places, pass_number, seed):
     """Triangles (n,) of the boundary where light comes in, paths just inside, and their power (n, L), W."""
-    body, world, waves = how.bodies[number], how.world, len(how.colours.to_waves)
-    states, numbers = np.empty(places, np.uint64), np.empty((places, 10))
-    wavefront.begin_streams(stream_key(seed, "render.entries", pass_number), number * _APART, states)
-    wavefront.draw(states, numbers)
-    triangle, point, normal = _on_boundary(body, entries, numbers)
+    body, waves = how.bodies[number], len(how.colours.to_waves)
+    states, numbers = drawn(number, places, pass_number, seed)
+    triangle, point, normal, sample, cosine = sampled(how, body, entries, numbers)
     outside = point + _LOOK * how.geometry.scale * normal
-    sample = world.lights(outside, numbers[:, 3:])
-    cosine = np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
     lit = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ how.colours.to_waves.T
     # light from all other ways that it can come
     direction = _about(normal, numbers[:, 5:7])
@@ -141,11 +138,26 @@ def _entered(how, number, entries, places, pass_number, seed):
     some = np.flatnonzero((power > 0).any(axis=1))
     at = some % places
     power = power[some] / (places * entries.density[triangle[at]])[:, None]
-    goes, paths, power = _refracted(how, body, point[at], towards[some], power, states[at])
+    goes, paths, power = refracted(how, body, point[at], towards[some], power, states[at])
     return triangle[at][goes], paths, power
 
 
-def _refracted(how, body, point, towards, power, states):
+def drawn(number, places, pass_number, seed):
+    """Random streams (places,) of places on the boundary of body `number` in a pass, and their first numbers (places, 10)."""
+    states, numbers = np.empty(places, np.uint64), np.empty((places, 10))
+    wavefront.begin_streams(stream_key(seed, "render.entries", pass_number), number * _APART, states)
+    wavefront.draw(states, numbers)
+    return states, numbers
+
+
+def sampled(how, body, entries, numbers):
+    """Triangles (n,) where light comes in, points (n, 3) m and outward normals there, a light sample each, and its cosine."""
+    triangle, point, normal = _on_boundary(body, entries, numbers)
+    sample = how.world.lights(point + _LOOK * how.geometry.scale * normal, numbers[:, 3:])
+    return triangle, point, normal, sample, np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
+
+
+def refracted(how, body, point, towards, power, states):
     """Which of points on a boundary light from directions goes in at, the paths, and their power."""
     paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
     if body.matched or not len(paths):
@@ -226,7 +238,7 @@ def _begun(how, paths, fresh, scale, made):
     for body in np.unique(within[within >= 0]):
         new = fresh & (within == body)
         some = paths.of(new)
-        made[body].add(some.origin, some.direction, far[new], scale * some.weight, some.order)
+        made[body].add(some.origin, some.direction, far[new], scale * some.weight, some.order, some.events > 0)
     return within, far, place
 
 
@@ -248,16 +260,21 @@ def _walked(how, number, paths, far, place, scale, made):
 
 def _ways(how, number, paths, far, place, _scale, _made):
     """The same, up to the next event or surface."""
-    body = how.bodies[number]
-    status = transport.through(how, number, paths, far, place, UNLIMITED, True)
-    met, turns = status == _walk.CONTACT, paths.of(status == _walk.EVENT)
-    alive = np.empty(len(turns), bool)
-    run(_walk.scatter, len(turns), body.medium, turns.origin, turns.direction, turns.weight, turns.states, turns.drawn,
-        turns.density, turns.single, turns.bounces, alive)
+    scattered, met = turned(how, number, paths, far, place)
     meets, own = paths.of(met), how.geometry.owner[place[met]]
     crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
-    return [(turns.of(alive), False), (transport.crossed(how, meets.of(crosses), far[met][crosses], place[met][crosses]), False),
+    return [(scattered, False), (transport.crossed(how, meets.of(crosses), far[met][crosses], place[met][crosses]), False),
             (_turned(how, meets.of(~crosses)), False)]
+
+
+def turned(how, number, paths, far, place):
+    """Paths in body `number` after their next event, and which (n,) have met a surface before it."""
+    status = transport.through(how, number, paths, far, place, UNLIMITED, True)
+    turns = paths.of(status == _walk.EVENT)
+    alive = np.empty(len(turns), bool)
+    run(_walk.scatter, len(turns), how.bodies[number].medium, turns.origin, turns.direction, turns.weight, turns.states,
+        turns.drawn, turns.density, turns.single, turns.bounces, alive)
+    return turns.of(alive), status == _walk.CONTACT
 
 
 def _outside(how, paths, far, place, within):

@@ -9,14 +9,18 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import dipole, light, refraction, shells, smooth, transport
+from renderers.translucent import beams, dipole, light, refraction, shells, smooth, transport
 from renderers.translucent.bodies import Body, laid_out, medium_of
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
 ENTRIES, WALKS, PICKS = 16384, 8192, 32
+_LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
+TABLED = ("vrl+tables", "beams+tables")  # that take later events from the tables
+JOINED = ("beams+tables", "beams")  # that join beams with lines of sight where they pass close by
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
+_BESIDE = 3 << 30  # and of those that meet beams
 CLOSER = "closer"  # layer: what sharing over half the distance changes
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _LAYERS = ("order0", "order1", "order2", "orders")
@@ -103,9 +107,13 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     places, walks, picks : places where light comes in, walks, beams of a line of sight
     """
     height, width = how.world.size
-    tabled = name == "vrl+tables"
+    tabled = name in TABLED
     # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
-    second = [name in ("vrl", "dipole") or how.world.without_extent and not body.matched for body in how.bodies]
+    second = [name in ("vrl", "dipole", "beams") or name != "beams+tables" and how.world.without_extent and not body.matched
+              for body in how.bodies]
+    if name in JOINED:
+        # they bring lights without extent, too
+        how = how._replace(bent=[[] for _ in how.bodies])
     most = [UNLIMITED if name in EACH_EVENT else 1 if joins else 2 for joins in second]
 
     entries = []
@@ -114,17 +122,23 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         by_order = [image.reshape(height, width, 3) for image in sums.by_order]
         return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
 
+    def known():
+        if not entries:
+            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
+        return entries
+
+    def rivals():
+        return beams.rivals_of(how, known(), _LIT)
+
     def found(number):
-        sums = transport.from_eye(how, most, None, number, seed)
+        sums = transport.from_eye(how._replace(rivals=rivals()) if name in JOINED else how, most, None, number, seed)
         if name == "dipole":
             # what scatters again where a boundary turns it back
             sums.by_order[2:] = 0.0
         return images(sums)
 
     def diffused(number):
-        if not entries:
-            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
-        made = light.beams(how, entries, places, walks, False, False, number, seed)
+        made = light.beams(how, known(), places, walks, False, False, number, seed)
         number += _LATER
         what = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
         later = dipole.seen(how, made, picks, number, seed).reshape(height, width, 3)
@@ -132,9 +146,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(number):
-        if not entries:
-            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
-        made = light.beams(how, entries, places, walks, tabled and boundary == "negative", not tabled, number, seed)
+        made = light.beams(how, known(), places, walks, tabled and boundary == "negative", not tabled, number, seed)
         beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
         number += _LATER
         sums = transport.from_eye(how, most, Gather(made, tabled, second, picks, beyond), number, seed, found=False)
@@ -147,9 +159,20 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers
 
+    def joined(number):
+        width = [one * beams.narrower(number) for one in beams.half_widths(how)]
+        entered, begun = zip(*(beams.lit(how, body, its, _LIT, number, seed) for body, its in enumerate(known())))
+        if not tabled:
+            made = light.beams(how, entries, places, walks, False, True, number, seed)
+            begun = [beams.walked(one) for one in made]
+        gather = beams.joins(how, [(entered, width[0], rivals()), (begun, width[1])])
+        return images(transport.from_eye(how, most, gather, number + _BESIDE, seed, found=False))
+
     if name in EACH_EVENT:
         return (Part(name, found),)
-    return Part("few", found), Part("dipoles", diffused) if name == "dipole" else Part("beams", gathered)
+    made = {"dipole": (Part("dipoles", diffused),), "beams": (Part("joined", joined),),
+            "beams+tables": (Part("joined", joined), Part("beams", gathered))}
+    return Part("few", found), *made.get(name, (Part("beams", gathered),))
 
 
 def bias(means, rgb) -> float | None:
@@ -188,7 +211,10 @@ def _reasons(assets, bodies, method):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "
              "as diffusion has it" for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
-    if any(not body.matched for body in bodies):
+    if method == "beams+tables" and any(not body.matched for body in bodies) or method == "beams":
+        said.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
+                    "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
+    elif any(not body.matched for body in bodies):
         said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary, not by mirrors or glass")
     return said

@@ -16,6 +16,8 @@ class Paths:
     drawn, density : (n, 3) m, (n,) 1/sr, where the direction was drawn, and how likely
     single : (n,) whether light samples cannot take the place of the direction;  scattered : (n,) whether an event drew it
     seen : (n,) whether the camera sees where they are, directly or by mirrors and panes
+    rival : (n,) sr, after an event and up to the first light beyond the boundary: how likely beams are that bring the same
+        (`_beams.rivals`); 0 where none do, inf where they are left to it
     order : (n,) events of all;  events : (n,) since the last surface;  bounces : (n,) events and surfaces
     """
 
@@ -30,6 +32,7 @@ class Paths:
     single: np.ndarray
     scattered: np.ndarray
     seen: np.ndarray
+    rival: np.ndarray
     order: np.ndarray
     events: np.ndarray
     bounces: np.ndarray
@@ -40,8 +43,8 @@ class Paths:
         n = len(pixel)
         return cls(origin=np.array(origin, float), direction=np.array(direction, float), weight=np.array(weight, float),
                    states=states, pixel=pixel, start=np.full(n, -1), drawn=np.array(origin, float), density=np.zeros(n),
-                   single=np.ones(n, bool), scattered=np.zeros(n, bool), seen=np.zeros(n, bool), order=np.zeros(n, np.int64),
-                   events=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64))
+                   single=np.ones(n, bool), scattered=np.zeros(n, bool), seen=np.zeros(n, bool), rival=np.zeros(n),
+                   order=np.zeros(n, np.int64), events=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64))
 
     def of(self, chosen):
         """Some of the paths."""

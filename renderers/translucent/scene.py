@@ -12,7 +12,7 @@ from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, owner
 from renderers.common import Common, node_at
 
-METHODS = ("auto", "paths", "shells", "vrl", "vrl+tables", "dipole")
+METHODS = ("auto", "paths", "shells", "vrl", "vrl+tables", "beams", "beams+tables", "dipole")
 BOUNDARIES = ("negative", "mirrored", "none")
 NEEDS = ("medium", "multiple")  # stages of the asset
 FILES = ()
@@ -46,8 +46,9 @@ class Translucent(Section):
     method: word(*METHODS) = Field(
         "auto", description="paths: light is followed event by event; shells: the same, but far from surfaces it jumps to the "
         "surface of the largest empty sphere by stored exits; vrl: beams of light, of which each event begins one, are joined "
-        "with lines of sight; vrl+tables: third and later events from the tables; dipole: second and later events by the "
-        "directional dipole, approximately, for comparison; auto: vrl+tables."
+        "with lines of sight; vrl+tables: third and later events from the tables; beams: beams are joined with lines of sight "
+        "that pass close by; beams+tables: the same for one and two events in bodies whose boundary turns light, later ones from "
+        "the tables; dipole: second and later events by the directional dipole, approximately, for comparison; auto: vrl+tables."
     )
     boundary: word(*BOUNDARIES) = Field(
         "negative", description="Of the tables, which know none. negative: light that leaves a body is taken away, exactly; "
@@ -64,7 +65,7 @@ class SceneFile(Common):
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys."""
     method = values.get("translucent.method", "auto")
-    if (node := node_at(root, "translucent.boundary")) is not None and method in ("paths", "shells", "vrl", "dipole"):
+    if (node := node_at(root, "translucent.boundary")) is not None and method not in ("auto", "vrl+tables", "beams+tables"):
         yield owner(node).problem(f"found a boundary of tables, which method {method} does not use",
                                   "expected it with method: vrl+tables")
     if node_at(root, "scene") is None:

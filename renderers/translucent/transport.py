@@ -15,13 +15,14 @@ from renderers import wavefront
 from renderers.mitsuba.world import LOBE
 from renderers.scattering import mean_cosines
 from renderers.threads import run
-from renderers.translucent import _choice, _gather, _geometry, _walk, refraction
+from renderers.translucent import _beams, _choice, _gather, _geometry, _walk, refraction
 from renderers.translucent.bodies import Body
 from renderers.translucent.paths import Paths, joined
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
 _SPLITS, _WORTH = 4, 0.01  # surfaces at which paths go both ways, and the weight above which they do
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
+_CERTAIN = 1e20  # 1/sr, of a direction that is drawn for sure, as single precision has room for
 UNLIMITED = 1 << 40  # events between two surfaces
 
 
@@ -37,6 +38,8 @@ class Transport(NamedTuple):
 
     world : `renderers.mitsuba.world.World`;  bodies : list of `Body`;  geometry : `_geometry.Geometry`;  colours : `Colours`
     bent : of each body, ways of light through its boundary (`refraction.Bent`) from each light that paths cannot find through it
+    rivals : (bodies,) m sr, how many beams bring light of lamps through boundaries, besides paths (`beams.rivals_of`); 0 where
+        none do; None: nowhere
     """
 
     world: object
@@ -44,6 +47,7 @@ class Transport(NamedTuple):
     geometry: _geometry.Geometry
     colours: Colours
     bent: list
+    rivals: np.ndarray | None = None
 
     @property
     def matched(self):
@@ -90,6 +94,8 @@ class Gather(NamedTuple):
     later : whether third and later events count;  second : of each body, whether second ones do
     picks : beams for each line of sight
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
+
+    Called as gather(transport, paths, number, far, sums), it adds to sums what beams bring to lines of sight in body `number`.
     """
 
     beams: list
@@ -98,12 +104,15 @@ class Gather(NamedTuple):
     picks: int
     beyond: list
 
+    def __call__(self, *args):
+        _gathered(*args, self)
+
 
 def from_eye(transport, most, gather, number, seed, found=True) -> Sums:
     """One path from the eye for each pixel.
 
     most : of each body, events between two surfaces that a path may have
-    gather : `Gather`, or None
+    gather : `Gather`, or what is called like it, or None
     number, seed : of the pass: its random numbers
     found : as in `Sums`
     """
@@ -166,7 +175,8 @@ def inside(transport, paths, number, far, place, most, sums, gather):
     """Parts of the paths in a body after their next surface or event."""
     body = transport.bodies[number]
     if gather is not None:
-        _gathered(transport, paths, number, far, sums, gather)
+        gather(transport, paths, number, far, sums)
+    paths.rival[paths.events == 0] = 0.0
     split = np.flatnonzero(_splits(paths) & (paths.order == 0) & np.isfinite(far) & (place >= 0)) if most[number] else []
     parts = []
     if len(split):
@@ -179,14 +189,15 @@ def inside(transport, paths, number, far, place, most, sums, gather):
         run(_walk.inside, len(split), body.medium, fate.origin, fate.direction, fate.weight, fate.states, fate.start, fate.events,
             fate.order, fate.bounces, far[split])
         fate.scattered[:], fate.seen[:] = True, False
-        parts.append(_at_events(transport, number, fate, sums))
+        parts.append(_at_events(transport, number, fate, paths.origin[split], sums))
         rest = np.ones(len(paths), bool)
         rest[split] = False
         paths, far, place = paths.of(rest), far[rest], place[rest]
+    begun = paths.origin.copy()
     status = through(transport, number, paths, far, place, most[number],
-                     body.matched or sums.found and bool(transport.bent[number]))
+                     body.matched or sums.found and bool(transport.bent[number]) or _joins(transport, number, sums))
     met, events = status == _walk.CONTACT, status == _walk.EVENT
-    parts.append(_at_events(transport, number, paths.of(events), sums))
+    parts.append(_at_events(transport, number, paths.of(events), begun[events], sums))
     return parts + _met(transport, number, paths.of(met), far[met], place[met], sums)
 
 
@@ -208,8 +219,13 @@ def crossed(transport, paths, far, place):
     return paths
 
 
-def _at_events(transport, number, paths, sums):
-    """Paths that go on from events in a body, after light samples have been added."""
+def _joins(transport, number, sums):
+    """Whether beams bring light that paths in a body find, too."""
+    return sums.found and transport.rivals is not None and transport.rivals[number] > 0
+
+
+def _at_events(transport, number, paths, begun, sums):
+    """Paths that go on from events in a body, after light samples have been added; begun (n, 3) m, where their flights began."""
     n = len(paths)
     if n == 0:
         return paths
@@ -218,9 +234,13 @@ def _at_events(transport, number, paths, sums):
         _lit(transport, medium, paths, sums)
     for bent in transport.bent[number] if sums.found else []:
         _lit_through(transport, number, bent, paths, sums)
-    alive = np.empty(n, bool)
+    alive, before = np.empty(n, bool), paths.direction.copy()
     run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
         paths.single, paths.bounces, alive)
+    if _joins(transport, number, sums):
+        flown = np.linalg.norm(paths.origin - begun, axis=1)
+        run(_beams.rivals, n, medium, transport.rivals[number], flown, before, paths.direction, paths.rival)
+        paths.rival[paths.events > 1] = np.inf
     return paths.of(alive)
 
 
@@ -337,6 +357,8 @@ def _turned(transport, paths, shading, sums):
     """Paths that go on from surfaces as Mitsuba says, after their light has been added."""
     if sums.found:
         _emits(transport, paths, shading, sums)
+    # from the boundary to the next surface, where `emitted` asks for the density of light samples
+    paths.rival[paths.events == 0] = 0.0
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     m = len(hit)
@@ -347,6 +369,8 @@ def _turned(transport, paths, shading, sums):
     paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
     paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
     paths.seen &= paths.single & (paths.order == 0)
+    rivals = paths.rival > 0
+    paths.single[rivals], paths.density[rivals] = False, np.where(shading.delta[hit], _CERTAIN, paths.density)[rivals]
     paths.bounces += 1
     alive = np.empty(m, bool)
     run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
@@ -356,9 +380,30 @@ def _turned(transport, paths, shading, sums):
 def _emits(transport, paths, shading, sums):
     """Adds the light that paths meet, and that of light samples at surfaces."""
     added = np.empty((len(paths), 3))
-    for radiance in (shading.emitted, shading.light.radiance):
+    emitted, lit = shading.emitted, shading.light.radiance
+    if paths.rival.any():
+        left = paths.events == 0
+        emitted = emitted * _share(np.where(left, paths.rival, 0.0), shading.by_light)
+        # a rough boundary takes its light sample while the path is still inside
+        leaves = np.flatnonzero(~left & (paths.rival > 0) & (lit > 0).any(axis=1))
+        ways = shading.light.direction[leaves].astype(float)
+        ways = Paths.begun(shading.point[leaves] + transport.off * ways, ways, np.ones((len(ways), 1)), leaves, leaves)
+        leaves = leaves[located(transport.geometry, ways)[0] == _geometry.OUTSIDE]
+        density = np.where(shading.light.delta, np.inf, shading.light.density)[leaves]
+        lit = lit.copy()
+        lit[leaves] *= _share(paths.rival[leaves], density)
+    for radiance in (emitted, lit):
         wavefront.emitted(transport.colours, paths.weight, paths.order, radiance, added)
         sums.add(paths, added)
+
+
+def _share(rival, density):
+    """Balance heuristic (n, 1), single precision, of paths that find lights against beams that bring the same.
+
+    rival : (n,) sr, of `Paths`;  density : (n,) 1/sr, of light samples
+    """
+    joins = (rival > 0) & (density > 0)
+    return np.where(joins, 1 / (1 + np.where(joins, rival, 1.0) * density), 1.0).astype(np.float32)[:, None]
 
 
 def _gathered(transport, paths, number, far, sums, gather):

@@ -116,8 +116,8 @@ class Sky:
         empty = _kinds(LightSample(np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n), none, np.full(n, -1)))
         emitted = self._radiance(direction) * share[:, None]
         zero = np.zeros((n, 3))
-        return Shading(none, zero, emitted.astype(np.float32), np.ones(n, np.int32), empty, origin, direction, zero,
-                       np.zeros(n), none)
+        return Shading(none, zero, emitted.astype(np.float32), np.ones(n, np.int32), by_light, empty, origin, direction,
+                       zero, np.zeros(n), none)
 
 
 class Lamp(Sky):

@@ -28,7 +28,9 @@ SENSOR = """<sensor type="perspective"><float name="fov" value="34"/><transform 
 target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="SIZE"/>
 <integer name="height" value="SIZE"/><rfilter type="box"/></film></sensor>"""
 BOUNDARIES = {1.0: '<bsdf type="null"/>', 1.4: '<bsdf type="dielectric"><float name="int_ior" value="1.4"/>'
-              '<float name="ext_ior" value="1"/></bsdf>'}
+              '<float name="ext_ior" value="1"/></bsdf>',
+              1.5: '<bsdf type="roughdielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/>'
+              '<float name="alpha" value="0.15"/></bsdf>'}
 RECIPE = """\
 bakery: 1
 name: {name}
@@ -120,9 +122,12 @@ HOLLOW = np.concatenate([BALL[0], 0.6 * BALL[0]]), np.concatenate([BALL[1], len(
     ("vrl+tables", 1.0, 0.0, BALL, BLACK, "0, -19, 5"), ("vrl+tables", 1.4, 0.0, BALL, BLACK, "0, -19, 5"),
     ("vrl+tables", 1.0, 0.0, BALL, LAMP, "0, -19, 5"), ("vrl+tables", 1.4, 0.0, BALL, LAMP, "0, -19, 5"),
     ("vrl", 1.0, 0.0, BALL, LAMP, "0, -19, 5"), ("vrl+tables", 1.0, 0.0, BALL, "", "0, -3, 0"),
-    ("vrl+tables", 1.4, 0.0, BALL, "", "0, -3, 0"),
+    ("vrl+tables", 1.4, 0.0, BALL, "", "0, -3, 0"), ("beams", 1.0, 0.0, BALL, "", "0, -19, 5"),
+    ("beams", 1.4, 0.0, BALL, "", "0, -19, 5"), ("beams+tables", 1.4, 0.7, bumpy(5.0), "", "0, -19, 5"),
+    ("beams+tables", 1.5, 0.0, BALL, "", "0, -19, 5"), ("beams+tables", 1.5, 0.0, HOLLOW, LAMP, "0, -19, 5"),
 ], ids=["vrl", "vrl-glass", "glass", "forward", "hollow", "hollow-glass", "concave", "concave-glass", "obstacle",
-        "obstacle-glass", "lamp", "lamp-glass", "lamp-vrl", "camera", "camera-glass"])
+        "obstacle-glass", "lamp", "lamp-glass", "lamp-vrl", "camera", "camera-glass", "beams", "beams-glass", "joined-concave",
+        "joined-rough", "joined-rough-lamp"])
 def test_methods_agree(baked, tmp_path, name, index, g, mesh, inside, origin):
     """With event by event, on bodies of many kinds; `inside`: what a ball in the body is."""
     around = SKY + PANEL + (shape(tmp_path, "inner", (0.3 * BALL[0], BALL[1]), inside) if inside else "")

@@ -1,0 +1,96 @@
+"""Beams that are joined with lines of sight where they pass close by.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery.kernels import stream_key
+from renderers import wavefront
+from renderers.scattering import scatterer
+from renderers.translucent import _beams, beams, methods
+from renderers.translucent.transport import _share
+from tests.physics import test_translucent as bodies
+from tests.physics.particles import ODDS
+
+baked = bodies.baked
+POINT = """<emitter type="point"><point name="position" value="7, -3, 9"/>
+<rgb name="intensity" value="300, 300, 300"/></emitter>"""
+LAMP = """<shape type="sphere"><point name="center" value="10, -6, 12"/><float name="radius" value="7"/>
+<emitter type="area"><rgb name="radiance" value="2 2 2"/></emitter></shape>"""
+
+
+def test_shares_of_paths():
+    """All where beams bring nothing, none where they bring all, else so that shares add up to 1."""
+    rival, density = np.array([0.0, np.inf, np.inf, 3.0, 3.0]), np.array([2.0, 2.0, 0.0, 2.0, np.inf])
+    assert np.allclose(_share(rival, density)[:, 0], [1, 0, 1, 1 / 7, 0])
+
+
+def _scattered(count):
+    """Beams, and lines of sight, in a ball."""
+    states, numbers = np.empty(count, np.uint64), np.empty((count, 8))
+    wavefront.begin_streams(stream_key(0, "render.entries", 0), 0, states)
+    wavefront.draw(states, numbers)
+    along = 2 * numbers[:, 3:6] - 1
+    return 2 * numbers[:, :3] - 1, along / np.linalg.norm(along, axis=1)[:, None], numbers[:, 6], numbers[:, 7]
+
+
+@pytest.mark.slow
+def test_cells_lose_and_double_nothing():
+    """A grid of cells brings what one cell with all beams does, but for rounding."""
+    origin, direction, length, power = _scattered(3000)
+    normal = np.where(length[:, None] > 0.5, -direction, 0.0)
+    lit = beams.of(origin, direction, normal, 2 * length, power[:, None], np.full(3000, np.inf), 0)
+    medium = scatterer([1.0], [0.9], np.linspace(0, np.pi, 5), np.full((1, 5), 1 / (4 * np.pi)))
+    start, view, far, _ = (one[:200] for one in _scattered(3000))
+    low, radius, found = np.full(3, -1.1), 0.05, []
+    for edge, count in ((0.1, 22), (2.2, 1)):
+        shape = np.full(3, count)
+        begin = np.zeros(count**3 + 1, np.int64)
+        _beams.entered(lit.ray, lit.length, radius, low, edge, shape, begin, np.empty(0, np.int32))
+        begin = np.concatenate([[0], np.cumsum(begin[:-1])])
+        names = np.empty(begin[-1], np.int32)
+        _beams.entered(lit.ray, lit.length, radius, low, edge, shape, begin.copy(), names)
+        brought = np.zeros((3, 200, 1))
+        cells = _beams.Cells(low, edge, shape, begin, names)
+        _beams.join(medium, lit, cells, radius, 0.0, start, -view, -view, 0.8 * far, brought, 0, 200)
+        found.append(brought)
+    assert (found[0] > 0).any(axis=2).sum() > 100 and np.allclose(*found, rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [1.4, 1.5], ids=["smooth", "rough"])
+def test_shares_add_up(baked, tmp_path, monkeypatch, index):
+    """However few beams there are, so that paths find much of a lamp's light by chance."""
+    how = bodies.transport(tmp_path, [baked()], {"ball": bodies.BALL}, LAMP, index)
+    many = bodies.means(how, "beams+tables", numbers=range(40), layer="order1")
+    monkeypatch.setattr(methods, "_LIT", 256)
+    few = bodies.means(how, "beams+tables", numbers=range(150), seed=1, layer="order1")
+    error = np.hypot(many.std() / 40**0.5, few.std() / 150**0.5)
+    assert error < 0.03 * many.mean() and bodies.chance(few, many) > ODDS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layer", ["order1", "order2"])
+def test_light_without_extent(baked, tmp_path, layer):
+    """Agrees with that of paths, which look for the places where it is refracted."""
+    how = bodies.transport(tmp_path, [baked()], {"ball": bodies.BALL}, POINT, 1.4, size=24)
+    events = bodies.means(how, "paths", numbers=range(150), layer=layer)
+    found = bodies.means(how, "beams+tables", numbers=range(60), seed=1, layer=layer)
+    assert np.hypot(events.std() / 150**0.5, found.std() / 60**0.5) < 0.015 * events.mean()
+    assert bodies.chance(found, events) > ODDS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["beams", "beams+tables"])
+def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch, name):
+    from renderers import threads
+
+    how = bodies.transport(tmp_path, [baked()], {"ball": bodies.BALL}, LAMP, 1.4)
+    found = bodies.passes(how, name, numbers=[0])
+    monkeypatch.setattr(threads, "_pool", lambda: threads.ThreadPoolExecutor(1))
+    assert np.array_equal(bodies.passes(how, name, numbers=[0]), found)
+    assert not np.array_equal(bodies.passes(how, name, numbers=[0], seed=1), found)
