@@ -46,8 +46,16 @@ class Body(NamedTuple):
         return self.index == 1.0
 
 
+def has_tables(asset) -> bool:
+    """Whether an asset has the stage multiple."""
+    return "multiple" in asset.stages
+
+
 def medium_of(asset) -> Scatterer:
     """The asset's medium, without the forward peak of its phase function where its tables do without it."""
+    if not has_tables(asset):
+        return scatterer(np.asarray(asset.medium.sigma_t), np.asarray(asset.medium.albedo), np.asarray(asset.medium.theta, float),
+                         np.asarray(asset.medium["phase"], float))
     events = asset.multiple
     return scatterer(np.asarray(asset.medium.sigma_t) * np.asarray(events.extinction), np.asarray(events.albedo),
                      np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
