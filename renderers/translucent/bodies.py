@@ -53,12 +53,16 @@ def has_tables(asset) -> bool:
 
 def medium_of(asset) -> Scatterer:
     """The asset's medium, without the forward peak of its phase function where its tables do without it."""
-    if not has_tables(asset):
-        return scatterer(np.asarray(asset.medium.sigma_t), np.asarray(asset.medium.albedo), np.asarray(asset.medium.theta, float),
-                         np.asarray(asset.medium["phase"], float))
     events = asset.multiple
     return scatterer(np.asarray(asset.medium.sigma_t) * np.asarray(events.extinction), np.asarray(events.albedo),
                      np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
+
+
+def untabled(asset) -> Scatterer:
+    """The asset's medium with all of its phase function."""
+    medium = asset.medium
+    return scatterer(np.asarray(medium.sigma_t), np.asarray(medium.albedo), np.asarray(medium.theta, float),
+                     np.asarray(medium["phase"], float))
 
 
 def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:

@@ -9,8 +9,8 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import dipole, light, refraction, shells, smooth, transport
-from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of
+from renderers.translucent import dipole, light, refraction, shells, smooth, thin, transport
+from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of, untabled
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
@@ -43,7 +43,7 @@ def prepare(job, world, seed) -> Method:
     entries = settings.bodies
     how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
-                       settings.method == "shells", settings.method == "vrl+tables")
+                       settings.method == "shells", settings.method)
     said = _reasons(assets, how.bodies, settings.method) + (shells.reasons(how) if settings.method == "shells" else [])
     return Method(*of(how, settings.method, settings.boundary, seed), said)
 
@@ -55,16 +55,17 @@ def of(how, name, boundary, seed):
     return name, parts(how, name, boundary, seed)
 
 
-def transport_of(world, names, assets, indices, wrong, jumps=False, tabled=False) -> Transport:
+def transport_of(world, names, assets, indices, wrong, jumps=False, name="vrl+tables") -> Transport:
     """How light goes in a scene.
 
     names : of the shapes that are bodies;  assets : of each;  indices : refractive index of each, or None
     wrong : function of (number of a body, what of it, message) -> the exception to raise where something is wrong
     jumps : whether paths jump through stored exits from spheres
-    tabled : whether every asset has to hold tables
+    name : of the method; assets have to hold the tables that it looks up
     """
     shapes = world.shapes()
-    bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message), tabled)
+    bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message),
+                    name if world.light_names or name != "auto" else "paths")
               for number, one in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
@@ -73,7 +74,7 @@ def transport_of(world, names, assets, indices, wrong, jumps=False, tabled=False
     return shells.laid(how) if jumps else how
 
 
-def _body(shapes, name, asset, index, wrong, tabled):
+def _body(shapes, name, asset, index, wrong, method):
     """The body that a shape is."""
     found = [shape for shape in shapes if shape.name == name]
     if len(found) != 1:
@@ -90,12 +91,13 @@ def _body(shapes, name, asset, index, wrong, tabled):
         raise wrong("shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
     if index is not None and abs(index - shape.index) > 1e-3 * index:
         raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
-    tabled = tabled or has_tables(asset)
+    medium = medium_of(asset) if has_tables(asset) else untabled(asset)
+    tabled = has_tables(asset) or method == "vrl+tables" or method == "auto" and np.max(thin.later(
+        thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) > thin.FEW
     if tabled and not hasattr(asset.multiple, "segment"):
         raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
                              "in its recipe would do")
     tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()] if tabled else []
-    medium = medium_of(asset)
     return Body(name, vertices, faces, shape.index, shape.smooth, medium, tables, False, shells.none(len(medium.sigma_t)))
 
 

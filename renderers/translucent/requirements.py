@@ -8,11 +8,9 @@ import numpy as np
 
 from bakery import kernels
 from renderers.requirements import Knob, Need
+from renderers.translucent import thin
 
 TABLED = ("auto", "vrl+tables")  # methods that look tables up
-# Third and later events that carry less of the light than that are followed one by one: nothing is left out, and they are so few
-# that paths have hardly more noise than tables
-FEW = 0.01
 # The stated error of tables over the tolerance that they were asked for, where it is large: 0.18 to 0.4 (bumpy_sphere, wax, skin
 # at 10 %, `python benchmarks/requirements.py --tables`); the true error is half of that (docs/multiple-tables.md)
 _REACHED = 0.4
@@ -22,6 +20,7 @@ _ORDERS = (16, 24, 32, 48, 64)  # Legendre orders from which a rule chooses
 # it goes with the moment g^N of the last order: largest of g = 0.7 to 0.95, N = 12 to 48
 _WIDEST, _OF_HG = 10.0, ((1e-3, 4.1), (0.035, 6.5))
 _LARGER = 1.25  # margin of lengths
+_SURER = 1.25  # margin of the share of later events: the renderer asks again, with the coefficients that were baked
 
 
 def needs(about) -> list[Need]:
@@ -30,13 +29,13 @@ def needs(about) -> list[Need]:
     method = about.scene.values.translucent.method
     if method not in TABLED:
         return [medium, Need("multiple", False, f"method {method} looks up no tables")]
-    if about.dark:
+    if about.dark and method == "auto":
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
     depth, across = _sizes(about)
-    later = _later(depth, about.medium.albedo, _index(about))
+    later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
     said = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
-    if method == "auto" and later[worst] <= FEW and len(about.bodies) == len(about.scene.bodies):
+    if method == "auto" and _SURER * later[worst] <= thin.FEW and len(about.bodies) == len(about.scene.bodies):
         return [medium, Need("multiple", False, said + ", and paths follow them")]
     knobs, lacking = _tolerance(about, later[worst])
     return [medium, Need("multiple", True, said, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
@@ -66,34 +65,13 @@ def _sizes(about):
     """Optical depth (L,) of the mean chord of the largest body, and of the longest way through any, the diagonal of its box."""
     chords, longest = [], []
     for shape in _shapes(about):
-        a, b, c = (shape.vertices[shape.faces[:, k]] for k in range(3))
-        volume = abs(float(np.sum(a * np.cross(b, c)))) / 6
-        surface = float(np.sum(np.linalg.norm(np.cross(b - a, c - a), axis=1))) / 2
-        chords.append(4 * volume / surface)  # Cauchy's mean chord of isotropic lines
+        chords.append(thin.chord(shape.vertices, shape.faces))
         longest.append(float(np.linalg.norm(shape.box[1] - shape.box[0])))
     return max(chords) * about.medium.sigma_t, max(longest) * about.medium.sigma_t
 
 
 def _index(about) -> float:
-    return max((shape.index or 1.0) if (shape.index or 1.0) >= 1 else 1 / shape.index for shape in _shapes(about))
-
-
-def _later(depth, albedo, index):
-    """Share (L,) of the light that meets the body which is scattered three times and more, p (albedo p')^2.
-
-    Wigner's rational approximation of the escape from a lump of mean chord l (Case, de Hoffmann & Placzek 1953): light that
-    comes in, or that was scattered, collides with probability p = tau/(1 + tau), to 10 % of p or 1 - p for compact bodies.
-    What meets the boundary from inside is turned back with probability R = 1 - (1 - R_out)/n^2, R_out about 0.1 of diffuse light:
-    p' = p/(1 - (1 - p) R).
-    """
-    return depth / (1 + depth) * _again(depth, albedo, index)
-
-
-def _again(depth, albedo, index):
-    """(albedo p')^2, the share of what is scattered at all that is scattered three times and more."""
-    p = depth / (1 + depth)
-    back = 0.0 if index == 1 else 1 - 0.9 / index**2
-    return (albedo * p / (1 - (1 - p) * back)) ** 2
+    return max(max(index, 1 / index) for index in (shape.index or 1.0 for shape in _shapes(about)))
 
 
 # ---- knobs
@@ -101,7 +79,7 @@ def _again(depth, albedo, index):
 
 def _tolerance(about, later) -> tuple[Knob, str]:
     """Tables' error enters the picture by the light of third and later events, at most all of it."""
-    wanted = about.tables / max(later, FEW)
+    wanted = about.tables / max(later, thin.FEW)
     value = float(np.clip(wanted / _REACHED, 1e-3, 0.1))
     lacking = "" if wanted >= _SOLVER else f"tables of {_percent(wanted)} are wanted; the solver reaches {_percent(_SOLVER)}, " \
                                            f"{_SOLVER / wanted:.2g} times as much"
@@ -118,7 +96,7 @@ def _orders(about, depth) -> tuple[Knob, ...]:
     the cap, so that from within it the same light comes.  f is the share above the phase function's value at the cap's end.
     """
     medium, widest = about.medium, _narrowest_light(about)
-    few = np.max(1 - _again(depth, medium.albedo, _index(about)))
+    few = np.max(1 - thin.again(depth, medium.albedo, _index(about)))
     for orders in _ORDERS:
         angle = _cap(about, orders)
         peak = _peak(medium, angle)
