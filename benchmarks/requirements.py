@@ -74,6 +74,8 @@ def rendered(scene, assets, path, samples, size):
     values = scene.values.model_copy(update={
         "stop": scene.values.stop.model_copy(update={"noise": 1e-6, "samples": samples, "time": None}),
         "film": scene.values.film.model_copy(update=size)})
+    if hasattr(values, "picture"):
+        values = values.model_copy(update={"picture": values.picture.model_copy(update={"samples": samples})})
     scene = dataclasses.replace(scene, values=values, asset=assets[0], assets=tuple(assets))
     import_module(scene.renderer).render(scene, path, seed=1)
     found = layers(path)

@@ -166,10 +166,19 @@ def of(paths: Sequence, recipe, medium: Callable, settings: Mapping[str, str] | 
 
 def of_scene(scene, recipe, medium: Callable) -> Required:
     """The same of one scene that is read already."""
+    about = About(scene, recipe, medium)
     try:
-        return Required(tuple(_rules(scene)(About(scene, recipe, medium))))
+        return Required(tuple(_rules(scene)(about)), tuple(_noisy(about)))
     except BakeryError as fault:
         return _unmeasured(scene.rules.NEEDS, scene.path, fault)
+
+
+def _noisy(about):
+    """A scene whose noise is all of its tolerance, or more."""
+    noise = about.scene.values.stop.noise
+    if noise is not None and noise > about.tolerance:
+        yield f"{about.scene.path}: noise of {100 * noise:.3g} % (stop.noise) leaves the tolerance of " \
+              f"{100 * about.tolerance:.3g} % out of reach, {noise / about.tolerance:.2g} times as much"
 
 
 def _of_scene(path, recipe, medium, settings) -> Required:

@@ -15,7 +15,7 @@ _COARSE, _FINE = 1300, 200_000
 # Error of the phase function over that of a picture: it is the statistic that converges last, while albedo and lambda_s, of which
 # the brightness of a heap is made, are 40 and 10 times as good (docs/trade.md).  `python benchmarks/requirements.py --pictures`
 _BETTER = 1.0
-_WORST, _BEST = 0.5, 1e-4
+_WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqrt(paths)
 
 
 def needs(about) -> list[Need]:
