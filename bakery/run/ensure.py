@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bakery.plan import chosen
 from bakery.run import Baked, draft, execute, prepare
@@ -26,6 +26,8 @@ class Asked:
     settings : overrides of the recipe: what was set before, and on top of the recipe the knobs that are asked for
     stages : names of the only stages to bake, with those that they need
     added, left : names of stages that the recipe does not ask for, and that it asks for in vain
+    whole : overrides with which the recipe is baked as it stands, with the stages that are added
+    more : whether a knob asks for more than the recipe has
     needs : why, see `renderers.requirements.Need`
     remarks : what could not be found out
     """
@@ -34,6 +36,8 @@ class Asked:
     stages: tuple[str, ...]
     added: tuple[str, ...]
     left: tuple[str, ...]
+    whole: Mapping[str, str] = field(default_factory=dict)
+    more: bool = False
     needs: tuple = ()
     remarks: tuple[str, ...] = ()
 
@@ -53,10 +57,13 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
     sections = {sections_for(name)[0][0]: "{}" for name in added}
     # knobs of stages upstream stand in sections of their own, or at the top
     knobs = {key: text for key, text in required.settings.items() if not _said(key, settings)}
-    every = sections | knobs | dict(settings)
+    every, whole = sections | knobs | dict(settings), sections | dict(settings)
     kept = {stage.name for stage in chosen(load(recipe, every), required.stages)} if required.stages else set(own)
-    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), required.needs,
-                 required.remarks)
+    leaves = load(recipe, whole).leaves
+    more = any(knob.demand(knob.value) > knob.demand(leaves.get(knob.key)) for one in required.needs if one.needed
+               for knob in one.knobs)
+    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), whole, more,
+                 required.needs, required.remarks)
 
 
 def _said(key: str, settings: Mapping[str, str]) -> bool:
@@ -66,7 +73,7 @@ def _said(key: str, settings: Mapping[str, str]) -> bool:
 
 def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
             progress: Progress | None = None) -> Baked:
-    """Bakes a recipe unless its asset is up to date.
+    """Bakes a recipe unless its asset is up to date, with what is asked of it or, as it stands, with more.
 
     Parameters
     ----------
@@ -82,7 +89,9 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     progress = progress or Progress()
     cache = Cache(say=progress.say)
     wanted = asked(recipe, {}, require, cache, progress)
-    plan = prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, cache=cache, progress=progress)
+    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress)
+    if plan.write or wanted.more:
+        plan = prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, cache=cache, progress=progress)
     for line in told(recipe, wanted) if plan.write else wanted.remarks:
         progress.say(line)
     baked = execute(plan, cache=cache, progress=progress)
