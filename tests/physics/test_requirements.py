@@ -44,9 +44,9 @@ XML = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" val
 def test_tables_of_few_orders_give_the_same_picture(tmp_path):
     """A ball of five mean free paths under a panel, g = 0.8; other random numbers for each picture.
 
-    Means over 4 x 4 pixels differ by noise and by the tables.  The mean of their 48 squares, of which noise is the larger part, has
-    a relative standard deviation of about a quarter; 2.2 times what noise and the tables' share of the tolerance allow is five of
-    them, odds of a false alarm of 1e-6.
+    Means over 4 x 4 pixels differ by noise and by the tables.  The mean of their 48 squares, of which noise is the larger part,
+    has a relative standard deviation of about a quarter; 2.2 times what noise and the tables' share of the tolerance allow is
+    five of them, odds of a false alarm of 1e-6.
     """
     vertices, faces = icosphere(320)
     (tmp_path / "ball.ply").write_bytes(ply.mesh(5 * vertices, faces, single=True))
