@@ -15,6 +15,9 @@ _COARSE, _FINE = 1300, 200_000
 # Error of the phase function over that of a picture: it is the statistic that converges last, while albedo and lambda_s, of which
 # the brightness of a heap is made, are 40 and 10 times as good (docs/trade.md).  `python benchmarks/requirements.py --pictures`
 _BETTER = 1.0
+# Tolerance of the recipe up to which spheres are packed with all care: the same grains stand in the same places, and only chords of
+# the tile and the walk that measures sigma_t are known less well
+SAME_TILE = 0.029
 _WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqrt(paths)
 
 
@@ -33,7 +36,13 @@ def needs(about) -> list[Need]:
         f"{100 * _BEST:g} % are asked for, {_BEST / (_BETTER * about.tables):.2g} times as much"
     paths = Knob("scatterometer.tolerance", statistics, f"{100 * statistics:.3g}%", why, larger=False)
     return [Need("packing", True, "grains lie as in its tiles", tuple(_tiles(about))),
-            Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method))]
+            Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method), (_walk(about),))]
+
+
+def _walk(about) -> Knob:
+    """sigma_t sets how far light spreads, not how much of it comes back: a wrong one blurs the picture, no more."""
+    value = float(np.clip(about.tables, _BEST, SAME_TILE))
+    return Knob("tolerance", value, f"{100 * value:.3g}%", "of sigma_t; up to there tiles are the same", larger=False)
 
 
 def _of_medium(method):

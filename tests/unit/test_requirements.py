@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from bakery.physics.multiple import legendre, peaks
+from bakery.stages.packing.stage import _schedule
 from renderers import budget
 from renderers.discrete import requirements as discrete
+from renderers.granular import requirements as granular
 from renderers.requirements import Knob, Need, merged
 from renderers.translucent import requirements as translucent
 from renderers.translucent import thin
@@ -52,6 +54,10 @@ def test_the_recipes_value_holds_for_scenes_that_leave_it(own, kept):
     """The other scene needs what the recipe says, so a knob only counts where it asks for more."""
     (beam,) = merged([[Need("beam", True, "a", (depth(5.0),))], [Need("beam", True, "b")]], {"beam.depth": own})
     assert beam.knobs == kept
+
+
+def test_tiles_are_the_same_up_to_the_tolerance_that_grains_may_get():
+    assert _schedule(granular.SAME_TILE, None, None) == _schedule(1e-3, None, None) != _schedule(0.03, None, None)
 
 
 def test_what_few_wavelengths_change():
