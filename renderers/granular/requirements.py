@@ -15,8 +15,8 @@ _COARSE, _FINE = 1300, 200_000
 # Error of the phase function over that of a picture: it is the statistic that converges last, while albedo and lambda_s, of which
 # the brightness of a heap is made, are 40 and 10 times as good (docs/trade.md).  `python benchmarks/requirements.py --pictures`
 _BETTER = 1.0
-# Tolerance of the recipe up to which spheres are packed with all care: the same grains stand in the same places, and only chords of
-# the tile and the walk that measures sigma_t are known less well
+# Tolerance of the recipe up to which spheres are packed with all care: the same grains stand in the same places, and only chords
+# of the tile and the walk that measures sigma_t are known less well
 SAME_TILE = 0.029
 _WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqrt(paths)
 
