@@ -85,6 +85,7 @@ def test_the_depth_of_a_body_decides(call, place):
     assert stages == ["medium"] and "black" in said["multiple"]["why"]
 
 
+@pytest.mark.slow
 def test_several_scenes_and_what_is_set_by_hand(call, place):
     """The union; a value that is set wins; what no scene decides stays as the recipe has it, and the plan says so."""
     both = ("--scene", place / "s.yaml", "--scene", place / "fog.yaml")
@@ -114,6 +115,7 @@ def test_a_scene_that_cannot_be_measured(call, place):
     assert "there is no such file" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
 
 
+@pytest.mark.slow
 def test_a_missing_asset_is_baked_from_the_recipe_beside_it(call, place):
     """With what the scene requires; one that holds all that the recipe asks for is taken as it is."""
     (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: haze.h5"))

@@ -15,7 +15,6 @@ from renderers.granular import requirements as granular
 from renderers.requirements import Knob, Need, merged
 from renderers.translucent import requirements as translucent
 from renderers.translucent import thin
-from tests.conftest import slow
 
 
 def depth(value):
@@ -71,7 +70,8 @@ def test_what_few_wavelengths_change():
     assert discrete._of_three(violet, 0.0) > 0.5
 
 
-@pytest.mark.parametrize("g", [0.7, slow(0.9), slow(0.95)])
+@pytest.mark.slow
+@pytest.mark.parametrize("g", [0.7, 0.9, 0.95])
 def test_caps_of_peaks_are_no_wider_than_the_rule_says(g):
     theta = np.concatenate([[0], np.geomspace(1e-4, np.pi, 1500)])
     phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * np.cos(theta)) ** 1.5)
