@@ -14,7 +14,7 @@ from bakery.run.cache import Cache
 from bakery.run.progress import Progress
 
 # Rules have margins of a quarter.  Of particles coefficients are then known to 1 %, a single angle to some percent; takes 0.5 to
-# 1.3 s of one core for eight wavelengths and spheres to 5 mm, of which choosing rays would be the larger part
+# 2.7 s of one core for eight wavelengths and spheres to 5 mm, of which choosing rays would be the larger part
 DRAFT = {"tolerance": "30%", "measure": "integrated"}
 OF_PARTICLES = {"phase.radii": "33", "phase.angles": "257"}
 
