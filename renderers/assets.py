@@ -7,13 +7,15 @@ import os
 from pathlib import Path
 
 from bakery.run.ensure import ensured
-from renderers.scene import Scene
+from renderers import requirements
+from renderers.scene import Scene, beside
 
 
 def baked(scene: Scene, progress=None) -> Scene:
     """The scene with its assets.
 
-    A recipe is baked where its asset, NAME.h5 beside the scene, is missing, out of date or lacks a stage that the renderer needs.
+    A recipe is baked where its asset, NAME.h5 beside the scene, is missing, out of date or not what the scene requires; so is
+    that beside an asset which is named and not there.
 
     Parameters
     ----------
@@ -26,9 +28,20 @@ def baked(scene: Scene, progress=None) -> Scene:
     if scene.assets:
         return scene
     named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
-    recipes = {one.recipe: None for one in named if one.recipe}
-    for recipe in recipes:
-        recipes[recipe] = Path(ensured(scene.file(recipe), os.path.join(scene.path.parent, ""), needs=scene.rules.NEEDS,
-                                       progress=progress).output)
-    found = tuple(scene.file(one.asset) if one.asset else recipes[one.recipe] for one in named)
-    return dataclasses.replace(scene, asset=found[0], assets=found)
+    found = {}
+    for one in named:
+        if (key := (one.asset, one.recipe)) in found:
+            continue
+        recipe, place = _recipe(scene, one)
+        found[key] = place if recipe is None else Path(ensured(
+            recipe, place, require=lambda values, medium: requirements.of_scene(scene, values, medium), progress=progress).output)
+    paths = tuple(found[one.asset, one.recipe] for one in named)
+    return dataclasses.replace(scene, asset=paths[0], assets=paths)
+
+
+def _recipe(scene, one):
+    """What to bake, or None, and where the asset is or goes."""
+    if one.recipe:
+        return scene.file(one.recipe), os.path.join(scene.path.parent, "")
+    asset = scene.file(one.asset)
+    return beside(asset), asset

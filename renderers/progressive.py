@@ -25,14 +25,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Interrupted, UsageError
-from renderers import colour
+from renderers import budget, colour
 from renderers.mitsuba import bitmaps
 from renderers.running import rgb_layers
 
 # times the noise; samples and time by its square
 QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}
-# Noise and bias add up in squares: each may have this share of the tolerance.
-NOISE_SHARE = math.sqrt(0.5)
 # passes before which the scatter of a part says nothing, and before which it is not relied upon
 _LEAST, _TRUSTED = 2, 4
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
@@ -66,7 +64,7 @@ class Stop:
         if (quality or "final") not in QUALITY:
             raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
         coarser = QUALITY[quality or "final"]
-        return cls(coarser * (NOISE_SHARE * tolerance if noise is None else noise), time and time / coarser**2,
+        return cls(coarser * (budget.NOISE * tolerance if noise is None else noise), time and time / coarser**2,
                    samples and max(1, round(samples / coarser**2)))
 
 

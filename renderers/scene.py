@@ -51,7 +51,7 @@ class Scene:
     renderer : the package that renders it
     values : `SceneFile` of that renderer; lengths in m, angles in rad
     overrides : dotted key -> text
-    asset : path of the material; None where `renderers.assets` has still to bake the recipe, or bodies have their own
+    asset : path of the material; None where `renderers.assets` has still to bake a recipe, or bodies have their own
     assets : of the materials of all bodies, in their order; of the one material; () before `renderers.assets` has seen to them
     """
 
@@ -103,13 +103,14 @@ class Scene:
         return UsageError(f"{self.places.get(key, text.label_of(self.path))}: {key}: {message}")
 
 
-def load(path, settings: MappingType[str, str] | None = None) -> Scene:
+def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = True) -> Scene:
     """Reads and checks a scene.
 
     Parameters
     ----------
     path : of the scene, a regular file of at most 1 MiB
     settings : dotted key -> value as YAML text, such as `{"fog.density.scale": "5"}`
+    assets : those that it names have to be there, or else their recipes beside them
 
     Raises
     ------
@@ -138,15 +139,26 @@ def load(path, settings: MappingType[str, str] | None = None) -> Scene:
         parsed = None
         problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
     bodies = node_at(tree.root, kind.BODIES) if kind.BODIES else None
-    problems += _files(path, tree.root, values, _keys_of_files(kind, len(bodies) if isinstance(bodies, Sequence) else 0,
-                                                               lambda key: node_at(tree.root, key)))
+    keys = _keys_of_files(kind, len(bodies) if isinstance(bodies, Sequence) else 0, lambda key: node_at(tree.root, key))
+    problems += _files(path, tree.root, values, keys, assets)
     problems += common.problems(tree.root, values, section, kind.UNUSED, kind.BODIES)
     problems += kind.problems(tree.root, values)
     if problems:
         raise RecipeError(distinct(problems))
     where = {place.key: str(place) for place in places(tree.root)}
-    asset = None if parsed.asset is None else path.parent / parsed.asset
+    asset = None if parsed.asset is None or beside(path.parent / parsed.asset) else path.parent / parsed.asset
     return Scene(path, section, renderer, parsed, dict(settings or {}), asset, where)
+
+
+def beside(asset: Path) -> Path | None:
+    """The recipe from which an asset that is not there can be baked: the YAML file of its name beside it; None: there is none."""
+    found = [asset.with_suffix(suffix) for suffix in SUFFIXES if asset.with_suffix(suffix).is_file()]
+    return found[0] if found and not asset.exists() else None
+
+
+def _to_be_baked(asset: Path, asked: bool) -> bool:
+    """Whether an asset need not be there: nobody asked for it, or it can be baked."""
+    return not asset.exists() and (not asked or beside(asset) is not None)
 
 
 def needs(path) -> tuple[str, ...]:
@@ -209,8 +221,8 @@ def _by_name(key: str, at) -> list[str]:
     return [f"{before}.{name}{after}" for name in names_at(at(before))] if star else [key]
 
 
-def _files(path: Path, root: Mapping, values: dict, keys: list[str]) -> Iterator[Problem]:
-    """Files that are named and not there."""
+def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: bool) -> Iterator[Problem]:
+    """Files that are named and not there; of assets only where they are asked for, and cannot be baked."""
     for key in keys:
         name = values.get(key)
         if name is None:
@@ -218,6 +230,8 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str]) -> Iterator
         node = node_at(root, key)
         if not name.strip() or not name.isprintable() or len(os.fsencode(name)) > 1000:
             yield node.place.problem(f"found {text.show(name)}", "expected a path relative to the scene's folder")
+        elif key.endswith("asset") and _to_be_baked(path.parent / name, assets):
+            continue
         elif not (path.parent / name).exists():
             yield node.place.problem(f"found {text.show(name)}, and there is no such file",
                                      f"expected a file relative to {text.label_of(path.parent)}")

@@ -7,6 +7,7 @@ import os
 import click
 
 from bakery.cli.options import (
+    for_scenes,
     json_option,
     overwrite_option,
     print_json,
@@ -15,7 +16,6 @@ from bakery.cli.options import (
     recipe_options,
     settings_of,
     verbose_option,
-    with_scene,
 )
 from bakery.errors import RecipeError, UsageError
 
@@ -39,7 +39,7 @@ from bakery.errors import RecipeError, UsageError
 @json_option
 @quiet_option
 @verbose_option
-def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, cluster, force, dry_run, depfile, overwrite,
+def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, jobs, cluster, force, dry_run, depfile, overwrite,
             as_json, quiet, verbose):
     """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise.
 
@@ -64,8 +64,9 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
         values = settings_of(quality, tolerance, seed, settings)
         for recipe in recipes:
             try:
-                plans.append(prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force,
-                                     cache=cache, jobs=jobs, overwrite=overwrite, progress=progress))
+                wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
+                plans.append(prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
+                                     jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs))
             except RecipeError as error:
                 problems += error.problems
         if problems:
@@ -76,7 +77,7 @@ def command(recipes, output, stage, scene, quality, tolerance, seed, settings, j
                 raise UsageError(f"{recipes[targets.index(target)]} and {recipes[i]} would both become {plans[i].output}; "
                                  "give each its own name or bake them apart")
         check_outputs([(plan.output, ASSET) for plan in plans] + ([(depfile, DEPFILE)] if depfile else []),
-                      [file for plan in plans for file in files_of(plan.recipe)] + ([scene] if scene else []), overwrite)
+                      [file for plan in plans for file in files_of(plan.recipe)] + list(scenes), overwrite)
         if dry_run:
             from bakery.cli.plan import show
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import click
 
@@ -22,8 +23,8 @@ def recipe_options(command):
     for option in reversed((
         click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
                      help="Only this stage and what it needs; repeatable."),
-        click.option("--scene", type=click.Path(), metavar="FILE",
-                     help="Bake also what this scene needs and the recipe does not ask for."),
+        click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
+                     help="Bake what this scene needs and nothing else; repeatable: what any of them needs."),
         click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
                      help="10 or 3 % of all light, or the recipe as it stands."),
         click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
@@ -47,17 +48,18 @@ def settings_of(quality, tolerance, seed, settings) -> dict[str, str]:
     return overrides(quality, tolerance, seed, values)
 
 
-def with_scene(recipe, settings: dict[str, str], scene) -> dict[str, str]:
-    """The settings, and a section with its defaults for every stage that a scene needs and the recipe does not ask for."""
-    if scene is None:
-        return settings
-    from bakery.run.ensure import with_stages
-    from renderers.scene import needs
+def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress):
+    """What to bake of a recipe for some scenes, `bakery.run.ensure.Asked`: their stages and knobs; what options say wins."""
+    from bakery.run.ensure import Asked, asked, told
 
-    settings, missing = with_stages(recipe, settings, needs(scene))
-    for name in missing:
-        click.echo(f"{recipe}: {name}, because {scene} needs it", err=True)
-    return settings
+    if not scenes:
+        return Asked(settings, tuple(stages), (), ())
+    from renderers import requirements
+
+    wanted = asked(recipe, settings, lambda values, medium: requirements.of(scenes, values, medium), cache, progress)
+    for line in told(recipe, wanted, " and ".join(scenes)):
+        click.echo(line, err=True)
+    return replace(wanted, stages=tuple(stages)) if stages else wanted
 
 
 def print_paths(paths) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, overwrite_option, print_json, recipe_options, settings_of, verbose_option, with_scene
+from bakery.cli.options import for_scenes, json_option, overwrite_option, print_json, recipe_options, settings_of, verbose_option
 from bakery.system.terminal import say
 
 
@@ -17,16 +17,20 @@ from bakery.system.terminal import say
 @overwrite_option
 @json_option
 @verbose_option
-def command(recipes, output, stage, scene, quality, tolerance, seed, settings, jobs, force, overwrite, as_json, verbose):
+def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, jobs, force, overwrite, as_json, verbose):
     """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing."""
     from bakery.run import prepare
+    from bakery.run.cache import Cache
     from bakery.run.progress import choose
 
     values = settings_of(quality, tolerance, seed, settings)
     progress = choose()
     try:
-        plans = [prepare(recipe, output, stages=stage, settings=with_scene(recipe, values, scene), force=force, jobs=jobs,
-                         overwrite=overwrite, progress=progress) for recipe in recipes]
+        cache, plans = Cache(say=progress.say), []
+        for recipe in recipes:
+            wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
+            plans.append(prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
+                                 jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs))
     finally:
         progress.close()
     show(plans, as_json, verbose)
@@ -54,10 +58,33 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
                 say(f"         because {reason}")
             if len(step.why) > len(shown):
                 say(f"         and {len(step.why) - len(shown)} more (--verbose)")
+            if plan.needs:
+                _say_needs(plan, step.stage)
             for remark in step.cost.remarks:
                 say(f"         {remark}")
             if verbose:
                 say(f"         input {step.input_hash}")
                 say(f"         estimate: {step.cost.basis}")
+        for need in plan.needs:
+            if not need.needed:
+                say(f"  leave  {need.stage:<8} not needed: {need.why}")
         if plan.write:
             say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} file")
+
+
+def _say_needs(plan, stage) -> None:
+    """Why the scenes need a stage, what of its knobs they decide, and what stays as the recipe has it."""
+    need = next((one for one in plan.needs if one.stage == stage.name and one.needed), None)
+    if need is None:
+        users = [step.stage.name for step in plan.steps if stage.name in step.stage.needs]
+        say(f"         needed by {' and '.join(users)}")
+        return
+    say(f"         needed: {need.why}")
+    for knob in need.knobs:
+        say(f"         {knob.key} {knob.text}: {knob.why}")
+    if need.lacking:
+        say(f"         out of reach: {need.lacking}")
+    decided = {knob.key for one in plan.needs for knob in one.knobs}
+    left = [knob.key for knob in stage.knobs if knob.key not in decided]
+    if left:
+        say(f"         as the recipe has it: {', '.join(dict.fromkeys(left))}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from bakery.cli.options import (
+    for_scenes,
     json_option,
     overwrite_option,
     print_json,
@@ -12,7 +13,6 @@ from bakery.cli.options import (
     recipe_options,
     settings_of,
     verbose_option,
-    with_scene,
 )
 from bakery.errors import Interrupted
 
@@ -31,7 +31,7 @@ from bakery.errors import Interrupted
 @json_option
 @quiet_option
 @verbose_option
-def command(recipe, output, stage, scene, quality, tolerance, seed, settings, measure, budget, overwrite, as_json, quiet,
+def command(recipe, output, stage, scenes, quality, tolerance, seed, settings, measure, budget, overwrite, as_json, quiet,
             verbose):
     """Measure true error against time over the knobs of each stage of RECIPE.
 
@@ -46,8 +46,8 @@ def command(recipe, output, stage, scene, quality, tolerance, seed, settings, me
 
     progress = choose(quiet)
     try:
-        result = trade(recipe, output, stages=stage, quality=quality,
-                       settings=with_scene(recipe, settings_of(None, tolerance, seed, settings), scene), measure=measure,
+        wanted = for_scenes(recipe, settings_of(None, tolerance, seed, settings), scenes, stage, None, progress)
+        result = trade(recipe, output, stages=wanted.stages, quality=quality, settings=wanted.settings, measure=measure,
                        budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None

@@ -45,7 +45,8 @@ class Plan:
     """The ordered steps of a bake.
 
     `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses its
-    tolerance or another target; `loaded` is the memory of the process before any stage, in bytes.
+    tolerance or another target; `loaded` is the memory of the process before any stage, in bytes; `needs` says why scenes need
+    its stages or do not (`renderers.requirements.Need`), () where no scene was given.
     """
 
     recipe: object
@@ -54,6 +55,7 @@ class Plan:
     write: bool
     loaded: float = 0.0
     missed: tuple[str, ...] = ()
+    needs: tuple = ()
 
     @property
     def seconds(self) -> float:
@@ -74,7 +76,7 @@ class Plan:
         """The same for machines (`--json`)."""
         return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "seconds": self.seconds,
                 "memory": self.memory, "file": self.file, "missed": list(self.missed),
-                "steps": [step.as_dict() for step in self.steps],
+                "steps": [step.as_dict() for step in self.steps], "needs": [need.as_dict() for need in self.needs],
                 "warnings": [warning.as_dict() for warning in self.recipe.warnings]}
 
 

@@ -90,9 +90,9 @@ def files_of(recipe) -> tuple[Path, ...]:
 def prepare(
     recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
-    overwrite: bool = False, progress: Progress | None = None,
+    overwrite: bool = False, progress: Progress | None = None, needs: Sequence = (),
 ) -> Plan:
-    """Read and check a recipe and plan its bake; runs nothing and writes nothing.
+    """Read and check a recipe and plan its bake; runs nothing and writes nothing.  `needs` are those of `Plan`.
 
     Raises
     ------
@@ -102,7 +102,8 @@ def prepare(
     """
     cache, progress = cache or Cache(), progress or Progress()
     with progress.during(f"planning {Path(recipe_path).name}"):
-        return _planned(recipe_path, output, stages, settings, force, cache, jobs, overwrite, progress)
+        plan = _planned(recipe_path, output, stages, settings, force, cache, jobs, overwrite, progress)
+    return replace(plan, needs=tuple(needs))
 
 
 def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, jobs: int | None, overwrite: bool,

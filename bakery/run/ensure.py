@@ -1,35 +1,85 @@
-"""The asset of a recipe that something else names: baked where it is missing or out of date, with the stages asked of it."""
+"""The asset of a recipe that something else names: baked where it is missing or out of date, with what is asked of it.
+
+What is asked is a function of (checked recipe, () -> its medium by a draft bake) that gives what `renderers.requirements.of`
+gives: `needs`, `stages`, `settings`, `remarks`.  Nothing here knows of scenes.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
-from bakery.run import Baked, execute, prepare
+from bakery.plan import chosen
+from bakery.run import Baked, draft, execute, prepare
 from bakery.run.cache import Cache
 from bakery.run.progress import Progress
+from bakery.stages import sections_for
 
 
-def with_stages(recipe: str | os.PathLike, settings: Mapping[str, str], needs: Sequence[str]) -> tuple[dict, list[str]]:
-    """Settings with a section of defaults for every stage that is needed and not asked for, and the names of these stages."""
-    from bakery.plan import chosen
+@dataclass(frozen=True)
+class Asked:
+    """What a bake is asked for.
+
+    Attributes
+    ----------
+    settings : overrides of the recipe: what was set before, and on top of the recipe the knobs that are asked for
+    stages : names of the only stages to bake, with those that they need
+    added, left : names of stages that the recipe does not ask for, and that it asks for in vain
+    whole : overrides with which the recipe is baked as it stands, with the stages that are added
+    more : whether a knob asks for more than the recipe has
+    needs : why, see `renderers.requirements.Need`
+    remarks : what could not be found out
+    """
+
+    settings: Mapping[str, str]
+    stages: tuple[str, ...]
+    added: tuple[str, ...]
+    left: tuple[str, ...]
+    whole: Mapping[str, str] = field(default_factory=dict)
+    more: bool = False
+    needs: tuple = ()
+    remarks: tuple[str, ...] = ()
+
+
+def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Callable, cache: Cache | None = None,
+          progress: Progress | None = None) -> Asked:
+    """What to bake of a recipe so that it serves those that `require` it; what the settings say wins.
+
+    Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
+    """
     from bakery.recipe import load
-    from bakery.stages import sections_for
 
-    names = [stage.name for stage in chosen(load(recipe, dict(settings)))]
-    missing = [name for name in needs if name not in names]
-    return {sections_for(name)[0][0]: "{}" for name in missing} | dict(settings), missing
+    values, cache = load(recipe, dict(settings)), cache or Cache()
+    required = require(values, lambda: draft.medium(values, settings, cache, progress))
+    own = [stage.name for stage in chosen(values)]
+    added = [name for name in required.stages if name not in own]
+    sections = {sections_for(name)[0][0]: "{}" for name in added}
+    # knobs of stages upstream stand in sections of their own, or at the top
+    knobs = {key: text for key, text in required.settings.items() if not _said(key, settings)}
+    every, whole = sections | knobs | dict(settings), sections | dict(settings)
+    kept = {stage.name for stage in chosen(load(recipe, every), required.stages)} if required.stages else set(own)
+    leaves = load(recipe, whole).leaves
+    more = any(knob.demand(knob.value) > knob.demand(leaves.get(knob.key)) for one in required.needs if one.needed
+               for knob in one.knobs)
+    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), whole, more,
+                 required.needs, required.remarks)
 
 
-def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, needs: Sequence[str] = (),
+def _said(key: str, settings: Mapping[str, str]) -> bool:
+    """Whether settings say a key themselves, or the whole section that it is in."""
+    return any(key == said or key.startswith((f"{said}.", f"{said}[")) for said in settings)
+
+
+def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
             progress: Progress | None = None) -> Baked:
-    """Bakes a recipe unless its asset is up to date.
+    """Bakes a recipe unless its asset is up to date, with what is asked of it or, as it stands, with more.
 
     Parameters
     ----------
     recipe : path of the recipe
     output : path of the asset, or of a folder with a closing slash
-    needs : stages that the asset must hold, whether or not the recipe asks for them
+    require : what is asked of it, see the head of this module
     progress : what is baked, remarks and missed targets are told to it
 
     Raises
@@ -37,12 +87,22 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, needs: Sequ
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
     progress = progress or Progress()
-    settings, missing = with_stages(recipe, {}, needs)
     cache = Cache(say=progress.say)
-    plan = prepare(recipe, output, settings=settings, cache=cache, progress=progress)
-    if plan.write and missing:
-        progress.say(f"{recipe}: {', '.join(missing)} besides what it asks for")
+    wanted = asked(recipe, {}, require, cache, progress)
+    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress)
+    if plan.write or wanted.more:
+        plan = prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, cache=cache, progress=progress)
+    for line in told(recipe, wanted) if plan.write else wanted.remarks:
+        progress.say(line)
     baked = execute(plan, cache=cache, progress=progress)
     for miss in baked.missed:
         progress.say(f"{baked.output}: {miss}")
     return baked
+
+
+def told(recipe: str | os.PathLike, wanted: Asked, by: str = "the scene") -> Sequence[str]:
+    """A line for each stage that is baked though the recipe does not ask for it, or not baked though it does."""
+    why = {one.stage: one.why for one in wanted.needs}
+    lines = [f"{recipe}: {name}, because {by} needs it: {why[name]}" for name in wanted.added]
+    lines += [f"{recipe}: no {name}, {why.get(name, 'because nothing reads it')}" for name in wanted.left]
+    return [*lines, *wanted.remarks]

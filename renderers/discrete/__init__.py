@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-_TOLERANCE = 0.05  # of scenes that say none
 _SIZE = (480, 640)  # of scenes whose Mitsuba file has no film
-_DETAIL = 0.5  # share of the tolerance that taking the continuous medium for particles may cost
 
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
@@ -41,6 +39,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     """
     import numpy as np
 
+    from renderers import budget
     from renderers.discrete import methods
     from renderers.mitsuba.world import World
     from renderers.progressive import Estimate, Stop, fingerprint
@@ -54,9 +53,9 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                   size=size or (None if surfaces else _SIZE), variant=variant)
     if world.camera is None:
         raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    tolerance = values.tolerance or _TOLERANCE
+    tolerance = values.tolerance or budget.DEFAULT
     job.part_over("scene")
-    method = methods.prepare(job, world, _DETAIL * tolerance, seed)
+    method = methods.prepare(job, world, budget.APPROXIMATIONS * tolerance, seed)
     job.part_over("medium")
     estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
                                        "size": list(world.size)})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-_TOLERANCE = 0.05  # of scenes that say none
 _SIZE = (480, 640)  # of scenes whose Mitsuba file has no film
 
 
@@ -38,6 +37,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     light meets its surface), light.NAME (from each light), noise (standard error); of methods that join several, ept, vpt and da,
     what each technique has brought, and switch (grains that paths have met when they switch).
     """
+    from renderers import budget
     from renderers.granular import methods
     from renderers.mitsuba.world import World
     from renderers.progressive import Estimate, Stop, fingerprint
@@ -51,7 +51,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                   size=size or (None if surfaces else _SIZE), variant=variant)
     if world.camera is None:
         raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    tolerance = values.tolerance or _TOLERANCE
+    tolerance = values.tolerance or budget.DEFAULT
     job.part_over("scene")
     method = methods.prepare(job, world, seed)
     job.part_over("grains")

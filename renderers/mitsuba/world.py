@@ -290,6 +290,20 @@ class World:
                 found.append(position)
         return found
 
+    def light_angles(self, place):
+        """Angle (lights,) rad that each light is seen as from a place (3,) m: across its box; pi of an even sky, 0 of lights
+        without extent and of skies that are pictures."""
+        found = np.zeros(len(self.light_names))
+        for position, emitter in enumerate(self._scene.emitters()):
+            shape = emitter.get_shape()
+            if shape is not None:
+                its = self._unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
+                across = np.sort(its[1] - its[0])[1]  # a rectangle's box has no thickness
+                found[position] = 2 * np.arctan2(across / 2, np.linalg.norm(its.mean(axis=0) - place))
+            elif emitter.class_name() == "ConstantBackgroundEmitter":
+                found[position] = np.pi
+        return found
+
     def light_rays(self, light, random):
         """Rays on which a light (position in `light_names`) sends its power.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-_TOLERANCE = 0.05  # of scenes that say none
-
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
            resume=False) -> dict:
@@ -36,6 +34,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     EXR layers: order0 (light that no body scattered), order1, order2, orders (three events and more), noise (standard error);
     closer (what it would change if pixels shared light over half the distance).
     """
+    from renderers import budget
     from renderers.mitsuba.world import World
     from renderers.progressive import Estimate, Stop, fingerprint
     from renderers.running import Render
@@ -48,7 +47,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     world = World(scene.file(surfaces.mitsuba), surfaces.unit, view=values.camera, size=size, variant=variant)
     if world.camera is None:
         raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    tolerance = values.tolerance or _TOLERANCE
+    tolerance = values.tolerance or budget.DEFAULT
     job.part_over("scene")
     method = methods.prepare(job, world, seed)
     job.part_over("bodies")

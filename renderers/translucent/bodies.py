@@ -46,11 +46,23 @@ class Body(NamedTuple):
         return self.index == 1.0
 
 
+def has_tables(asset) -> bool:
+    """Whether an asset has the stage multiple."""
+    return "multiple" in asset.stages
+
+
 def medium_of(asset) -> Scatterer:
     """The asset's medium, without the forward peak of its phase function where its tables do without it."""
     events = asset.multiple
     return scatterer(np.asarray(asset.medium.sigma_t) * np.asarray(events.extinction), np.asarray(events.albedo),
                      np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
+
+
+def untabled(asset) -> Scatterer:
+    """The asset's medium with all of its phase function."""
+    medium = asset.medium
+    return scatterer(np.asarray(medium.sigma_t), np.asarray(medium.albedo), np.asarray(medium.theta, float),
+                     np.asarray(medium["phase"], float))
 
 
 def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:

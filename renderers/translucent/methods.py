@@ -9,8 +9,9 @@ import numpy as np
 from bakery import kernels
 from renderers import colour
 from renderers.progressive import Part
-from renderers.translucent import beams, dipole, light, refraction, shells, smooth, transport
-from renderers.translucent.bodies import Body, laid_out, medium_of
+from renderers.translucent import beams, dipole, light, refraction, shells, smooth, thin, transport
+from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of, untabled
+from renderers.translucent.scene import READERS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
@@ -47,26 +48,29 @@ def prepare(job, world, seed) -> Method:
     entries = settings.bodies
     how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
-                       settings.method == "shells")
+                       settings.method == "shells", settings.method)
     said = _reasons(assets, how.bodies, settings.method) + (shells.reasons(how) if settings.method == "shells" else [])
     return Method(*of(how, settings.method, settings.boundary, seed), said)
 
 
 def of(how, name, boundary, seed):
     """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
-    name = "vrl+tables" if name == "auto" else name
+    if name == "auto":
+        name = "vrl+tables" if all(body.tables for body in how.bodies) else "paths"
     return name, parts(how, name, boundary, seed)
 
 
-def transport_of(world, names, assets, indices, wrong, jumps=False) -> Transport:
+def transport_of(world, names, assets, indices, wrong, jumps=False, name="vrl+tables") -> Transport:
     """How light goes in a scene.
 
     names : of the shapes that are bodies;  assets : of each;  indices : refractive index of each, or None
     wrong : function of (number of a body, what of it, message) -> the exception to raise where something is wrong
     jumps : whether paths jump through stored exits from spheres
+    name : of the method; assets have to hold the tables that it looks up
     """
     shapes = world.shapes()
-    bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message))
+    bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message),
+                    name if world.light_names or name != "auto" else "paths")
               for number, one in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
@@ -75,7 +79,7 @@ def transport_of(world, names, assets, indices, wrong, jumps=False) -> Transport
     return shells.laid(how) if jumps else how
 
 
-def _body(shapes, name, asset, index, wrong):
+def _body(shapes, name, asset, index, wrong, method):
     """The body that a shape is."""
     found = [shape for shape in shapes if shape.name == name]
     if len(found) != 1:
@@ -92,11 +96,13 @@ def _body(shapes, name, asset, index, wrong):
         raise wrong("shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
     if index is not None and abs(index - shape.index) > 1e-3 * index:
         raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
-    if not hasattr(asset.multiple, "segment"):
+    medium = medium_of(asset) if has_tables(asset) else untabled(asset)
+    tabled = has_tables(asset) or method in READERS or method == "auto" and np.max(thin.later(
+        thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) > thin.FEW
+    if tabled and not hasattr(asset.multiple, "segment"):
         raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
                              "in its recipe would do")
-    tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()]
-    medium = medium_of(asset)
+    tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()] if tabled else []
     return Body(name, vertices, faces, shape.index, shape.smooth, medium, tables, False, shells.none(len(medium.sigma_t)))
 
 
@@ -203,11 +209,13 @@ def _beyond(body, mirrored):
 
 
 def _reasons(assets, bodies, method):
-    said = []
+    said, tabled = [], [asset for asset in assets if has_tables(asset)]
+    if method == "auto" and len(tabled) < len(assets):
+        said.append("event by event, as an asset holds no tables of multiple scattering: few events do for thin bodies")
     if method == "dipole":
         said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as by diffusion under a plane, "
                     "too bright, more so where more is absorbed; noisy where places of light are further apart than it spreads")
-    if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in assets):
+    if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "
              "as diffusion has it" for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
@@ -222,6 +230,8 @@ def _reasons(assets, bodies, method):
 
 def _too_short(body, asset):
     """Extent of the tables and size of the body, mean free paths, where light that matters (1e-3 of it) goes beyond."""
+    if not has_tables(asset):
+        return []
     reach, k0 = np.asarray(asset.multiple.extent), np.asarray(asset.multiple.k0)
     size = np.ptp(body.vertices, axis=0).max() * body.medium.sigma_t
     beyond = (1 + k0 * reach) * np.exp(-k0 * reach) * (reach > 0)

@@ -13,6 +13,8 @@ from bakery.grammar.text import Mapping, owner
 from renderers.common import Common, node_at
 
 METHODS = ("auto", "paths", "shells", "vrl", "vrl+tables", "beams", "beams+tables", "dipole")
+# methods that read the tables: of them vrl and beams only how light decays with distance
+READERS = ("vrl", "vrl+tables", "beams", "beams+tables")
 BOUNDARIES = ("negative", "mirrored", "none")
 NEEDS = ("medium", "multiple")  # stages of the asset
 FILES = ()

@@ -14,6 +14,7 @@ from numba import njit
 from renderers.scattering import mean_cosines
 from renderers.threads import run
 from renderers.translucent import _geometry
+from renderers.translucent.thin import chord
 from renderers.translucent.transport import located
 
 # over which light is taken to be linear: transport mean free paths, and mean chords of the body.  Balls of half a mean free path,
@@ -48,16 +49,11 @@ def seen(transport, rays) -> Seen:
     found[nearer] = -1
     normal = np.zeros((len(rays), 3))
     run(_geometry.normals, len(rays), geometry, place, normal)
-    reach = np.array([min(_REACH / np.min(reduced(body.medium)), _THIN * _mean_chord(body)) for body in transport.bodies])
+    reach = np.array([min(_REACH / np.min(reduced(body.medium)), _THIN * chord(body.vertices, body.faces))
+                      for body in transport.bodies])
     point = origin + np.where(found >= 0, far, 0.0)[:, None] * direction
     return Seen(found.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
                 np.where(found >= 0, reach[found], 0.0).reshape(height, width))
-
-
-def _mean_chord(body):
-    """Mean length (m) of straight ways through a body: four times its volume over its surface (Cauchy)."""
-    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
-    return 4 / 3 * np.einsum("nk,nk->", a, np.cross(b, c)) / np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
 
 def reduced(medium):

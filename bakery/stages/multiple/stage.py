@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -234,6 +235,8 @@ def check(group: Group) -> Iterable[str]:
 
 def cost(recipe) -> Cost:
     g = _width(recipe)
+    if recipe.multiple_scattering.orders:
+        g = min(g, math.exp(-8.5 / recipe.multiple_scattering.orders))  # g^orders = 2e-4: as much as so many orders hold
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
     if recipe.multiple_scattering.method == "photons":
         return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 1.0,

@@ -1,0 +1,99 @@
+"""What a scene of separate particles needs of a recipe: how good their optics, at how many wavelengths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from renderers import colour
+from renderers.requirements import Knob, Need
+
+_RGB = (0.610, 0.550, 0.465)  # um, what `wavelengths: rgb` means
+# Tolerance of the classes' averages over the difference that it makes to a picture, pixel by pixel: 30 % makes 1.0 % in
+# lamp_in_dust (`python benchmarks/requirements.py lamp_in_dust --pictures`); a margin of two
+_FEWER = 14.0
+_MOST, _LEAST = 0.3, 1e-3  # above 30 % nothing gets cheaper: classes have the fewest radii that they may have
+_BINS = 36  # of the scattering angle
+_EACH = math.sqrt(0.5)  # of the tables' share, for fewer wavelengths and for averages
+
+
+def needs(about) -> list[Need]:
+    """Requirements of the stages optics, medium and discrete; see `renderers.requirements`."""
+    settings = about.scene.values.discrete
+    if about.recipe.particles is None:
+        return [Need("discrete", True, "the renderer reads it")]
+    value = float(np.clip(_FEWER * _EACH * about.tables, _LEAST, _MOST))
+    text, why = f"{100 * value:.3g}%", about.share
+    if about.dark:
+        text, value, why = f"{100 * _MOST:g}%", _MOST, "nothing in the scene shines: its picture is black"
+    tolerances = [Knob("tolerance", value, text, why, larger=False),
+                  Knob("measure", "integrated", "integrated", "classes are held to the light as a whole",
+                       words=("integrated", "pointwise"))]
+    classes = [Knob("discrete.tolerance", value, text, why, larger=False), *_classes(settings)]
+    lacking = "" if _FEWER * _EACH * about.tables >= _LEAST else \
+        f"averages of {100 * _FEWER * _EACH * about.tables:.2g} % are wanted; {100 * _LEAST:g} % is asked for"
+    return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *_wavelengths(about))),
+            Need("medium", True, "the stage discrete is held against it"),
+            Need("discrete", True, _apart(about), tuple(classes), lacking)]
+
+
+def _classes(settings):
+    """The continuous medium is the sum over the classes, however many."""
+    if settings.method == "continuous":
+        yield Knob("discrete.classes", 1, "1", "method continuous reads their sum")
+
+
+# ---- wavelengths
+
+
+def _wavelengths(about) -> tuple[Knob, ...]:
+    """Red, green and blue in place of more, where that changes the light that is scattered once by less than tables may."""
+    waves = np.asarray(about.medium.wavelength)
+    if len(waves) <= 3 or not waves.min() <= min(_RGB) <= max(_RGB) <= waves.max():
+        return ()
+    change = _of_three(about.medium, 0.5 * about.pixel())
+    if change > _EACH * about.tables:
+        return ()
+    return (Knob("wavelengths", 3, "rgb", f"three in place of {len(waves)} change light that is scattered once by "
+                 f"{100 * change:.2g} %, and they may take {100 * _EACH * about.tables:.2g} %"),)
+
+
+def _of_three(medium, peak):
+    """Relative change of linear sRGB, the largest of the channels, of white light that is scattered once beyond the peak (rad).
+
+    Of means over some degrees, as particles of many sizes in the light of lamps are seen by.
+    """
+    waves, three = np.asarray(medium.wavelength), np.array(_RGB)
+    theta = medium.theta
+    spectrum = (medium.sigma_t * medium.albedo)[:, None] * medium.phase  # (L, A)
+    change = (colour.srgb_matrix(three) @ colour.interpolate(waves, three) - colour.srgb_matrix(waves)) @ spectrum
+    whole = colour.srgb_matrix(waves) @ spectrum
+    solid = np.where(theta > peak, -np.gradient(np.cos(theta)), 0.0)
+    bins = np.minimum((theta / np.pi * _BINS).astype(int), _BINS - 1)
+    changes, wholes = (np.array([np.bincount(bins, row * solid, _BINS) for row in rows]) for rows in (change, whole))
+    return float(np.max(np.abs(changes).sum(axis=1) / np.abs(wholes).sum(axis=1)))
+
+
+# ---- what can be told apart
+
+
+def _apart(about):
+    """How many particles a pixel sees, in words: by chance a pixel deviates from the continuous medium by one over the root.
+
+    Pixels of the same brightness n particles of cross sections C deviate by sqrt(<C^2>/(n <C>^2)) (Campbell's theorem); with
+    spheres C goes with r^2.  In `auto` the renderer decides by pixel, with lights (`renderers/discrete/detail.py`).
+    """
+    if about.dark:
+        return "nothing in the scene shines: its picture is black"
+    number = about.recipe.particles.number_density
+    where, box = about.scene.values.discrete.where, about.recipe.discrete and about.recipe.discrete.box
+    if number is None or not (box or hasattr(where, "box")):
+        return "the renderer reads it"
+    lo, hi = (np.array(where.box.lo), np.array(where.box.hi)) if hasattr(where, "box") else (np.zeros(3), 1e-6 * np.array(box))
+    farthest = float(np.linalg.norm(np.maximum(abs(lo - about.world.camera.origin), abs(hi - about.world.camera.origin))))
+    seen = number * about.pixel() ** 2 * farthest**3 / 3
+    depth = float(np.max(about.medium.sigma_t)) * float((hi - lo).max())
+    return f"a pixel sees {seen:.2g} particles up to {farthest:.3g} m, so that they " \
+           f"{'can be told apart' if seen < 1 / (0.5 * about.tolerance) ** 2 else 'are told apart where they are near'}; " \
+           f"optical depth {depth:.2g}"

@@ -1,0 +1,75 @@
+"""What fog in screen space needs of a recipe: how deep kernels, how good phase functions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.requirements import Knob, Need
+
+_SIDE = 96  # rays along an edge of the picture that measure distances
+_DEEPER = 1.25  # margin of the depth: the farthest pixel lies between rays
+# Tables of the kernel are the same whatever `beam.tolerance` says: photons only measure their error, 1.4 % in fog (docs/beam.md)
+_STATED = 0.1
+# True error of the phase function over the integrated tolerance that was asked for: 0.08 to 0.11 in fog (docs/trade.md); a
+# margin of two
+_TRUE = 0.2
+# Coarser tables of angles than 1 % (integrated) asks for have kinks that no 2048 Legendre orders hold: kernels then come from the
+# small-angle model and are 24 % off, in fog (3 % and 10 %), where they are 1.4 % off by transport
+_MOST = 0.01
+
+
+def needs(about) -> list[Need]:
+    """Requirements of the stages optics, medium and beam; see `renderers.requirements`."""
+    column = _columns(about)
+    depth = column * about.medium.sigma_t.max()
+    deepest, median = float(depth.max()), float(np.median(depth))
+    said = f"optical depth {deepest:.3g} at the farthest of {len(depth):,} rays, {median:.2g} in the middle of them"
+    medium = Need("medium", True, said)
+    found = [medium, Need("beam", True, said, tuple(_beam(deepest)), _too_deep(deepest))]
+    return found if about.recipe.particles is None else [Need("optics", True, said, tuple(_phase(about, median))), *found]
+
+
+def _beam(deepest):
+    value = float(np.clip(_DEEPER * deepest, 0.01, 1000))
+    yield Knob("beam.depth", value, f"{value:.4g}", f"the optical depth of {deepest:.3g} and a quarter more")
+    yield Knob("beam.tolerance", _STATED, f"{100 * _STATED:g}%", "it changes no table: photons only measure their error",
+               larger=False)
+
+
+def _too_deep(deepest):
+    return "" if _DEEPER * deepest <= 1000 else f"kernels of a depth of {deepest:.3g} are wanted; tables end at 1000"
+
+
+def _phase(about, median):
+    """A wrong share of the light at each scattering adds up over as many scatterings as the optical depth.
+
+    The integral of |f - f_ref| is twice the share of light that goes elsewhere.
+    """
+    value = float(np.clip(2 * about.tables / max(median, 1.0) / _TRUE, 1e-4, _MOST))
+    why = f"light is scattered {max(median, 1.0):.2g} times, and tables may take {100 * about.tables:.2g} % of the picture"
+    yield Knob("tolerance", value, f"{100 * value:.3g}%", why, larger=False)
+    yield Knob("measure", "integrated", "integrated", "the filter reads shares of light, no single angle",
+               words=("integrated", "pointwise"))
+
+
+def _columns(about):
+    """Relative density integrated along rays of the picture to their surfaces, (N,) m."""
+    from renderers import fog
+
+    scene, values = about.scene, about.scene.values
+    density = fog._density(scene, 1)
+    if hasattr(values.picture, "mitsuba"):
+        from renderers.mitsuba.world import World
+
+        world = World(scene.file(values.picture.mitsuba), values.picture.unit)
+        (height, width), camera = world.size, world.camera
+        rays = camera.rays(height, width)[::max(1, height // _SIDE), ::max(1, width // _SIDE)].reshape(-1, 3)
+        origin, far = np.tile(camera.origin, (len(rays), 1)), world.trace(np.tile(camera.origin, (len(rays), 1)), rays, np.inf)
+    else:
+        picture = fog._picture(scene, None, None, None, None)
+        height, width = picture.distance.shape
+        some = np.s_[::max(1, height // _SIDE), ::max(1, width // _SIDE)]
+        rays, far = picture.camera.rays(height, width)[some].reshape(-1, 3), picture.distance[some].ravel()
+        origin = np.tile(picture.camera.origin, (len(rays), 1))
+    far, _ = fog._finite(scene, density, origin[0], far[None])
+    return density.integrals(origin, rays, far[0])[:, 0]

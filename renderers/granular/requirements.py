@@ -1,0 +1,106 @@
+"""What a scene of grains needs of a recipe: whether their statistics, how fine the grains are, which tiles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery import kernels
+from renderers.requirements import Knob, Need
+
+GRAINS_ONLY = ("ept", "teleport")  # methods that trace grains and read no statistics of them
+# Fewest triangles of a grain: at 1,300 the hit probability is 0.1 % off and all else within noise (docs/trade.md)
+_COARSE, _FINE = 1300, 200_000
+# Error of the phase function over that of a picture: it is the statistic that converges last, while albedo and lambda_s, of which
+# the brightness of a heap is made, are 40 and 10 times as good (docs/trade.md).  `python benchmarks/requirements.py --pictures`
+_BETTER = 1.0
+# Tolerance of the recipe up to which spheres are packed with all care: the same grains stand in the same places, and only chords
+# of the tile and the walk that measures sigma_t are known less well
+SAME_TILE = 0.029
+_WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqrt(paths)
+
+
+def needs(about) -> list[Need]:
+    """Requirements of the stages packing, grains and medium; see `renderers.requirements`."""
+    method = about.scene.values.granular.method
+    triangles, apart = _triangles(about, method)
+    if about.dark:
+        statistics, why = _WORST, "nothing in the scene shines: its picture is black"
+    elif method in GRAINS_ONLY:
+        statistics, why = _WORST, f"method {method} traces the grains and reads no statistics of their light"
+    else:
+        statistics = float(np.clip(_BETTER * about.tables, _BEST, _WORST))
+        why = about.share
+    lacking = "" if _BETTER * about.tables >= _BEST else f"statistics of {100 * about.tables:.2g} % are wanted, " \
+        f"{100 * _BEST:g} % are asked for, {_BEST / (_BETTER * about.tables):.2g} times as much"
+    paths = Knob("scatterometer.tolerance", statistics, f"{100 * statistics:.3g}%", why, larger=False)
+    return [Need("packing", True, "grains lie as in its tiles", tuple(_tiles(about))),
+            Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method), (_walk(about),))]
+
+
+def _walk(about) -> Knob:
+    """sigma_t sets how far light spreads, not how much of it comes back: a wrong one blurs the picture, no more."""
+    value = float(np.clip(about.tables, _BEST, SAME_TILE))
+    return Knob("tolerance", value, f"{100 * value:.3g}%", "of sigma_t; up to there tiles are the same", larger=False)
+
+
+def _of_medium(method):
+    return "the chance of light samples goes by it" if method in GRAINS_ONLY else "light goes on in it where grains are not seen"
+
+
+# ---- grains
+
+
+def _triangles(about, method):
+    """Facets no larger than a pixel: N equilateral triangles of edge a on a sphere of diameter D are 4 pi/sqrt(3) (D/a)^2.
+
+    The number is that of the nearest point of the meshes; a factor of two in the number is a margin of 1.4 in the edge.
+    """
+    if all(grain.shape.type == "sphere" for grain in about.recipe.grains.components):
+        return (), "grains are exact balls"
+    pixels = _pixels(about)
+    if method == "vpt" or about.dark:
+        number, why = _COARSE, "no grain is seen, and statistics are within 0.1 %"
+    else:
+        number = int(np.clip(2 * 4 * math.pi / math.sqrt(3) * pixels**2, _COARSE, _FINE))
+        why = f"facets of half a pixel's area, of grains {pixels:.2g} pixels wide" if number > _COARSE else \
+            f"grains are {pixels:.2g} pixels wide, and statistics are within 0.1 %"
+    return (Knob("scatterometer.triangles", number, str(number), why),), f"grains are {pixels:.2g} pixels wide at most"
+
+
+def _pixels(about):
+    """Diameter of the largest grain at the nearest point of its bodies, pixels."""
+    radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
+    camera, nearest = about.world.camera, math.inf
+    bodies = about.scene.values.granular.bodies
+    pixel = about.pixel()
+    for number in about.bodies:
+        path = about.scene.file(bodies[number].mesh)
+        try:
+            vertices, _ = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
+        except ValueError as fault:
+            raise about.scene.wrong(f"{about.scene.values.granular.key(number)}.mesh", fault) from None
+        nearest = min(nearest, float(np.linalg.norm(bodies[number].unit * vertices - camera.origin, axis=1).min()))
+    return 2 * radius / (pixel * max(nearest, radius))
+
+
+def _largest(radii):
+    """Largest radius of a tile over the mean."""
+    if radii == "equal":
+        return 1.0
+    if isinstance(radii, tuple):
+        return max(part.radius for part in radii) / sum(part.share * part.radius for part in radii)
+    return math.exp(3 * math.log(radii.sigma))  # log-normal: one sphere in 740 is larger
+
+
+# ---- tiles
+
+
+def _tiles(about):
+    """Of a dictionary of tiles the renderer reads one, the nearest that is as dense as the recipe's first fraction."""
+    fractions = [float(one) for one in about.recipe.packing.fraction]
+    if len(fractions) > 1:
+        first = fractions[0]
+        yield Knob("packing.fraction", first, f"[{first:g}]", f"bodies are filled at {first:g}, which is the first of "
+                   f"{len(fractions)} tiles")

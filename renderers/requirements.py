@@ -1,0 +1,248 @@
+"""What scenes need of a recipe, before anything is baked: which stages, which of their knobs, and the number that decided each.
+
+A renderer declares it in its module `requirements`, `needs(about) -> list[Need]`, from a scene and a recipe: by closed formulas,
+and by rays that measure the scene.  Here is what the rules of all renderers work with, and the union over scenes.  A renderer
+without that module needs the stages `NEEDS` of its module `scene`, with the recipe's own knobs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.errors import BakeryError
+from renderers import budget
+from renderers import scene as scenes
+
+
+class Knob(NamedTuple):
+    """A value of a recipe that a scene decides.
+
+    Attributes
+    ----------
+    key : of the recipe
+    value : as `recipe.leaves` has it: a number in base units, or a word
+    text : the same as a recipe says it
+    why : with the number that decided it
+    larger : whether larger numbers ask for more; of tolerances smaller ones do
+    words : of words, from the one that asks for least
+    """
+
+    key: str
+    value: float | str
+    text: str
+    why: str
+    larger: bool = True
+    words: tuple[str, ...] = ()
+
+    def demand(self, value) -> float:
+        """What a value asks for: more where it is larger; nan of a value that cannot be compared."""
+        if value in self.words:
+            return self.words.index(value)
+        return math.nan if not isinstance(value, (int, float)) else float(value) if self.larger else -float(value)
+
+
+class Need(NamedTuple):
+    """Whether a scene needs a stage, and why.
+
+    Attributes
+    ----------
+    stage : its name
+    needed : whether the renderer reads it
+    why : with the number that decided it
+    knobs : what the scene decides of it; the others stay as the recipe has them
+    lacking : what the scene asks for and the stage cannot give, and by how much; "" where it can
+    """
+
+    stage: str
+    needed: bool
+    why: str
+    knobs: tuple[Knob, ...] = ()
+    lacking: str = ""
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`)."""
+        return self._asdict() | {"knobs": [{"key": one.key, "value": one.text, "why": one.why} for one in self.knobs]}
+
+
+class Required(NamedTuple):
+    """What scenes need of one recipe.
+
+    Attributes
+    ----------
+    needs : of each stage that a scene speaks of
+    remarks : scenes that could not be measured, and why
+    """
+
+    needs: tuple[Need, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages that are needed."""
+        return tuple(one.stage for one in self.needs if one.needed)
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """Recipe key -> text, of the stages that are needed."""
+        return {knob.key: knob.text for one in self.needs if one.needed for knob in one.knobs}
+
+
+class About:
+    """A scene and a recipe, as rules see them.
+
+    Attributes
+    ----------
+    scene : `renderers.scene.Scene`; its assets need not be there
+    recipe : checked values of the recipe
+    bodies : of the scene that the recipe is the material of, positions in `scene.bodies`
+    tolerance : of the picture
+    tables : share of it that tables of the asset may take
+    """
+
+    def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None):
+        self.scene, self.recipe, self._medium = scene, recipe, medium
+        self.tolerance = scene.values.tolerance or budget.DEFAULT
+        self.tables = budget.TABLES * self.tolerance
+        self.bodies = _bodies(scene, recipe) if bodies is None else list(bodies)
+
+    @property
+    def share(self) -> str:
+        """What tables may take, in words."""
+        return f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
+
+    @cached_property
+    def medium(self):
+        """The medium by a draft bake: `wavelength` (L,) um, `sigma_t` (L,) 1/m, `albedo`, `g` (L,)."""
+        return self._medium()
+
+    @cached_property
+    def world(self):
+        """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
+        from renderers.mitsuba.world import World
+
+        values, surfaces = self.scene.values, self.scene.values.scene
+        size = (values.film.height, values.film.width) if values.film.height else None
+        return World(self.scene.file(surfaces.mitsuba) if surfaces else None, surfaces.unit if surfaces else 1.0,
+                     view=values.camera, size=size or (None if surfaces else (480, 640)))
+
+    @property
+    def dark(self) -> bool:
+        """Whether nothing in the scene shines."""
+        return not self.world.light_names
+
+    def pixel(self) -> float:
+        """Angle of a pixel in the middle of the picture, rad; the scene has a camera."""
+        camera = self.world.camera
+        if camera is None:
+            raise self.scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+        return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
+
+
+def of(paths: Sequence, recipe, medium: Callable, settings: Mapping[str, str] | None = None) -> Required:
+    """What the union of some scenes needs of a recipe.
+
+    Parameters
+    ----------
+    paths : of scenes (YAML, or Mitsuba's XML)
+    recipe : checked values of the recipe (`bakery.recipe`)
+    medium : () -> its medium by a draft bake, see `About.medium`; called where a rule asks for it
+    settings : overrides of the scenes' values, dotted key -> text
+
+    Raises
+    ------
+    UsageError, RecipeError : a path is no scene, or names no renderer
+    """
+    found = [_of_scene(Path(path), recipe, medium, settings or {}) for path in paths]
+    return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks))
+
+
+def of_scene(scene, recipe, medium: Callable) -> Required:
+    """The same of one scene that is read already."""
+    about = About(scene, recipe, medium)
+    try:
+        return Required(tuple(_rules(scene)(about)), tuple(_noisy(about)))
+    except BakeryError as fault:
+        return _unmeasured(scene.rules.NEEDS, scene.path, fault)
+
+
+def _noisy(about):
+    """A scene whose noise is all of its tolerance, or more."""
+    noise = about.scene.values.stop.noise
+    if noise is not None and noise > about.tolerance:
+        yield f"{about.scene.path}: noise of {100 * noise:.3g} % (stop.noise) leaves the tolerance of " \
+              f"{100 * about.tolerance:.3g} % out of reach, {noise / about.tolerance:.2g} times as much"
+
+
+def _of_scene(path, recipe, medium, settings) -> Required:
+    stages = scenes.needs(path)
+    if path.suffix.lower() not in scenes.SUFFIXES:
+        return Required(tuple(Need(stage, True, "bakery's plugins for Mitsuba read it") for stage in stages))
+    try:
+        scene = scenes.load(path, settings, assets=False)
+    except BakeryError as fault:
+        return _unmeasured(stages, path, fault)
+    return of_scene(scene, recipe, medium)
+
+
+def _unmeasured(stages, path, fault) -> Required:
+    """The stages alone; what is wrong with the scene is said, not passed over."""
+    return Required(tuple(Need(stage, True, "the renderer reads it") for stage in stages),
+                    (f"{path}: knobs stay as the recipe has them, as the scene could not be measured: {fault}",))
+
+
+def _rules(scene) -> Callable:
+    """`needs` of the scene's renderer."""
+    place = f"{scene.renderer}.requirements"
+    if find_spec(place) is None:
+        return lambda about: [Need(stage, True, "the renderer reads it") for stage in scene.rules.NEEDS]
+    return import_module(place).needs
+
+
+def _bodies(scene, recipe) -> list[int]:
+    """Positions of the bodies that are made of a recipe: it is theirs, or an asset of its name; all, where it is no body's."""
+    found = []
+    for number, body in enumerate(scene.bodies):
+        one = body if body.asset or body.recipe else scene.values
+        same = one.recipe and scene.file(one.recipe).resolve() == Path(recipe.path).resolve()
+        if same or one.asset and Path(one.asset).stem == recipe.name:
+            found.append(number)
+    return found or list(range(len(scene.bodies)))
+
+
+# ---- the union
+
+
+def merged(each: Sequence[Sequence[Need]], leaves: Mapping) -> tuple[Need, ...]:
+    """The union: stages that any needs, and of each knob the value that asks for most.
+
+    leaves : values of the recipe, which hold where one of the scenes that need a stage leaves a knob to it
+    """
+    stages = list(dict.fromkeys(one.stage for needs in each for one in needs))
+    return tuple(_union([one for needs in each for one in needs if one.stage == stage], leaves) for stage in stages)
+
+
+def _union(needs: Sequence[Need], leaves) -> Need:
+    wanted = [one for one in needs if one.needed] or list(needs)
+    by_key: dict[str, list[Knob]] = {}
+    for one in wanted:
+        for knob in one.knobs:
+            by_key.setdefault(knob.key, []).append(knob)
+    knobs = [_most(same, len(wanted), leaves.get(key)) for key, same in by_key.items()]
+    said, lacking = (dict.fromkeys(getattr(one, name) for one in wanted) for name in ("why", "lacking"))
+    return Need(wanted[0].stage, wanted[0].needed, "; ".join(said), tuple(filter(None, knobs)), "; ".join(filter(None, lacking)))
+
+
+def _most(knobs: Sequence[Knob], scenes_: int, own) -> Knob | None:
+    """The knob that asks for most; None where the recipe's own value, which holds for the other scenes, asks for as much."""
+    best = max(knobs, key=lambda knob: knob.demand(knob.value))
+    if len(knobs) < scenes_ and not best.demand(best.value) > best.demand(own):
+        return None  # also where the recipe leaves the value to the stage
+    return best

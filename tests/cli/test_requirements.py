@@ -1,0 +1,141 @@
+"""`--scene` as a user gives it: stages, knobs and reasons, in plans, bakes and renders."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import bakery
+from bakery.physics.shapes.radial import icosphere
+from bakery.store import ply
+
+RECIPE = """\
+bakery: 1
+name: {name}
+wavelengths: [0.55]
+tolerance: 5%
+medium: {{albedo: 0.9, mean_free_path: {path}, phase: {{type: hg, g: 0.2}}}}
+"""
+TABLES = "multiple_scattering: {tolerance: 5%}\n"
+SCENE = """\
+bakery_scene: 1
+name: lit
+recipe: wax.yaml
+tolerance: 20%
+scene: {mitsuba: lit.xml, unit: 1 mm}
+stop: {samples: 1}
+translucent: {bodies: [{shape: ball}]}
+"""
+FOG = """\
+bakery_scene: 1
+name: foggy
+asset: wax.h5
+picture: {mitsuba: lit.xml, unit: 1 mm, far: 80 mm}
+fog: {density: {type: uniform}}
+"""
+SENSOR = """<sensor type="perspective"><float name="fov" value="34"/><transform name="to_world"><lookat origin="0, -19, 5"
+target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="8"/>
+<integer name="height" value="6"/></film></sensor>"""
+XML = f"""<scene version="3.0.0">{SENSOR}<shape type="ply" id="ball"><string name="filename" value="ball.ply"/><bsdf type="null"/>
+</shape>LIGHT</scene>"""
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A ball of 10 mm under an even sky; a recipe that is 0.1 of a mean free path deep in it, and one that is 20."""
+    vertices, faces = icosphere(80)
+    (tmp_path / "ball.ply").write_bytes(ply.mesh(5 * vertices, faces, single=True))
+    lit(tmp_path)
+    for name, path in (("wax", "0.5 mm"), ("haze", "100 mm")):
+        (tmp_path / f"{name}.yaml").write_text(RECIPE.format(name=name, path=path))
+    (tmp_path / "s.yaml").write_text(SCENE)
+    (tmp_path / "fog.yaml").write_text(FOG)
+    return tmp_path
+
+
+def lit(place, light='<emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter>'):
+    (place / "lit.xml").write_text(XML.replace("LIGHT", light))
+
+
+def needs(call, recipe, *words):
+    """Stages of a plan, what scenes say of each, and of their knobs."""
+    status, out, err = call("plan", recipe, *words, "--json")
+    assert status == 0, err
+    (plan,) = json.loads(out)
+    return ([step["stage"] for step in plan["steps"]], {one["stage"]: one for one in plan["needs"]},
+            {knob["key"]: knob["value"] for one in plan["needs"] for knob in one["knobs"]}, err)
+
+
+def test_the_depth_of_a_body_decides(call, place):
+    """Tables where light is scattered often; none, though the recipe asks for them, where it is not; none without light."""
+    stages, said, knobs, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+    assert stages == ["medium", "multiple"] and "multiple, because" in err
+    assert "optical depth" in said["multiple"]["why"] and knobs["multiple_scattering.orders"] == "16"
+    thin = place / "haze.yaml"
+    thin.write_text(thin.read_text() + TABLES)
+    (place / "s.yaml").write_text(SCENE.replace("wax", "haze"))
+    stages, said, knobs, err = needs(call, thin, "--scene", place / "s.yaml")
+    assert stages == ["medium"] and not said["multiple"]["needed"] and "no multiple, optical depth 0.06" in err
+    out = call("plan", thin, "--scene", place / "s.yaml")[1]
+    assert "leave  multiple not needed: optical depth 0.06" in out
+    (place / "s.yaml").write_text(SCENE)
+    lit(place, "")
+    stages, said, _, _ = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+    assert stages == ["medium"] and "black" in said["multiple"]["why"]
+
+
+@pytest.mark.slow
+def test_several_scenes_and_what_is_set_by_hand(call, place):
+    """The union; a value that is set wins; what no scene decides stays as the recipe has it, and the plan says so."""
+    both = ("--scene", place / "s.yaml", "--scene", place / "fog.yaml")
+    stages, said, knobs, _ = needs(call, place / "wax.yaml", *both)
+    assert stages == ["medium", "multiple", "beam"] and 190 < float(knobs["beam.depth"]) < 210
+    status, out, _ = call("plan", place / "wax.yaml", *both, "--set", "beam.depth=3", "--set", "multiple_scattering={orders: 8}")
+    assert status == 0 and "as the recipe has it: beam.photons" in out and "needed: " in out
+    (place / "fog.yaml").write_text(FOG.replace("uniform", "uniform, scale: 100"))
+    _, said, _, _ = needs(call, place / "wax.yaml", *both)
+    assert "tables end at 1000" in said["beam"]["lacking"]
+
+
+@pytest.mark.parametrize("tolerance, text, lacking", [("50%", "10%", ""), ("0.01%", "0.1%", "the solver reaches 0.3 %")])
+def test_tolerances_at_the_ends(call, place, tolerance, text, lacking):
+    (place / "s.yaml").write_text(SCENE.replace("20%", tolerance))
+    _, said, knobs, _ = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+    assert knobs["multiple_scattering.tolerance"] == text and lacking in said["multiple"]["lacking"]
+    assert bool(lacking) == bool(said["multiple"]["lacking"])
+
+
+def test_a_scene_that_cannot_be_measured(call, place):
+    """Its stages with the recipe's knobs; what is wrong is said."""
+    (place / "s.yaml").write_text(SCENE.replace("shape: ball", "shape: bowl"))
+    stages, said, knobs, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+    assert stages == ["medium", "multiple"] and not knobs and "found 'bowl', which is no mesh" in err
+    (place / "s.yaml").write_text(SCENE.replace("lit.xml", "gone.xml"))
+    assert "there is no such file" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
+
+
+@pytest.mark.slow
+def test_a_missing_asset_is_baked_from_the_recipe_beside_it(call, place):
+    """With what the scene requires; one that holds all that the recipe asks for is taken as it is."""
+    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: haze.h5"))
+    (place / "haze.yaml").write_text((place / "haze.yaml").read_text() + TABLES)
+    status, _, err = call("render", place / "s.yaml")
+    assert status == 0, err
+    assert set(bakery.open(place / "haze.h5").stages) == {"medium"} and "event by event" in err
+    assert call(place / "haze.yaml", "-o", place / "haze.h5")[0] == 0
+    assert call("render", place / "s.yaml")[0] == 0 and set(bakery.open(place / "haze.h5").stages) == {"medium", "multiple"}
+    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: gone.h5"))
+    assert "there is no such file" in call("render", place / "s.yaml")[2]
+
+
+@pytest.mark.slow
+def test_a_changed_scene_bakes_what_it_must(call, place):
+    asset = place / "wax.h5"
+    words = (place / "wax.yaml", "-o", asset, "--scene", place / "s.yaml")
+    assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium", "multiple"}
+    (place / "s.yaml").write_text(SCENE.replace("20%", "2%"))
+    status, out, _ = call("plan", *words)
+    assert status == 0 and "multiple_scattering.tolerance: 0.1 -> 0.0" in out and "reuse  medium" in out
+    (place / "s.yaml").write_text(SCENE.replace("bodies:", "method: paths, bodies:"))
+    assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium"}
