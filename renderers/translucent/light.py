@@ -78,7 +78,7 @@ def beams(how, entries, places, walks, boundary, ways, number, seed) -> list[Bea
         inside = transport.located(how.geometry, paths)[0] == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
-    for paths, power in within.emitted(how, places, len(how.bodies) * _APART, (seed, number)):
+    for paths, power in within.emitted(how, places, number, seed):
         parts.append(paths)
         powers.append(power)
     power = np.concatenate(powers)

@@ -10,17 +10,17 @@ from renderers.translucent import _geometry, transport
 from renderers.translucent.paths import Paths
 
 
-def emitted(how, rays, first, key) -> list[tuple[Paths, np.ndarray]]:
+def emitted(how, rays, number, seed) -> list[tuple[Paths, np.ndarray]]:
     """Paths on which lamps send light in bodies, and their power (n, L), W; of each lamp that reaches into one.
 
     how : `transport.Transport`;  rays : of each lamp
-    first, key : where their random streams begin, and the seed and number of the pass
+    number, seed : of the pass: its random numbers
     """
     found, waves = [], len(how.colours.to_waves)
     boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in how.bodies]
     for light in how.world.lights_in(boxes):
         states, numbers = np.empty(rays, np.uint64), np.empty((rays, 5))
-        wavefront.begin_streams(stream_key(key[0], "render.entries", key[1]), first + light * rays, states)
+        wavefront.begin_streams(stream_key(seed, "render.lamps", number), light * rays, states)
         wavefront.draw(states, numbers)
         origin, direction, power = how.world.light_rays(light, numbers)
         paths = Paths.begun(origin + how.off * direction, direction, np.ones((rays, waves)), states, np.arange(rays))
