@@ -161,7 +161,7 @@ def _placed(away, ray, direction, i):
     return rho, along, radial, across, forward
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _facing(geometry, origin, direction, i, p, d, normal, room):
     """Makes normal (3,) that of the boundary where line of sight i starts, outward."""
     for k in range(3):
@@ -170,7 +170,7 @@ def _facing(geometry, origin, direction, i, p, d, normal, room):
     normal[0], normal[1], normal[2] = triangle_normal(geometry.blocks, place) if place >= 0 else (d[0, 0], d[0, 1], d[0, 2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mirror(beyond, sigma, normal, origin, i, p, away, ray, t, direction):
     """Changes away (1, 3) and ray (3,) to those of the collision at p (1, 3) mirrored in the plane a length `beyond` (m) outside
     of where line of sight i starts."""
@@ -183,7 +183,7 @@ def _mirror(beyond, sigma, normal, origin, i, p, away, ray, t, direction):
         away[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k] + 2 * height * normal[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, direction, far, i, room):
     """Light of a collision at p (1, 3) that scatters a second time on line of sight i, 1/m^2 sr: phase functions, attenuation,
     and the line's element.

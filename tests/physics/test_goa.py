@@ -130,6 +130,7 @@ def test_every_ray_is_found():
             assert np.count_nonzero((first <= a) & (a < first + count)) == expected
 
 
+@pytest.mark.slow
 def test_rainbow_against_its_debye_order():
     """m = 1.33, p = 2, x = 500: exact series of this order alone; measured 2 % of the peak in S2 (near Brewster), 1 % in S1."""
     theta = np.deg2rad([132.0, 135.0, 137.48, 139.0])

@@ -25,6 +25,7 @@ from bakery.physics.shapes.implicit import marched, surface
 from bakery.physics.shapes.noise import directions, fractal_noise, gradient_noise, stream
 from bakery.physics.shapes.quality import tree
 from bakery.physics.shapes.simplify import simplified
+from tests.conftest import slow
 
 SIGMAS = 7.0  # of 31 degrees of freedom: one comparison fails by chance once in 1.4e7; some 40 of them here, so 3e-6 a suite
 
@@ -160,7 +161,7 @@ def test_superellipsoid_volume(exponents):
     assert closed(*parts(grain))
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", [slow(name) if name == "glass beads" else name for name in EXAMPLES])
 def test_examples_are_sound(name):
     grain = shapes.build(EXAMPLES[name], 1300)
     vertices, faces = parts(grain)

@@ -116,6 +116,7 @@ def compared(how, sky, view, size, count):
 VIEW = camera((24, 24), (0.0, -45.0, 5.0), (0.0, 0.0, 0.0), 26)
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_by_diffusion():
     """Lossless in light from everywhere: 1, at all wavelengths."""
     how = diffusing(continuous([1.0, 1.5, 3.0], 1.0, [0.0, 0.3, 0.65], mesh=BALL))

@@ -36,6 +36,7 @@ def test_flights_are_the_tile_s():
         assert (law.void**2).mean() / (2 * law.void.mean() ** 2) == pytest.approx(wished, rel=0.02)
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_at_smooth_grains():
     """In light from everywhere each single path brings 1."""
     found = place(grains([Kind(GLASS), Kind(GLASS, STONE), Kind(STEEL, STONE), Kind(STEEL, radius=0.7)], bumpy(9.0)))

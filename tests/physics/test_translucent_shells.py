@@ -101,7 +101,8 @@ def jumped(made, at, origin, direction, weight, states):
         _shells.jump.py_func(made, at, origin, direction, weight, states, i)
 
 
-@pytest.mark.parametrize("index", [1.0, slow(1.4)])
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [1.0, 1.4])
 def test_a_white_world_stays_white(index, tmp_path):
     how, _ = transport(tmp_path, SKY, index, albedo=1.0)
     # of all wavelengths together: what one gains by chance another loses, however many jumps there are
