@@ -94,7 +94,7 @@ def test_report_and_layers(call, place):
     assert np.allclose(report["mean"], whole.mean(axis=(0, 1)), rtol=1e-5)
 
 
-@pytest.mark.parametrize("method", ["continuous", slow("query"), "explicit"])
+@pytest.mark.parametrize("method", ["continuous", slow("query"), slow("explicit")])
 def test_other_methods(call, place, method):
     """Without particles that are told apart there are no depths; light that particles do not scatter is the same in all."""
     wide = ["discrete.footprint=100"] * (method == "query")  # spheres that hold a particle now and then

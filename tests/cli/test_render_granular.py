@@ -10,6 +10,7 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from tests.conftest import slow
 from tests.exr import layers
 
 RECIPE = """\
@@ -106,6 +107,7 @@ def test_grains_and_medium(call, place):
     assert report["method"] == "auto" and found["switch"].any()
 
 
+@pytest.mark.slow
 def test_several_bodies(call, place):
     """Two meshes of grains with assets of their own, of which the scene need name none."""
     vertices, faces = icosphere(80)
@@ -133,6 +135,7 @@ def test_several_bodies(call, place):
 BOX = "lo: [-7, -7, -7] mm, hi: [7, 7, 7] mm"
 
 
+@pytest.mark.slow
 def test_fraction_and_mixture(call, place):
     """A grid of the tile's own fraction changes nothing; one with an empty half shows grains in the other alone, of the component
     that the mixture says is there; the same in the medium, where lights are seen through what is loose."""
@@ -191,7 +194,7 @@ def test_a_medium_of_components_is_that_of_all(place):
     assert np.allclose(phase, alike.phase, atol=0.01 * alike.phase.max())
 
 
-@pytest.mark.parametrize("method", ["ept", "auto"])
+@pytest.mark.parametrize("method", ["ept", slow("auto")])
 def test_going_on_is_as_not_having_stopped(call, place, method):
     method = f"granular.method={method}"
     straight = picture(rendered(call, place, "a", method, "stop={samples: 4, noise: 0.01%}")[1])

@@ -26,6 +26,7 @@ def recipe(tmp_path, monkeypatch):
     return tmp_path / "drops.yaml"
 
 
+@pytest.mark.slow
 def test_a_real_recipe(call, recipe, tmp_path, monkeypatch):
     """The optics of small drops, in the worker's process: true errors below the claimed, all files, a second call that reuses."""
     monkeypatch.setattr(bakery.trade, "STAGES", "tests.traded:optics")

@@ -21,6 +21,7 @@ from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.granular.effective import Means, effective, flight, mixed, void_chord
 from bakery.physics.medium.diffusion import JENSEN, ROBUST, classical, exitance, fluence, improved, layer, uncollided
 from bakery.physics.packing.theory import mean_chord
+from tests.conftest import slow
 
 GLASS = Means.of(ball(dielectric(1.5)))
 
@@ -117,7 +118,8 @@ def pool(tracer, count=1 << 16, seed=3):
             np.einsum("ijk,ik->ij", frame, paths.outgoing[~missed]))
 
 
-@pytest.mark.parametrize("surface, mu, radius", [(dielectric(1.5), 0.3, 0.8), (diffuse(0.6), 0.0, 0.6)], ids=["glass", "opaque"])
+@pytest.mark.parametrize("surface, mu, radius", [slow(dielectric(1.5), 0.3, 0.8), (diffuse(0.6), 0.0, 0.6)],
+                         ids=["glass", "opaque"])
 def test_spread_is_that_of_independent_steps(surface, mu, radius):
     """Light that flies and is set over, step by step until it is absorbed: <r^2> (1 - albedo) is M, to 6 standard errors."""
     miss, chords, weight, over, new = pool(BallWalker(surface, np.array([mu]), radius))

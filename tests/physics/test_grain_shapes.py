@@ -161,7 +161,7 @@ def test_superellipsoid_volume(exponents):
     assert closed(*parts(grain))
 
 
-@pytest.mark.parametrize("name", [slow(name) if name == "glass beads" else name for name in EXAMPLES])
+@pytest.mark.parametrize("name", [slow(name) if name in ("glass beads", "snow") else name for name in EXAMPLES])
 def test_examples_are_sound(name):
     grain = shapes.build(EXAMPLES[name], 1300)
     vertices, faces = parts(grain)

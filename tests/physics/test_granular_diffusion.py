@@ -14,7 +14,6 @@ from bakery.physics.granular._distance import distance
 from bakery.physics.granular.diffusion import decay
 from renderers.granular import medium
 from renderers.mitsuba.world import World
-from tests.conftest import slow
 from tests.physics.particles import SIGMAS, THETA, Sky, camera, henyey_greenstein, student
 from tests.physics.test_aggregate import CUBE, bumpy, tile, winding
 from tests.physics.test_granular_medium import continuous
@@ -125,7 +124,8 @@ def test_nothing_is_lost_by_diffusion():
     assert error.max() < 8e-3 and np.all(np.abs(found.mean(axis=0) - 1) < SIGMAS * error)
 
 
-@pytest.mark.parametrize("albedo, g", [([0.97, 0.9, 0.7], 0.65), slow([1.0, 0.999, 0.99], 0.65), slow([1.0, 0.97, 0.9], 0.0)],
+@pytest.mark.slow
+@pytest.mark.parametrize("albedo, g", [([0.97, 0.9, 0.7], 0.65), ([1.0, 0.999, 0.99], 0.65), ([1.0, 0.97, 0.9], 0.0)],
                          ids=str)
 def test_diffusion_is_that_of_the_medium(albedo, g):
     """Lit from above: off by less than 1.5 % and noise; a decay by exp(-x) would be seen."""

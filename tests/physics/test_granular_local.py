@@ -125,6 +125,7 @@ def test_extinction_where_all_are_there():
     assert np.allclose(found[0], 0.6e-4 / (4 / 3), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_flights_that_meet_nothing():
     """A medium that is the same everywhere, by flights three times as dense: as in closed form, at all wavelengths."""
     how = continuous([0.3, 0.5, 0.9], [0.95, 0.9, 0.7], 0.3)

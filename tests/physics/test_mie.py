@@ -237,6 +237,7 @@ def test_result_does_not_depend_on_company():
     assert np.array_equal(mixed[:, 0], np.array(efficiencies(1.33 if x[0] > 1 else 1.4 + 0.01j, x[0])))
 
 
+@pytest.mark.slow
 def test_block_kernels_against_their_literal_twins():
     from bakery.physics.mie._kernels import cross_section_block, intensity_block, mueller_block
 

@@ -314,6 +314,7 @@ def test_cut_off(fog):
         assert found[r > 1.2 * length[c], c].max() < 1e-6 < 1e-4 < found[(r > 0) & (r < 0.8 * length[c]), c].min()
 
 
+@pytest.mark.slow
 def test_one_wavelength_for_all_channels(fog):
     """The same as three alike, for a picture of any number of channels."""
     image, z, angle, column, lever = scene(50, 40)

@@ -77,6 +77,7 @@ def walked(radius, wave, count, rng):
     return weight, p[:, 2] / radius, np.einsum("nk,nk->n", p, d) / radius
 
 
+@pytest.mark.slow
 def test_stored_exits_are_those_of_walks():
     """Power and moments that leave a sphere whose walks jump by three smaller ones, of light with unequal weights: within
     0.02, more than five standard errors of each of the nine."""
