@@ -289,7 +289,7 @@ def spheres(kinds, radius, index, absorption, seed=1, place=None):
     return medium, explicit.Spheres(medium, np.array([index]), np.array([[absorption]]))
 
 
-@pytest.mark.parametrize("absorbed", [slow(0.0), 0.3])
+@pytest.mark.parametrize("absorbed", [slow(0.0), slow(0.3)])
 def test_a_sphere_is_its_phase_function(absorbed):
     """One sphere before a sky of which half is white: rays through it, and its disc with the albedo and angles of such rays."""
     radius, size = 0.1, (32, 32)

@@ -98,6 +98,7 @@ def test_the_same_photons_give_the_same_bytes_and_batches_add_up():
     np.testing.assert_allclose(both.halves.mean(axis=0)[..., 0].sum(axis=-1), both.blocks.mean(axis=0), rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_light_is_kept():
     """albedo^3/(1 - albedo), from the arrivals alone; and without absorption the far light is that of diffusion."""
     albedo = 0.6

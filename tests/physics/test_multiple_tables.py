@@ -447,7 +447,7 @@ def test_lines_of_sight_are_integrals(ready):
         assert found[n] == pytest.approx(distance[n] / 2 * (gauss * np.exp(-t) * q).sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("length", [slow(None), 3.0])
+@pytest.mark.parametrize("length", [slow(None), slow(3.0)])
 def test_photons_see_the_same(ready, length):
     """Both targets: cells one by one, and lines of sight parallel to the axis through rings of cells, light coming and going."""
     theta, phase, _, _ = analytic.tabulated("hg", 1e-5, 1, g=[G])
