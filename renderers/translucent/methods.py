@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from renderers.translucent.scene import READERS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
-ENTRIES, WALKS, PICKS = 16384, 8192, 32
+ENTRIES, WALKS, PICKS, _LEAST = 16384, 8192, 64, 4
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
 TABLED = ("vrl+tables", "beams+tables")  # that take later events from the tables
 JOINED = ("beams+tables", "beams")  # that join beams with lines of sight where they pass close by
@@ -110,7 +111,8 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     """The parts of a method, as `renderers.progressive` takes them.
 
     how : `transport.Transport`;  name, boundary : method and boundary as a scene names them
-    places, walks, picks : places where light comes in, walks, beams of a line of sight
+    places, walks : places where light comes in, and walks
+    picks : beams that are drawn for a place of a body: by all lines of sight together that share their light, `_LEAST` by each
     """
     height, width = how.world.size
     tabled = name in TABLED
@@ -122,7 +124,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         how = how._replace(bent=[[] for _ in how.bodies])
     most = [UNLIMITED if name in EACH_EVENT else 1 if joins else 2 for joins in second]
 
-    entries = []
+    entries, lines = [], []
 
     def images(sums):
         by_order = [image.reshape(height, width, 3) for image in sums.by_order]
@@ -132,6 +134,15 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         if not entries:
             entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
         return entries
+
+    def drawn():
+        """Beams of a line of sight in each body."""
+        if not tabled:
+            return [picks] * len(how.bodies)
+        if not lines:
+            what = smooth.seen(how, transport.begin(how, np.arange(height * width), _LATER, seed))
+            lines.extend(max(math.ceil(picks / one), min(_LEAST, picks)) for one in smooth.sharing(what, len(how.bodies)))
+        return lines
 
     def rivals():
         return beams.rivals_of(how, known(), _LIT)
@@ -155,7 +166,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         made = light.beams(how, known(), places, walks, tabled and boundary == "negative", not tabled, number, seed)
         beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
         number += _LATER
-        sums = transport.from_eye(how, most, Gather(made, tabled, second, picks, beyond), number, seed, found=False)
+        sums = transport.from_eye(how, most, Gather(made, tabled, second, drawn(), beyond), number, seed, found=False)
         layers, later = images(sums), sums.gathered.reshape(height, width, 3)
         if tabled:
             seen = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))

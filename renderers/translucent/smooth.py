@@ -56,6 +56,16 @@ def seen(transport, rays) -> Seen:
                 np.where(found >= 0, reach[found], 0.0).reshape(height, width))
 
 
+def sharing(what, bodies) -> np.ndarray:
+    """How many pixels (bodies,) share one value, by their weights: median of those that see each body, at least 1."""
+    alike = what.body[:, 1:] == what.body[:, :-1]
+    apart = np.linalg.norm(what.point[:, 1:] - what.point[:, :-1], axis=2)
+    pixels = np.minimum(what.reach[:, 1:] / np.maximum(apart, 1e-300), _MOST + 1)
+    # (sum w)^2 / sum w^2 of w = 1 - (r/R)^2
+    return np.array([max(0.75 * np.pi * np.median(pixels[some]) ** 2, 1.0) if (some := alike & (what.body[:, 1:] == body)).any()
+                     else 1.0 for body in range(bodies)])
+
+
 def reduced(medium):
     """sigma_t' (L,) 1/m: of each wavelength the extinction, but for light that goes on as it came."""
     return medium.sigma_t * (1 - medium.albedo * mean_cosines(medium))

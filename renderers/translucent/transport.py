@@ -92,7 +92,7 @@ class Gather(NamedTuple):
 
     beams : of each body, `_gather.Beams`
     later : whether third and later events count;  second : of each body, whether second ones do
-    picks : beams for each line of sight
+    picks : of each body, beams for each line of sight
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
 
     Called as gather(transport, paths, number, far, sums), it adds to sums what beams bring to lines of sight in body `number`.
@@ -101,7 +101,7 @@ class Gather(NamedTuple):
     beams: list
     later: bool
     second: list
-    picks: int
+    picks: list
     beyond: list
 
     def __call__(self, *args):
@@ -420,11 +420,11 @@ def _gathered(transport, paths, number, far, sums, gather):
     for w, (points, segments) in enumerate(body.tables):
         clusters = _choice.clusters_of(body.medium.sigma_t[w], w, beams)
         run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, clusters,
-            gather.picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
+            gather.picks[number], gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
             some.direction, lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
-    wavefront.skip(states, _gather.DRAWS * gather.picks)
+    wavefront.skip(states, _gather.DRAWS * gather.picks[number])
     paths.states[rows] = states
     later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
     sums.add_gathered(some, later)
