@@ -44,7 +44,7 @@ def entries_of(how, number, places, seed) -> Entries:
     """Places on the boundary of body `number` in proportion to the light that comes in there (root mean square of what it is in
     a group of triangles), as a few rounds of so many places find it."""
     body = how.bodies[number]
-    area = _areas(body)
+    area = areas(body)
     entries = even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
     groups = np.empty(len(area), np.int64)
     order = transport.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)
@@ -184,7 +184,7 @@ def _on_boundary(body, entries, numbers):
     return at, a + u[:, None] * (b - a) + v[:, None] * (c - a), normal / np.linalg.norm(normal, axis=1)[:, None]
 
 
-def _areas(body):
+def areas(body):
     """(F,) m^2, of triangles."""
     a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)

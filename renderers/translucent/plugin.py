@@ -64,7 +64,7 @@ class Inside:
         names, assets = list(self.assets), list(self.assets.values())
         how = methods.transport_of(world, names, assets, [None] * len(names),
                                    lambda number, key, message: UsageError(f"{NAME}: {_BODY}{names[number]}: {message}"),
-                                   self.method == "shells")
+                                   self.method)
         return methods.of(how, self.method, self.boundary, seed)[1]
 
 
