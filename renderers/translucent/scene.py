@@ -50,7 +50,8 @@ class Translucent(Section):
         "surface of the largest empty sphere by stored exits; vrl: beams of light, of which each event begins one, are joined "
         "with lines of sight; vrl+tables: third and later events from the tables; beams: beams are joined with lines of sight "
         "that pass close by; beams+tables: the same for one and two events in bodies whose boundary turns light, later ones from "
-        "the tables; dipole: second and later events by the directional dipole, approximately, for comparison; auto: vrl+tables, or shells where beams would be sparse."
+        "the tables; dipole: second and later events by the directional dipole, approximately, for comparison; auto: vrl+tables, "
+        "or shells where beams would be sparse."
     )
     boundary: word(*BOUNDARIES) = Field(
         "negative", description="Of the tables, which know none. negative: light that leaves a body is taken away, exactly; "
