@@ -131,7 +131,7 @@ def test_its_recipe_is_baked_where_that_is_due(call, place, milk, monkeypatch):
     assert changed != mean
     monkeypatch.setattr("tests.toy_renderer.scene.NEEDS", ("medium", "multiple"))
     _, whole, err = rendered()
-    assert set(whole.stages) == {"medium", "multiple"} and "multiple besides what it asks for" in err
+    assert set(whole.stages) == {"medium", "multiple"} and "multiple, because the scene needs it" in err
 
 
 def test_problems_of_its_recipe(call, place, milk):
