@@ -14,7 +14,7 @@ from numba import njit
 _FAN = 3  # 2^_FAN clusters of a level, or beams, form a cluster of the next
 _FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low
 _ANYWAY = 0.2  # share of the guess that does not hang on directions
-_TOGETHER, _APART, _ALIKE = 16, 2.0, 0.8  # lines of sight, mfp, cosine: at most and least, of those that draw beams by one guess
+_TOGETHER, _APART, _ALIKE = 64, 4.0, 0.8  # lines of sight, mfp, cosine: at most and least, of those that draw beams by one guess
 _SOFT = 0.5  # mfp, distance below which nearer beams are not drawn more often
 _OPEN, _LESS = 0.7, 0.3  # logarithm of how much a guess may vary in a cluster that counts as one; the less it matters, the more
 

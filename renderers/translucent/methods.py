@@ -143,13 +143,21 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
             entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
         return entries
 
+    def seen(number):
+        return smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
+
+    def chosen(what, number):
+        """Pixels that gather; all where what they find is not shared."""
+        return np.ones((height, width), bool) if any(second) else smooth.chosen(what, number)
+
     def drawn():
         """Beams of a line of sight in each body."""
         if not tabled:
             return [picks] * len(how.bodies)
         if not lines:
-            what = smooth.seen(how, transport.begin(how, np.arange(height * width), _LATER, seed))
-            lines.extend(max(math.ceil(picks / one), min(_LEAST, picks)) for one in smooth.sharing(what, len(how.bodies)))
+            what = seen(_LATER)
+            lines.extend(max(math.ceil(picks / one), min(_LEAST, picks))
+                         for one in smooth.sharing(what, chosen(what, 0), len(how.bodies)))
         return lines
 
     def rivals():
@@ -165,21 +173,22 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     def diffused(number):
         made = light.beams(how, known(), places, walks, False, False, number, seed)
         number += _LATER
-        what = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
+        what = seen(number)
         later = dipole.seen(how, made, picks, number, seed).reshape(height, width, 3)
-        half, later = smooth.smoothed(later, what, 0.5), smooth.smoothed(later, what)
+        every = np.ones((height, width), bool)
+        half, later = smooth.smoothed(later, every, what, 0.5), smooth.smoothed(later, every, what)
         return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(number):
         made = light.beams(how, known(), places, walks, tabled and boundary == "negative", not tabled, number, seed)
         beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
         number += _LATER
-        sums = transport.from_eye(how, most, Gather(made, tabled, second, drawn(), beyond), number, seed, found=False)
+        what = seen(number) if tabled else None
+        some = chosen(what, number) if tabled else None
+        sums = transport.from_eye(how, most, Gather(made, tabled, second, drawn(), beyond), number, seed, found=False, chosen=some)
         layers, later = images(sums), sums.gathered.reshape(height, width, 3)
         if tabled:
-            seen = smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
-            half = smooth.smoothed(later, seen, 0.5)
-            later = smooth.smoothed(later, seen)
+            half, later = smooth.smoothed(later, some, what, 0.5), smooth.smoothed(later, some, what)
             layers |= {CLOSER: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers

@@ -22,6 +22,8 @@ from renderers.translucent.transport import located
 _REACH, _THIN = 0.5, 0.1
 _MOST = 8  # pixels
 _FACING = 0.8  # cosine between normals, at least, of places that share
+_BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its place in one pass to that in the next
+_CLOSE = 0.4  # of the distance over which pixels share: still near enough where half of it is taken
 
 
 class Seen(NamedTuple):
@@ -56,14 +58,40 @@ def seen(transport, rays) -> Seen:
                 np.where(found >= 0, reach[found], 0.0).reshape(height, width))
 
 
-def sharing(what, bodies) -> np.ndarray:
-    """How many pixels (bodies,) share one value, by their weights: median of those that see each body, at least 1."""
+def sharing(what, known, bodies) -> np.ndarray:
+    """How many values share pixels (bodies,), by their weights: median of those that see each body, at least 1.
+
+    known : (H, W) bool, pixels that have a value
+    """
     alike = what.body[:, 1:] == what.body[:, :-1]
     apart = np.linalg.norm(what.point[:, 1:] - what.point[:, :-1], axis=2)
     pixels = np.minimum(what.reach[:, 1:] / np.maximum(apart, 1e-300), _MOST + 1)
     # (sum w)^2 / sum w^2 of w = 1 - (r/R)^2
-    return np.array([max(0.75 * np.pi * np.median(pixels[some]) ** 2, 1.0) if (some := alike & (what.body[:, 1:] == body)).any()
-                     else 1.0 for body in range(bodies)])
+    return np.array([max(0.75 * np.pi * np.median(pixels[some]) ** 2 * known[what.body == body].mean(), 1.0)
+                     if (some := alike & (what.body[:, 1:] == body)).any() else 1.0 for body in range(bodies)])
+
+
+def chosen(what, number) -> np.ndarray:
+    """Pixels (H, W) that gather in pass `number`, bool: of blocks of `_BLOCK` x `_BLOCK` that lie within half of what is shared, one,
+    another in each pass; else all."""
+    height, width = (side // _BLOCK for side in what.body.shape)
+    y, x = divmod(_STEP * number % _BLOCK**2, _BLOCK)
+
+    def blocks(values):
+        kept = values[:height * _BLOCK, :width * _BLOCK]
+        return kept.reshape(height, _BLOCK, width, _BLOCK, *values.shape[2:])
+
+    def middle(values):
+        return blocks(values)[:, y:y + 1, :, x:x + 1]
+
+    alike = (blocks(what.body) == middle(what.body)) & (middle(what.body) >= 0)
+    alike &= np.linalg.norm(blocks(what.point) - middle(what.point), axis=-1) < _CLOSE * middle(what.reach)
+    alike &= np.sum(blocks(what.normal) * middle(what.normal), axis=-1) > _FACING
+    found = np.ones(what.body.shape, bool)
+    spare = blocks(found)
+    spare &= ~alike.all(axis=(1, 3), keepdims=True)
+    spare[:, y, :, x] = True
+    return found
 
 
 def reduced(medium):
@@ -71,15 +99,18 @@ def reduced(medium):
     return medium.sigma_t * (1 - medium.albedo * mean_cosines(medium))
 
 
-def smoothed(image, what, share=1.0):
-    """An image (H, W, 3) where pixels that see a body share with those around; `share` of the distance."""
+def smoothed(image, known, what, share=1.0):
+    """An image (H, W, 3) where pixels that see a body share with those around; `share` of the distance.
+
+    known : (H, W) bool, pixels that have a value: all, or those that are `chosen`
+    """
     out = np.empty(image.shape)
-    run(_fit, len(image), np.ascontiguousarray(image, float), *what, float(share), out, block=8)
+    run(_fit, len(image), np.ascontiguousarray(image, float), known, *what, float(share), out, block=8)
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(image, body, point, normal, reach, share, out, begin, end):
+def _fit(image, known, body, point, normal, reach, share, out, begin, end):
     height, width = body.shape
     for y in range(begin, end):
         for x in range(width):
@@ -92,7 +123,7 @@ def _fit(image, body, point, normal, reach, share, out, begin, end):
             s0, s1, s2 = np.zeros(3), np.zeros(3), np.zeros(3)
             for j in range(max(y - _MOST, 0), min(y + _MOST + 1, height)):
                 for i in range(max(x - _MOST, 0), min(x + _MOST + 1, width)):
-                    if body[j, i] != body[y, x]:
+                    if not known[j, i] or body[j, i] != body[y, x]:
                         continue
                     facing, square = 0.0, 0.0
                     for k in range(3):
@@ -117,6 +148,7 @@ def _fit(image, body, point, normal, reach, share, out, begin, end):
             # the first row of the inverse of the moments
             a, b, c_ = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
             whole = m00 * a + m01 * b + m02 * c_
-            flat = not whole > 1e-6 * m00 * m11 * m22
+            # no plane where its noise would be more than that of one pixel, as beyond few pixels to one side
+            flat = not (whole > 1e-6 * m00 * m11 * m22 and a <= whole)
             for c in range(3):
                 out[y, x, c] = s0[c] / m00 if flat else (a * s0[c] + b * s1[c] + c_ * s2[c]) / whole

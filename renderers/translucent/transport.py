@@ -21,6 +21,8 @@ from renderers.translucent.paths import Paths, joined
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
 _SPLITS, _WORTH = 4, 0.01  # surfaces at which paths go both ways, and the weight above which they do
+_FAR, _GOES_ON = 64, 0.95  # bounces after which surfaces end paths, and the share that goes on
+_WEAK = 0.1  # weight of lines of sight, below which not all of them gather
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
 _CERTAIN = 1e20  # 1/sr, of a direction that is drawn for sure, as single precision has room for
 UNLIMITED = 1 << 40  # events between two surfaces
@@ -108,13 +110,14 @@ class Gather(NamedTuple):
         _gathered(*args, self)
 
 
-def from_eye(transport, most, gather, number, seed, found=True) -> Sums:
+def from_eye(transport, most, gather, number, seed, found=True, chosen=None) -> Sums:
     """One path from the eye for each pixel.
 
     most : of each body, events between two surfaces that a path may have
     gather : `Gather`, or what is called like it, or None
     number, seed : of the pass: its random numbers
     found : as in `Sums`
+    chosen : (H, W) bool, which ones have a path; None: all
     """
     height, width = transport.world.size
     sums, begun, paths = Sums(height * width, found), 0, None
@@ -122,6 +125,7 @@ def from_eye(transport, most, gather, number, seed, found=True) -> Sums:
         if begun < height * width and (not paths or len(paths) < _ALL // 2):
             pixel = np.arange(begun, min(begun + _ALL, height * width))
             new, begun = begin(transport, pixel, number, seed), begun + len(pixel)
+            new = new if chosen is None else new.of(chosen.ravel()[pixel])
             paths = joined([paths, new]) if paths else new
         paths = onward(transport, paths, most, sums, gather)
     return sums
@@ -374,7 +378,20 @@ def _turned(transport, paths, shading, sums):
     paths.bounces += 1
     alive = np.empty(m, bool)
     run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
-    return paths.of(alive)
+    return _ended(paths.of(alive))
+
+
+def _ended(paths):
+    """Without some of the paths that have come far: light that is caught in glass, as of a tumbler, loses nothing on its way."""
+    far = np.flatnonzero(paths.bounces > _FAR)
+    if not len(far):
+        return paths
+    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(len(paths), bool)
+    wavefront.draw(states, numbers)
+    paths.states[far] = states
+    paths.weight[far] /= _GOES_ON
+    goes[far] = numbers[:, 0] < _GOES_ON
+    return paths.of(goes)
 
 
 def _emits(transport, paths, shading, sums):
@@ -409,11 +426,15 @@ def _share(rival, density):
 def _gathered(transport, paths, number, far, sums, gather):
     """Adds what beams bring to lines of sight that come from a surface."""
     rows = np.flatnonzero((paths.events == 0) & (paths.weight > 0).any(axis=1))
+    body, beams = transport.bodies[number], gather.beams[number]
+    numbers, chance = np.empty((len(paths), 1)), np.minimum(paths.weight.max(axis=1) / _WEAK, 1.0)
+    wavefront.draw(paths.states, numbers)
+    rows = rows[numbers[rows, 0] < chance[rows]]
     if not len(rows):
         return
-    body, beams = transport.bodies[number], gather.beams[number]
     rows = rows[by_place(paths.origin[rows], body.vertices)]
     some, lengths = paths.of(rows), far[rows]
+    some.weight /= chance[rows, None]
     around = np.empty(len(rows) + 1, np.int64)
     groups = _choice.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
     brought, cosines = np.zeros((3, *some.weight.shape)), mean_cosines(body.medium)

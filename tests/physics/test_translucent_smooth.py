@@ -1,0 +1,36 @@
+"""Pixels that share what they gather: which of them gather, and what the others get."""
+
+import numpy as np
+
+from renderers.translucent import smooth
+
+SPACING = 1e-3  # m
+
+
+def plane(reach, height=21, width=20):
+    """Seen head-on; its right quarter is another body."""
+    y, x = np.mgrid[:height, :width].astype(float)
+    point = np.stack([SPACING * x, SPACING * y, 0 * x], axis=2)
+    return smooth.Seen((x >= 3 * width // 4).astype(np.int64), point, np.zeros_like(point) + [0.0, 0.0, 1.0],
+                       np.full((height, width), reach))
+
+
+def test_pixels_take_turns():
+    """One of each block in each pass, unless it lies across two bodies, at the picture's edge, or wider than light is alike."""
+    counts = sum(smooth.chosen(plane(12 * SPACING), number).astype(int) for number in range(4, 8))
+    assert (counts[-1] == 4).all() and (counts[:-1, 14:16] == 4).all()  # the last row is left over
+    assert (counts[:-1, :14] == 1).all() and (counts[:-1, 16:] == 1).all()
+    assert smooth.chosen(plane(2 * SPACING), 1).all()
+
+
+def test_what_others_get():
+    """The value at their place of what is linear around them."""
+    what = plane(8 * SPACING)
+    image = 1 + what.point @ np.array([[20.0, 0, 1], [3, -10, 0], [0, 0, 0]]) + 5.0 * what.body[..., None]
+    for number in range(4):
+        known = smooth.chosen(what, number)
+        for share in (1.0, 0.5):
+            found = smooth.smoothed(np.where(known[..., None], image, 1e300), known, what, share)
+            inner = found[4:-4, 4:11] - image[4:-4, 4:11]
+            assert abs(inner).max() < 1e-12 and abs(found - image).max() < 0.1  # beyond them at the edges, of 1.4
+            assert not known.all()
