@@ -1,7 +1,8 @@
-"""Flights and scatterings of paths with one weight a wavelength in a homogeneous medium, for compiled loops.
+"""Flights and scatterings of paths with one weight a wavelength, for compiled loops.
 
 A flight or a direction is drawn for one wavelength, chosen by the weights, and counted for all that might have been chosen
-(balance heuristic), so weights stay as they are where all wavelengths scatter alike.
+(balance heuristic), so weights stay as they are where all wavelengths scatter alike.  A medium is a `Scatterer`, or has its
+fields.
 """
 
 from __future__ import annotations
@@ -80,35 +81,40 @@ def left(medium, weight, i, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def mean_phase(medium, weight, i, v, values):
-    """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
+def mean_phase(medium, first, weight, i, v, values):
+    """Mean (1/sr) of phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them.
+
+    first : row of the medium's albedo and phase that is of wavelength 0; 0 unless it has several components
+    """
     total, mean = 0.0, 0.0
     for w in range(len(values)):
-        values[w] = phase_value(medium.v, medium.steps, medium.phase[w], v)
-        total += weight[i, w] * medium.albedo[w]
-        mean += weight[i, w] * medium.albedo[w] * values[w]
+        values[w] = phase_value(medium.v, medium.steps, medium.phase[first + w], v)
+        total += weight[i, w] * medium.albedo[first + w]
+        mean += weight[i, w] * medium.albedo[first + w] * values[w]
     return mean / total if total > 0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def scattered(medium, direction, weight, states, i, values):
-    """Turns the direction (n, 3) of path i and changes its weights; returns the density (1/sr) of the new direction."""
+def scattered(medium, first, x, y, z, weight, states, i, values):
+    """A direction after a scattering of path i along the unit vector x, y, z, and its density (1/sr); changes the weights.
+
+    first : as in `mean_phase`
+    """
     total = 0.0
     for w in range(len(values)):
-        total += weight[i, w] * medium.albedo[w]
+        total += weight[i, w] * medium.albedo[first + w]
     if not total > 0.0:
         weight[i] = 0.0
-        return 0.0
+        return x, y, z, 0.0
     chosen, one = uniform(states, i) * total, len(values) - 1
     for w in range(len(values)):
-        chosen -= weight[i, w] * medium.albedo[w]
+        chosen -= weight[i, w] * medium.albedo[first + w]
         if chosen < 0.0:
             one = w
             break
-    v = phase_sample(medium.v, medium.steps, medium.phase[one], medium.cdf[one], uniform(states, i))
-    direction[i, 0], direction[i, 1], direction[i, 2] = turned_direction(
-        direction[i, 0], direction[i, 1], direction[i, 2], v, 2 * math.pi * uniform(states, i))
-    density = mean_phase(medium, weight, i, v, values)
+    v = phase_sample(medium.v, medium.steps, medium.phase[first + one], medium.cdf[first + one], uniform(states, i))
+    x, y, z = turned_direction(x, y, z, v, 2 * math.pi * uniform(states, i))
+    density = mean_phase(medium, first, weight, i, v, values)
     for w in range(len(values)):
-        weight[i, w] *= medium.albedo[w] * values[w] / density if density > 0.0 else 0.0
-    return density
+        weight[i, w] *= medium.albedo[first + w] * values[w] / density if density > 0.0 else 0.0
+    return x, y, z, density

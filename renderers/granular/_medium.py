@@ -16,13 +16,11 @@ from bakery.kernels import (
     diffuse_share,
     lent,
     mesh_boundary,
-    phase_sample,
-    phase_value,
-    turned_direction,
 )
 from renderers.granular._grains import NOWHERE
 from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, TRACE, chance_at, crosses
 from renderers.granular._varied import collision, grain_at, thinned
+from renderers.scattering import flight, flown, mean_phase, scattered
 from renderers.wavefront import ORDERS, roulette, to_rgb, uniform
 
 DIFFUSE = -1  # in place of the component that scatters: a point whose fluence counts, the same in all directions
@@ -51,70 +49,6 @@ class Medium(NamedTuple):
     often: float = 1.0
 
 
-# forceinline: a call hands over every array of the tuple, which took a sixth of the time of a path
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _drawn(medium, weight, states, i):
-    """Length of a flight, for a wavelength that the weights choose."""
-    sigma, total = medium.sigma_t, 0.0
-    for w in range(len(sigma)):
-        total += weight[i, w]
-    chosen, one = uniform(states, i) * total, len(sigma) - 1
-    for w in range(len(sigma)):
-        chosen -= weight[i, w]
-        if chosen < 0.0:
-            one = w
-            break
-    u = uniform(states, i)
-    return -math.log1p(-u) / sigma[one] if sigma[one] > 0.0 else np.inf
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _fly(medium, weight, i, t, scatters):
-    """Weights after a flight of length t that ends with a scattering, or goes on: all wavelengths that might have been drawn for
-    it are counted (balance heuristic)."""
-    sigma, total, density = medium.sigma_t, 0.0, 0.0
-    for w in range(len(sigma)):
-        total += weight[i, w]
-        density += weight[i, w] * math.exp(-sigma[w] * t) * (sigma[w] if scatters else 1.0)
-    for w in range(len(sigma)):
-        weight[i, w] *= math.exp(-sigma[w] * t) * (sigma[w] if scatters else 1.0) * total / density if density > 0.0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _mixture(medium, first, weight, i, v, values):
-    """Mean (1/sr) of a component's phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of
-    them.  first : row of the component"""
-    total, mean = 0.0, 0.0
-    for w in range(len(values)):
-        values[w] = phase_value(medium.v, medium.steps, medium.phase[first + w], v)
-        total += weight[i, w] * medium.albedo[first + w]
-        mean += weight[i, w] * medium.albedo[first + w] * values[w]
-    return mean / total if total > 0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _scattered(medium, first, d, weight, states, i, values):
-    """Turns d (3,) and changes the weights; returns the density (1/sr) of the new direction.  first : row of the component"""
-    total = 0.0
-    for w in range(len(values)):
-        total += weight[i, w] * medium.albedo[first + w]
-    if not total > 0.0:
-        weight[i] = 0.0
-        return 0.0
-    chosen, one = uniform(states, i) * total, len(values) - 1
-    for w in range(len(values)):
-        chosen -= weight[i, w] * medium.albedo[first + w]
-        if chosen < 0.0:
-            one = w
-            break
-    v = phase_sample(medium.v, medium.steps, medium.phase[first + one], medium.cdf[first + one], uniform(states, i))
-    d[0], d[1], d[2] = turned_direction(d[0], d[1], d[2], v, 2 * math.pi * uniform(states, i))
-    density = _mixture(medium, first, weight, i, v, values)
-    for w in range(len(values)):
-        weight[i, w] *= medium.albedo[first + w] * values[w] / density if density > 0.0 else 0.0
-    return density
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _any_direction(d, states, i):
     """Makes d (3,) any direction."""
@@ -125,11 +59,12 @@ def _any_direction(d, states, i):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _turned(medium, kind, d, weight, states, i, values):
-    """As `_scattered`, where a path stands at a `kind` of point."""
+    """Turns d (3,) where a path stands at a `kind` of point, and changes the weights; the density (1/sr) of d."""
     if kind == DIFFUSE:
         _any_direction(d, states, i)
         return _UNIFORM
-    return _scattered(medium, kind * len(values), d, weight, states, i, values)
+    d[0], d[1], d[2], density = scattered(medium, kind * len(values), d[0], d[1], d[2], weight, states, i, values)
+    return density
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -235,7 +170,7 @@ def _way(medium, varied, occupied, p, d, q, weight, states, i, place, limit, kno
     while True:
         for k in range(3):
             q[k] = p[k] + gone * d[k]
-        s = -math.log1p(-uniform(states, i)) / most if most > 0.0 else _drawn(medium, weight, states, i)
+        s = -math.log1p(-uniform(states, i)) / most if most > 0.0 else flight(medium, weight, states, i)
         end, at, inside = np.inf, -1, True
         if not deep_in_mesh(medium.aggregate, q, d, min(s, limit - gone)):
             end, at, inside = mesh_boundary(medium.aggregate, q, d, place, room)
@@ -245,7 +180,7 @@ def _way(medium, varied, occupied, p, d, q, weight, states, i, place, limit, kno
             return -1.0, -1
         if inside and s < min(end, limit - gone):
             if most == 0.0:
-                _fly(medium, weight, i, s, True)
+                flown(medium, weight, i, s, True)
                 return gone + s, 0
             gone, place = gone + s, -1
             component = collision(varied, p[0] + gone * d[0], p[1] + gone * d[1], p[2] + gone * d[2], weight, states, i, sigma)
@@ -254,7 +189,7 @@ def _way(medium, varied, occupied, p, d, q, weight, states, i, place, limit, kno
             continue
         if inside:
             if most == 0.0:
-                _fly(medium, weight, i, min(end, limit - gone), False)
+                flown(medium, weight, i, min(end, limit - gone), False)
             if limit - gone <= end:
                 return limit, -1
         gone, place = gone + end, at
@@ -291,7 +226,7 @@ def _towards(medium, kind, weight, i, v, values):
             values[w] = _UNIFORM
         return _UNIFORM
     first = kind * len(values)
-    mean = _mixture(medium, first, weight, i, v, values)
+    mean = mean_phase(medium, first, weight, i, v, values)
     for w in range(len(values)):
         values[w] *= medium.albedo[first + w]
     return mean

@@ -92,7 +92,8 @@ def _to_surface(geometry, medium, origin, direction, weight, states, i, far, pla
         order[i] += 1
         bounces[i] += 1
         start[i], far[i] = -1, np.nan
-        scattered(medium, direction, weight, states, i, values)
+        direction[i, 0], direction[i, 1], direction[i, 2], _ = scattered(
+            medium, 0, direction[i, 0], direction[i, 1], direction[i, 2], weight, states, i, values)
         roulette(weight, states, bounces, alive, i, i + 1)
         if not alive[i]:
             return

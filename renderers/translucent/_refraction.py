@@ -291,7 +291,7 @@ def join(geometry, medium, ways, origin, direction, weight, states, place, towar
                 if wall < distance * (1 - 1e-9) - _NEAR * geometry.scale:
                     continue
                 cosine = direction[i, 0] * d[0, 0] + direction[i, 1] * d[0, 1] + direction[i, 2] * d[0, 2]
-                mean_phase(medium, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
+                mean_phase(medium, 0, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
                 guess = 0.0
                 for w in range(len(values)):
                     guess += weight[i, w] * medium.albedo[w] * values[w] * math.exp(-medium.sigma_t[w] * distance)

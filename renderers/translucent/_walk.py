@@ -86,7 +86,8 @@ def advance(geometry, medium, shells, most, waits, origin, direction, weight, st
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def turn(medium, origin, direction, weight, states, i, drawn, density, values):
-    density[i] = scattered(medium, direction, weight, states, i, values)
+    direction[i, 0], direction[i, 1], direction[i, 2], density[i] = scattered(
+        medium, 0, direction[i, 0], direction[i, 1], direction[i, 2], weight, states, i, values)
     for k in range(3):
         drawn[i, k] = origin[i, k]
 
@@ -119,7 +120,7 @@ def lit(medium, colours, sigma, inside, seen, direction, weight, towards, radian
         cosine = 0.0
         for k in range(3):
             cosine += direction[i, k] * towards[i, k]
-        mean = mean_phase(medium, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
+        mean = mean_phase(medium, 0, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
         both = 1.0 if delta[i] else sampled[i] / (sampled[i] + mean)
         for w in range(waves):
             deep = 0.0

@@ -185,7 +185,8 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         number += _LATER
         what = seen(number) if tabled else None
         some = chosen(what, number) if tabled else None
-        sums = transport.from_eye(how, most, Gather(made, tabled, second, drawn(), beyond), number, seed, found=False, chosen=some)
+        gather = Gather(made, tabled, second, drawn(), beyond)
+        sums = transport.from_eye(how, most, gather, number, seed, found=False, chosen=some)
         layers, later = images(sums), sums.gathered.reshape(height, width, 3)
         if tabled:
             half, later = smooth.smoothed(later, some, what, 0.5), smooth.smoothed(later, some, what)

@@ -72,8 +72,8 @@ def sharing(what, known, bodies) -> np.ndarray:
 
 
 def chosen(what, number) -> np.ndarray:
-    """Pixels (H, W) that gather in pass `number`, bool: of blocks of `_BLOCK` x `_BLOCK` that lie within half of what is shared, one,
-    another in each pass; else all."""
+    """Pixels (H, W) that gather in pass `number`, bool: one of each block that is small beside what is shared, another in each
+    pass; elsewhere all."""
     height, width = (side // _BLOCK for side in what.body.shape)
     y, x = divmod(_STEP * number % _BLOCK**2, _BLOCK)
 
