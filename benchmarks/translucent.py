@@ -33,7 +33,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 class Scene:
     """A shipped scene of so many pixels a side.
 
-    seen : (H, W) bool, pixels whose middle sees a body
+    seen : (H, W) bool, pixels whose middle sees a body; all where none does
     """
 
     def __init__(self, name, width, folder):
@@ -45,7 +45,8 @@ class Scene:
         bodies = values.translucent.bodies
         self.how = methods.transport_of(self.world, [one.shape for one in bodies], job.assets, [None] * len(bodies),
                                         lambda number, key, message: ValueError(message))
-        self.seen = smooth.seen(self.how, transport.begin(self.how, np.arange(width**2), 0, 0)).body >= 0
+        seen = smooth.seen(self.how, transport.begin(self.how, np.arange(width**2), 0, 0)).body >= 0
+        self.seen = seen if seen.any() else ~seen
 
     def parts(self, method):
         """Kinds of passes of a method: functions of a pass's number -> layers."""
