@@ -67,7 +67,7 @@ def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks,
     medium : `Scatterer`;  table, segments : ready tables of points and of segments of wavelength w
     cosine : mean, of the phase function
     beams : `Beams`, neighbours one after another;  clusters : `Clusters` of them
-    picks : beams drawn for each line of sight
+    picks : (n,) beams drawn for each line of sight
     later : whether third and later events count, by the table, and second ones on beams of negative power
     second : whether second ones on others do
     beyond : m, how far outside a mirror lies whose light is taken away from later events; inf: there is none
@@ -100,12 +100,12 @@ def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks,
             if beyond < np.inf:
                 _facing(geometry, origin, direction, i, p, d, normal, room)
             local[0] = states[i]
-            for pick in range(picks):
-                beam, chance = drawn(clusters, items, total, count, (pick + uniform(local, 0)) / picks)
+            for pick in range(picks[i]):
+                beam, chance = drawn(clusters, items, total, count, (pick + uniform(local, 0)) / picks[i])
                 if not chance > 0.0:
                     break
                 s, weight = _along(uniform(local, 0), sigma, beams.length[beam])
-                power = beams.power[beam, w] / (chance * picks)
+                power = beams.power[beam, w] / (chance * picks[i])
                 weight *= power * sigma
                 u, v = uniform(local, 0), uniform(local, 0)
                 for k in range(3):

@@ -16,7 +16,7 @@ from renderers.translucent.scene import READERS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
-ENTRIES, WALKS, PICKS, _LEAST = 16384, 8192, 64, 4
+ENTRIES, WALKS, PICKS, _LEAST, _ALONE = 16384, 8192, 64, 4, 32
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
 TABLED = ("vrl+tables", "beams+tables")  # that take later events from the tables
 JOINED = ("beams+tables", "beams")  # that join beams with lines of sight where they pass close by
@@ -85,7 +85,8 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
-    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies])
+    panes = any(shape.index is not None and shape.smooth and shape.name not in names for shape in shapes)
+    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies], panes=panes)
 
 
 def _body(shapes, name, asset, index, wrong, method):
@@ -120,7 +121,8 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
 
     how : `transport.Transport`;  name, boundary : method and boundary as a scene names them
     places, walks : places where light comes in, and walks
-    picks : beams that are drawn for a place of a body: by all lines of sight together that share their light, `_LEAST` by each
+    picks : beams that are drawn for a place of a body: by all lines of sight together that share their light, `_LEAST` by each;
+        with tables `_ALONE` by those that do not
     """
     height, width = how.world.size
     tabled = name in TABLED
@@ -150,13 +152,11 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         """Pixels that gather; all where what they find is not shared."""
         return np.ones((height, width), bool) if any(second) else smooth.chosen(what, number)
 
-    def drawn():
-        """Beams of a line of sight in each body."""
-        if not tabled:
-            return [picks] * len(how.bodies)
+    def fewer():
+        """Beams of a line of sight that shares what it gathers, in each body."""
         if not lines:
             what = seen(_LATER)
-            lines.extend(max(math.ceil(picks / one), min(_LEAST, picks))
+            lines.extend(min(max(math.ceil(picks / one), _LEAST), _ALONE)
                          for one in smooth.sharing(what, chosen(what, 0), len(how.bodies)))
         return lines
 
@@ -185,7 +185,8 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         number += _LATER
         what = seen(number) if tabled else None
         some = chosen(what, number) if tabled else None
-        gather = Gather(made, tabled, second, drawn(), beyond)
+        gather = Gather(made, tabled, second, _ALONE, fewer(), what.body.ravel(), beyond) if tabled \
+            else Gather(made, tabled, second, picks, [picks] * len(how.bodies), np.full(height * width, -1), beyond)
         sums = transport.from_eye(how, most, gather, number, seed, found=False, chosen=some)
         layers, later = images(sums), sums.gathered.reshape(height, width, 3)
         if tabled:

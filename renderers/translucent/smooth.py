@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from renderers.mitsuba.world import LOBE
 from renderers.scattering import mean_cosines
 from renderers.threads import run
 from renderers.translucent import _geometry
@@ -23,6 +24,7 @@ _REACH, _THIN = 0.5, 0.1
 _MOST = 8  # pixels
 _FACING = 0.8  # cosine between normals, at least, of places that share
 _BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its place in one pass to that in the next
+_PANES = 6  # sides of glass through which bodies are seen
 _CLOSE = 0.4  # of the distance over which pixels share: still near enough where half of it is taken
 
 
@@ -39,23 +41,41 @@ class Seen(NamedTuple):
 
 
 def seen(transport, rays) -> Seen:
-    """Boundaries of bodies that one camera ray a pixel meets with nothing in between.
+    """Boundaries of bodies that one camera ray a pixel meets, with nothing in between but smooth panes of glass.
 
     rays : `Paths` of all pixels from the camera, in their order
     """
-    world, geometry = transport.world, transport.geometry
-    (height, width), origin, direction = world.size, rays.origin, rays.direction
-    _, far, place = located(geometry, rays)
-    found = np.where(place >= 0, geometry.owner[place], -1)
-    nearer = world.trace(origin, direction, np.where(np.isfinite(far), far * (1 - 1e-4), 0.0)) < np.inf
-    found[nearer] = -1
-    normal = np.zeros((len(rays), 3))
-    run(_geometry.normals, len(rays), geometry, place, normal)
-    reach = np.array([min(_REACH / np.min(reduced(body.medium)), _THIN * chord(body.vertices, body.faces))
-                      for body in transport.bodies])
-    point = origin + np.where(found >= 0, far, 0.0)[:, None] * direction
-    return Seen(found.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
-                np.where(found >= 0, reach[found], 0.0).reshape(height, width))
+    height, width = transport.world.size
+    body, point, normal = np.full(len(rays), -1), rays.origin.copy(), np.zeros((len(rays), 3))
+    for _ in range(_PANES if transport.panes else 1):
+        _, far, place = located(transport.geometry, rays)
+        owner = np.where(place >= 0, transport.geometry.owner[place], -1)
+        free = ~(transport.world.trace(rays.origin, rays.direction, far * (1 - 1e-4)) < np.inf)
+        met, at = (owner >= 0) & free, rays.pixel
+        body[at[met]], point[at[met]] = owner[met], rays.origin[met] + far[met, None] * rays.direction[met]
+        facing = np.zeros((len(rays), 3))
+        run(_geometry.normals, len(rays), transport.geometry, place, facing)
+        normal[at[met]] = facing[met]
+        rays = _beyond_glass(transport.world, rays.of(~free))
+        if not len(rays):
+            break
+    reach = np.array([min(_REACH / np.min(reduced(one.medium)), _THIN * chord(one.vertices, one.faces))
+                      for one in transport.bodies])
+    return Seen(body.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
+                np.where(body >= 0, reach[body], 0.0).reshape(height, width))
+
+
+def _beyond_glass(world, rays):
+    """Rays that go on through smooth glass, as it refracts them."""
+    if not len(rays):
+        return rays
+    numbers = np.zeros((len(rays), LOBE + 3))
+    numbers[:, LOBE] = 1.0
+    shading = world.shade(rays.origin, rays.direction, numbers, rays.density, rays.single)
+    towards = shading.direction.astype(float)
+    goes = shading.hit & shading.delta & (shading.density > 0) & (np.einsum("nk,nk->n", towards, rays.direction) > 0)
+    rays.origin, rays.direction, rays.start[:] = shading.origin, towards, -1
+    return rays.of(goes)
 
 
 def sharing(what, known, bodies) -> np.ndarray:

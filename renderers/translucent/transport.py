@@ -42,6 +42,7 @@ class Transport(NamedTuple):
     bent : of each body, ways of light through its boundary (`refraction.Bent`) from each light that paths cannot find through it
     rivals : (bodies,) m sr, how many beams bring light of lamps through boundaries, besides paths (`beams.rivals_of`); 0 where
         none do; None: nowhere
+    panes : whether other shapes are of smooth glass
     """
 
     world: object
@@ -50,6 +51,7 @@ class Transport(NamedTuple):
     colours: Colours
     bent: list
     rivals: np.ndarray | None = None
+    panes: bool = False
 
     @property
     def matched(self):
@@ -94,7 +96,8 @@ class Gather(NamedTuple):
 
     beams : of each body, `_gather.Beams`
     later : whether third and later events count;  second : of each body, whether second ones do
-    picks : of each body, beams for each line of sight
+    picks : beams for a line of sight;  fewer : of each body, for those that share what they gather
+    shares : (pixels,) body of which the camera's lines of sight share it, or -1
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
 
     Called as gather(transport, paths, number, far, sums), it adds to sums what beams bring to lines of sight in body `number`.
@@ -103,7 +106,9 @@ class Gather(NamedTuple):
     beams: list
     later: bool
     second: list
-    picks: list
+    picks: int
+    fewer: list
+    shares: np.ndarray
     beyond: list
 
     def __call__(self, *args):
@@ -437,15 +442,16 @@ def _gathered(transport, paths, number, far, sums, gather):
     some.weight /= chance[rows, None]
     around = np.empty(len(rows) + 1, np.int64)
     groups = _choice.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
+    picks = np.where(some.seen & (gather.shares[some.pixel] == number), gather.fewer[number], gather.picks)
     brought, cosines = np.zeros((3, *some.weight.shape)), mean_cosines(body.medium)
     for w, (points, segments) in enumerate(body.tables):
         clusters = _choice.clusters_of(body.medium.sigma_t[w], w, beams)
         run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, clusters,
-            gather.picks[number], gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
+            picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
             some.direction, lengths, some.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
-    wavefront.skip(states, _gather.DRAWS * gather.picks[number])
+    wavefront.skip(states, _gather.DRAWS * gather.picks)
     paths.states[rows] = states
     later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
     sums.add_gathered(some, later)
