@@ -1,6 +1,6 @@
 """Error against time of methods that render one picture, each from a single render: noise falls with time, the rest stays.
 
-error(t)^2 = error beneath the noise^2 + noise^2 * (time taken / t).  Pure arithmetic.
+error(t)^2 = error beneath the noise^2 + noise^2 * (time of passes taken / (t - time before them)).  Pure arithmetic.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.system.resources import duration
-from bakery.trade.front import Point, front, knee
+from bakery.trade.front import Point, faster, front, knee
 
 _TIMES = 65  # of a grid
 _AHEAD = 64.0  # times the longest render, up to which curves are drawn
+_SHARE = 0.5  # of the tolerance, that an error may have which is kept within it and hidden by noise
+_CLOCK = 0.05  # standard error of ln(seconds), of a machine that does other things besides
 
 
 class Curve(NamedTuple):
@@ -27,9 +29,12 @@ class Curve(NamedTuple):
     name : of it
     seconds : that its render took, of all cores together
     first : s, before which it has no picture
-    noise : that is left in its picture, relative
+    noise : that is left in its picture, relative; 0 of a method without
     error : beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
     most : upper bound of the error
+    setup : s, of `seconds`, before the first pass
+    spread : standard error of ln(noise^2 times seconds of passes)
+    kept : whether the method keeps within the tolerance of a scene by itself: what noise hides then counts as half of it at most
     """
 
     name: str
@@ -38,6 +43,9 @@ class Curve(NamedTuple):
     noise: float
     error: float
     most: float
+    setup: float = 0.0
+    spread: float = 0.0
+    kept: bool = False
 
     @property
     def sure(self) -> float:
@@ -46,12 +54,23 @@ class Curve(NamedTuple):
 
     def after(self, seconds, beneath=None):
         """Error (...) after (...) s, with what is sure beneath the noise unless another is given."""
-        return np.sqrt((self.sure if beneath is None else beneath) ** 2 + self.noise**2 * self.seconds / np.asarray(seconds))
+        passes = np.maximum(np.asarray(seconds) - self.setup, 1e-9)
+        return np.sqrt((self.sure if beneath is None else beneath) ** 2 + self.noise**2 * (self.seconds - self.setup) / passes)
 
-    def until(self, tolerance: float) -> float:
-        """Seconds after which the error is surely below a tolerance; inf if that is not said."""
-        left = tolerance**2 - self.sure**2
-        return max(self.first, self.noise**2 * self.seconds / left) if left > 0 else math.inf
+    def beneath(self, tolerance: float) -> float:
+        """The error beneath the noise that counts where a tolerance is to be met."""
+        return min(self.sure, _SHARE * tolerance) if self.kept and not self.error else self.sure
+
+    def until(self, tolerance: float, beneath: float | None = None) -> float:
+        """Seconds after which the error is below a tolerance, by what counts beneath the noise; inf if that is not said."""
+        left = tolerance**2 - (self.beneath(tolerance) if beneath is None else beneath) ** 2
+        return max(self.first, self.setup + self.noise**2 * (self.seconds - self.setup) / left) if left > 0 else math.inf
+
+    def point(self, tolerance: float, beneath: float | None = None) -> Point:
+        """When it meets a tolerance, with how sure that is."""
+        seconds = self.until(tolerance, beneath)
+        passes = max(1 - self.setup / seconds, 0.0) if math.isfinite(seconds) else 0.0
+        return Point(seconds, tolerance, math.hypot(_CLOCK, passes * self.spread))
 
 
 def times(curves: Sequence[Curve]) -> np.ndarray:
@@ -65,10 +84,11 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     Returns
     -------
     found : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
-        end); `knee` (`name`, `seconds`, `error`) or None; `until` by name, seconds to the tolerance or None; `advice`, sentences
+        end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
+        standard error of its logarithm; `advised`, see there; `advice`, sentences
     """
     at = [(curve, seconds) for seconds in times(curves) for curve in curves if seconds >= curve.first * (1 - 1e-9)]
-    points = [Point(float(seconds), float(curve.after(seconds))) for curve, seconds in at]
+    points = [Point(float(seconds), float(curve.after(seconds, curve.beneath(tolerance)))) for curve, seconds in at]
     efficient = front(points)
     grouped = [list(group) for _, group in groupby(efficient, key=lambda i: at[i][0].name)]
     ranges = [{"name": at[group[0]][0].name, "begin": points[group[0]].seconds} for group in grouped]
@@ -81,6 +101,7 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     until = {curve.name: curve.until(tolerance) for curve in curves}
     return {"tolerance": tolerance, "ranges": ranges,
             "until": {name: t if math.isfinite(t) else None for name, t in until.items()},
+            "spread": {curve.name: curve.point(tolerance).spread for curve in curves}, "advised": advised(curves, tolerance),
             "knee": None if found is None else {"name": at[found][0].name, "seconds": points[found].seconds,
                                                 "error": points[found].error},
             "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
@@ -100,13 +121,62 @@ def _bend(name, point):
 
 def _for(curves, until, tolerance):
     """Sentences about a tolerance."""
-    wanted = f"{100 * tolerance:.3g} %"
-    best = min(curves, key=lambda curve: until[curve.name])
-    if math.isfinite(until[best.name]):
-        yield f"For {wanted}: {best.name}, after {duration(until[best.name])}."
+    found = advised(curves, tolerance)
+    if found:
+        yield _taken(found, tolerance)
     elif all(curve.error for curve in curves):
-        yield f"For {wanted}: none of them, however long."
+        yield f"For {_percent(tolerance)}: none of them, however long."
     for curve in curves:
         if math.isinf(until[curve.name]):
             yield (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.error else
-                   f"Noise hides whether {curve.name} reaches {wanted}: its error is below {100 * curve.most:.2g} %.")
+                   f"Noise hides whether {curve.name} reaches {_percent(tolerance)}: its error is below "
+                   f"{100 * curve.most:.2g} %.")
+
+
+def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
+    """The method that meets a tolerance first; None where none is sure to.
+
+    Returns
+    -------
+    found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
+        counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `alike` (names of methods that
+        are not slower beyond the noise), `next` (`name`, `ratio` of the times: the quickest of the others) or None
+    """
+    points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
+    if not points:
+        return None
+    order = sorted(points, key=lambda name: points[name].seconds)
+    best, others = order[0], order[1:]
+    alike = [name for name in others if not faster(points[best], points[name])]
+    slower = [name for name in others if name not in alike]
+    curve = next(curve for curve in curves if curve.name == best)
+    beneath = curve.beneath(tolerance)
+    return {"name": best, "seconds": points[best].seconds, "spread": points[best].spread, "beneath": beneath,
+            "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": not curve.error and curve.most > 0, "alike": alike,
+            "next": {"name": slower[0], "ratio": points[slower[0]].seconds / points[best].seconds} if slower else None}
+
+
+def contenders(curves: Sequence[Curve], tolerance: float) -> list[str]:
+    """Names of the methods that may meet a tolerance first, if what noise hides is not there: two or more, or none."""
+    best = advised(curves, tolerance)
+    least = None if best is None else Point(best["seconds"], tolerance, best["spread"])
+    hopeful = {curve.name: curve.point(tolerance, curve.error) for curve in curves}
+    found = [name for name, point in hopeful.items()
+             if math.isfinite(point.seconds) and (least is None or not faster(least, point))]
+    return found if len(found) > 1 or best is None else []
+
+
+def _taken(found, tolerance) -> str:
+    words = [f"For {_percent(tolerance)}: {found['name']}, after {duration(found['seconds'])}"]
+    if found["next"]:
+        words.append(f"{found['next']['ratio']:.2g} times as fast as {found['next']['name']}")
+    if found["alike"]:
+        *others, last = found["alike"]
+        words.append(f"not distinguished from {', '.join(others) + ' and ' if others else ''}{last}")
+    if found["hidden"]:
+        words.append(f"noise hides its own error, which counts as {100 * found['beneath']:.2g} %")
+    return "; ".join(words) + "."
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
