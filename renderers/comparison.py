@@ -162,9 +162,8 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     before = _stamp(job.pair[1])
     pace = Pace(progress, lambda: _clocks(compiled)[1], kept["pace"][0] if on and kept else 0.0)
 
-    def keep(finished, kinds=None, **more):
-        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))}
-        values["pace"] = pace.paced(kinds)
+    def keep(finished, paced, **more):
+        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))} | {"pace": paced}
         kept = {"made_of": made_of, "stop": stop, "finished": finished, "picture": fingerprint(job.pair[1]), **values, **more}
         text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
         images.write([(job.record, lambda place: Path(place).write_text(text, encoding="utf-8"))])
@@ -185,7 +184,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
             report = _together(report, drawn(_stopping(job, longer).scene, True))
     except Interrupted as error:
         if _stamp(job.pair[1]) != before:
-            keep(False)
+            keep(False, pace.interrupted())
         again = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and the "
                             "same call goes on with it")
         again.exit_status = error.exit_status
@@ -193,7 +192,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
-    values = keep(True, len(report.get("passes") or ()), report=report)
+    values = keep(True, pace.paced(report.get("parts") or {}), report=report)
     return Made(job, report, values["processor"], values["compiling"], values["pace"], False)
 
 
@@ -215,7 +214,10 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
     if kept and kept["finished"] and (not begun or spent >= _ENOUGH * seconds or (kept["report"]["noise"] or 0.0) <= noise):
         return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
-    return render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, **options)
+    made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, **options)
+    if not job.scene.rules.RESUMES and made.clock < seconds / 2:
+        return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
+    return made
 
 
 def _taken(job, kept):

@@ -1,33 +1,35 @@
-"""How quickly passes make a picture better: what comes before them, what they take, and how sure their noise is.
+"""How quickly passes make a picture better: what comes before them, what they take, and the noise that a second of them leaves.
 
-Read off the times at which a renderer by passes (`renderers.progressive`) tells its progress: before each pass, and at the end.
+Times are read off a renderer by passes (`renderers.progressive`) when it tells its progress: before each pass, and at the end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-_BLOCKS = 8  # of passes, from whose scatter the spread is taken
-_FEWEST = 4  # blocks with which it says something
-_UNKNOWN = 0.3  # spread where there are fewer: of the variance by four passes of a picture with bright spots
+_MANY = 16  # passes of which a bright spot in the noise is no chance any more: the noise of later ones is like theirs
 
 
 class Paced(NamedTuple):
-    """A render by passes.
+    """A render by passes; of a renderer without, all is `setup`.
 
     Attributes
     ----------
     passes : processor seconds of them; the first of each kind, in which a machine compiles, counts as much as its second
     setup : of the rest, once; without what went into compiling
-    spread : standard error of ln(noise^2 times seconds of passes)
+    least : processor seconds of two passes of each kind, before which there is no picture with noise
+    rate : noise^2 times processor seconds of passes, as it is with kinds of passes shared out best
+    spread : standard error of ln(rate)
     """
 
     passes: float
     setup: float
-    spread: float
+    least: float = 0.0
+    rate: float = 0.0
+    spread: float = 0.0
 
 
 class Pace:
@@ -49,35 +51,34 @@ class Pace:
         if self._progress:
             self._progress(fraction, noise)
 
-    def paced(self, kinds: int | None) -> Paced:
-        """What the passes of all calls took, up to now.
+    def interrupted(self) -> Paced:
+        """What the passes of all calls took, up to now, as they were."""
+        return Paced(self._earlier + (self._told[-1][0] - self._told[0][0] if self._told else 0.0), 0.0)
 
-        kinds : of passes, 0 of a renderer without, None where it is not known: then all passes count as they were
-        """
+    def paced(self, parts: Mapping[str, Mapping]) -> Paced:
+        """What the passes of all calls took, now that they are over; `parts`: of the renderer's report, {} of one without."""
         known = [i for i, (_, noise) in enumerate(self._told) if noise]
-        times = [at for at, _ in self._told]
-        if kinds is None:
-            return Paced(self._earlier + (times[-1] - times[0] if times else 0.0), 0.0, _UNKNOWN)
-        if not kinds or not known:
-            return Paced(0.0, self._clock() - self._begin, 0.0)
-        first = known[0]
+        if not parts or not known:
+            return Paced(0.0, self._clock() - self._begin)
+        times, first, kinds = [at for at, _ in self._told], known[0], len(parts)
         # noise is known after two passes of each kind, or from the beginning where earlier passes are gone on with
         begun = max(first - 2 * kinds, 0)
         early = 2 * (times[first] - times[first - kinds]) if first >= 2 * kinds else times[first] - times[begun]
         # between two renders of one call, of which the first ends without noise, lies no pass
-        steps = [times[i] - times[i - 1] if i - 1 in known else 0.0 for i in known[1:]]
-        seconds = self._earlier + early + np.cumsum([0.0, *steps])
+        later = sum(times[i] - times[i - 1] for i in known[1:] if i - 1 in known)
         setup = times[begun] - self._begin + self._clock() - times[known[-1]]
-        return Paced(float(seconds[-1]), float(setup), _spread(seconds, np.array([self._told[i][1] for i in known])))
+        return Paced(self._earlier + early + later, setup, *_shared_out(parts, self._earlier + early + later))
 
 
-def _spread(seconds, noise) -> float:
-    """Standard error of ln(noise^2 seconds) at the end, from both (N,) as they went; from blocks of passes."""
-    at = np.unique(np.linspace(0, len(seconds) - 1, min(_BLOCKS, len(seconds))).round().astype(int))
-    if len(at) < _FEWEST or seconds[at[0]] <= 0:
-        return _UNKNOWN
-    # the variance of a pass, by what it adds to the sum of squares: noise^2 is that sum over the square of time
-    sums, width = noise[at] ** 2 * seconds[at] ** 2, np.diff(seconds[at], prepend=0.0)
-    whole = sums[-1] / seconds[-1]
-    apart = np.diff(sums, prepend=0.0) - whole * width
-    return float(np.sqrt(len(at) / (len(at) - 1) * np.sum(apart**2)) / sums[-1])
+def _shared_out(parts, passes):
+    """`least`, `rate` and `spread`: N passes of a kind, of c seconds, leave the variance v/N; in T seconds in all, best shared
+    out, all kinds leave (sum of sqrt(v c))^2 / T."""
+    count, noise, seconds, even = (np.array([part[key] for part in parts.values()], float)
+                                   for key in ("passes", "noise", "seconds", "concentration"))
+    if not np.sum(count * seconds) > 0:
+        return 0.0, 0.0, 0.0
+    cost = seconds * passes / np.sum(count * seconds)  # of all processors
+    roots = noise * np.sqrt(count * cost)
+    spread = even * np.sqrt(np.minimum(1.0, _MANY / count))
+    whole = float(np.sum(roots))
+    return 2 * float(np.sum(cost)), whole**2, float(np.linalg.norm(roots * spread)) / whole if whole > 0 else 0.0

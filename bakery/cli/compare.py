@@ -62,7 +62,8 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
         print_json(summary)
         return
     print_paths([summary["page"], *(path for one in summary["methods"] for path in one["files"])])
-    for line in [*shared.lines(summary), *(summary["trade"]["advice"] if summary["trade"] else []), *summary["remarks"]]:
+    trade = summary["trade"] or {"advice": [], "others": []}
+    for line in [*shared.lines(summary), *trade["advice"], *trade["others"], *summary["remarks"]]:
         progress.say(line)
 
 

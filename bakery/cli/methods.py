@@ -8,7 +8,6 @@ from pathlib import Path
 
 from bakery.errors import UsageError
 
-PASSES = 2  # that a picture has at least
 TOLERANCE = 0.05  # of scenes that say none, as renderers take it
 
 
@@ -83,7 +82,8 @@ def summary(made, found, base, file=None) -> dict:
                           "flip": seen.flip})
     remarks = [differences.flip_missing()]
     unknown = dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)
-    remarks += [f"Noise that is not known is not taken off: that of {', '.join(unknown)}."] if unknown else []
+    whose = "all pictures" if len(unknown) == len(found) else ", ".join(unknown)
+    remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
     return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
             "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
@@ -106,17 +106,18 @@ def _curve(one, is_reference, reference_noise):
     different, pace = one["difference"], one["pace"]
     if different is None and not is_reference:
         return None
-    seconds = pace["setup"] + pace["passes"]
     if not one["passes"]:
         # a filter: what its picture has of noise stays, that of the reference too
+        seconds = pace["setup"]
         left = max(((different["error"] if different else 0.0) ** 2 + (reference_noise or 0.0) ** 2) ** 0.5, 1e-6)
         return Curve(one["name"], seconds, seconds, 0.0, left, left, seconds)
-    if not one["noise"] or (different and different["left_in"]):
+    if not one["noise"] or not pace["rate"] or (different and different["left_in"]):
         return None
     error, most = (different["error"] if different["resolved"] else 0.0, different["most"]) if different else (0.0, 0.0)
-    first = pace["setup"] + min(1.0, PASSES / min(one["passes"].values())) * pace["passes"]
+    seconds = pace["setup"] + pace["rate"] / one["noise"] ** 2
     hidden = 0.0 if one["exact"] and not error else most
-    return Curve(one["name"], seconds, first, one["noise"], error, hidden, pace["setup"], pace["spread"], one["kept"])
+    return Curve(one["name"], seconds, min(pace["setup"] + pace["least"], seconds), one["noise"], error, hidden, pace["setup"],
+                 pace["spread"], one["kept"])
 
 
 def drawing(curves, knee):

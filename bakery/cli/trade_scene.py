@@ -131,7 +131,7 @@ class _Sweep:
                              f"was rendered; {first}: {self.refused.get(first, 'not asked for')}")
         ready = [one for one in exact if one.clock >= 0.8 * _REFERENCE * self.budget
                  or (one.report["noise"] or 0.0) <= _LEAST_NOISE * self.tolerance]
-        best = min(ready or exact, key=lambda one: (one.report["noise"] or 0.0) * (1.0 if ready else one.pace.passes**0.5))
+        best = min(ready or exact, key=lambda one: (one.report["noise"] or 0.0) if ready else one.pace.rate)
         return best.job.name
 
     def _compare(self):
@@ -155,9 +155,11 @@ class _Sweep:
         """The summary, its page written: with the pictures of the reference, of the front and of the advised point."""
         from bakery.report import comparison as report
         from bakery.store.put import put
+        from renderers.common import value_at
 
         found, trade = self.summary, self.summary["trade"]
-        found["budget"], found["refused"] = self.budget / 60, self.refused
+        found |= {"budget": self.budget / 60, "refused": self.refused,
+                  "as_it_stands": value_at(self.loaded.values, self.loaded.rules.CHOICE[0])}
         found["remarks"] += [f"Not rendered: {name}: {why}" for name, why in self.refused.items()]
         names = {self.reference, *(front(trade) if trade else ())}
         names |= {trade["advised"]["name"]} if trade and trade["advised"] else set()
@@ -193,7 +195,9 @@ def report(found: Mapping, source) -> Iterable[str]:
         error, _ = difference_text(one)
         different = one["difference"]
         ratio = f"{1 + different['bias']:.3f} +- {different['bias_error'] or 0:.3f}" if different else ""
-        rows.append(("front" if one["name"] in on_front else "", one["name"], until_text(trade, one["name"]),
+        until = until_text(trade, one["name"]) or ("never" if different and different["resolved"] else "hidden by noise")
+        marks = ["front"] * (one["name"] in on_front) + ["as it stands"] * (one["name"] == found["as_it_stands"])
+        rows.append((", ".join(marks), one["name"], until,
                      "reference" if one is base else error, ratio, "" if one["noise"] is None else f"{100 * one['noise']:.2g} %",
                      duration(one["processor"])))
     yield from ("  " + line for line in table(rows, right=range(2, len(rows[0]))))

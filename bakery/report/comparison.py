@@ -79,7 +79,8 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
              *section("Pictures", [grid("p")]),
              *section("Figures", [_figures(summary), *map(paragraph, _SAID), paragraph(summary["flip"] or _FLIP)])]
     if times is not None:
-        parts += section("Error against time", [*map(paragraph, summary["trade"]["advice"]), drawing(times)])
+        said = [*summary["trade"]["advice"], *summary["trade"]["others"]]
+        parts += section("Error against time", [*map(paragraph, said), drawing(times)])
     if any(one.difference for one in shown):
         said = paragraph("Luminance, relative to the reference's mean; red where the picture is brighter. Noise is not taken "
                          "off: it is what changes from pixel to pixel.")
@@ -97,7 +98,7 @@ def difference_text(method: Mapping) -> tuple[str, str]:
     found = method["difference"]
     if found is None:
         return "", ""
-    error = _share(found["error"]) if found["resolved"] else f"< {_share(found['most'])}"
+    error = _share(found["error"]) if found["resolved"] or not found["most"] else f"< {_share(found['most'])}"
     bias, deviation = 100 * found["bias"], 100 * (found["bias_error"] or 0.0)
     digits = max(0, 1 - floor(log10(deviation or abs(bias) or 1.0)))
     return error, f"{bias:+.{digits}f}".replace("-", "−") + (f" ± {deviation:.{digits}f} %" if deviation else " %")

@@ -27,7 +27,7 @@ class Curve(NamedTuple):
     Attributes
     ----------
     name : of it
-    seconds : that its render took, of all cores together
+    seconds : that its render takes, of all cores together, with kinds of passes shared out best
     first : s, before which it has no picture
     noise : that is left in its picture, relative; 0 of a method without
     error : beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
@@ -85,7 +85,8 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     -------
     found : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
         end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
-        standard error of its logarithm; `advised`, see there; `advice`, sentences
+        standard error of its logarithm; `advised`, see there; `advice`, sentences; `others`, sentences about
+        methods that are not sure to meet the tolerance
     """
     at = [(curve, seconds) for seconds in times(curves) for curve in curves if seconds >= curve.first * (1 - 1e-9)]
     points = [Point(float(seconds), float(curve.after(seconds, curve.beneath(tolerance)))) for curve, seconds in at]
@@ -99,13 +100,15 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     on_a_curve = bend is not None and len({at[i][0].name for i in efficient[max(bend - 1, 0):bend + 2]}) == 1
     found = efficient[bend] if on_a_curve else None
     until = {curve.name: curve.until(tolerance) for curve in curves}
+    best = advised(curves, tolerance)
     return {"tolerance": tolerance, "ranges": ranges,
             "until": {name: t if math.isfinite(t) else None for name, t in until.items()},
-            "spread": {curve.name: curve.point(tolerance).spread for curve in curves}, "advised": advised(curves, tolerance),
+            "spread": {curve.name: curve.point(tolerance).spread for curve in curves}, "advised": best,
             "knee": None if found is None else {"name": at[found][0].name, "seconds": points[found].seconds,
                                                 "error": points[found].error},
             "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
-                       *_for(curves, until, tolerance)]}
+                       *_for(curves, best, tolerance)],
+            "others": [_not_sure(curve, tolerance) for curve in curves if math.isinf(until[curve.name])]}
 
 
 def _closest(ranges):
@@ -119,18 +122,16 @@ def _bend(name, point):
     return f"Knee: {name} after {duration(point.seconds)}, {100 * point.error:.2g} %; from there on more time brings less."
 
 
-def _for(curves, until, tolerance):
-    """Sentences about a tolerance."""
-    found = advised(curves, tolerance)
-    if found:
-        yield _taken(found, tolerance)
+def _for(curves, best, tolerance):
+    if best:
+        yield _taken(best, tolerance)
     elif all(curve.error for curve in curves):
         yield f"For {_percent(tolerance)}: none of them, however long."
-    for curve in curves:
-        if math.isinf(until[curve.name]):
-            yield (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.error else
-                   f"Noise hides whether {curve.name} reaches {_percent(tolerance)}: its error is below "
-                   f"{100 * curve.most:.2g} %.")
+
+
+def _not_sure(curve, tolerance):
+    return (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.error else
+            f"Noise hides whether {curve.name} reaches {_percent(tolerance)}: its error is below {100 * curve.most:.2g} %.")
 
 
 def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
