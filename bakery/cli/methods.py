@@ -76,7 +76,8 @@ def summary(made, found, base, file=None) -> dict:
         methods.append({"overrides": {key: value for key, value in one.job.scene.overrides.items() if key not in common}}
                        | {key: report.get(key) for key in ("method", "files", "samples", "noise", "mean", "mean_error", "seconds",
                                                          "passes", "stopped_by", "reasons")}
-                       | {"name": one.job.name, "seed": one.job.seed, "stated_bias": report["bias"], "processor": one.processor,
+                       | {"name": one.job.name, "scene": str(one.job.scene.path), "seed": one.job.seed,
+                          "stated_bias": report["bias"], "processor": one.processor,
                           "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "difference": difference,
                           "exact": one.job.name in first.rules.EXACT, "kept": one.job.name in first.rules.KEPT,
                           "flip": seen.flip})

@@ -29,13 +29,15 @@ from bakery.errors import Interrupted, UsageError
 @recipe_options
 @click.option("--methods", metavar="A,B,C",
               help="Of a scene: points in place of those that its renderer names, as `bake compare` takes them.")
+@click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
+              help="Of a scene: another scene of the same picture, for another renderer; repeatable.")
 @click.option("--measure", metavar="NAME", help="Of a recipe: error that ranks the settings.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
 @json_option
 @quiet_option
 @verbose_option
-def command(source, output, methods, measure, budget, overwrite, as_json, quiet, verbose, **options):
+def command(source, output, methods, beside, measure, budget, overwrite, as_json, quiet, verbose, **options):
     """Measure true error against time: over the knobs of each stage of a RECIPE, or over the methods of a SCENE and their knobs.
 
     Prints what is worth its time and what meets the tolerance first.  Of a recipe DIR gets trade.csv, trade.json and a picture a
@@ -47,7 +49,7 @@ def command(source, output, methods, measure, budget, overwrite, as_json, quiet,
 
     scene = is_scene(source)
     refused = {"stage": options["stage"], "scene": options["scenes"], "quality": options["quality"], "measure": measure} \
-        if scene else {"methods": methods}
+        if scene else {"methods": methods, "beside": beside}
     for name, value in refused.items():
         if value:
             raise UsageError(f"--{name}: {source} is a {'scene' if scene else 'recipe'}, which has none; leave it out")
@@ -55,8 +57,8 @@ def command(source, output, methods, measure, budget, overwrite, as_json, quiet,
     progress = choose(quiet)
     try:
         if scene:
-            value, lines = _of_scene(source, output, methods, values, _seed(options["seed"]), budget=budget, progress=progress,
-                                     verbose=verbose, overwrite=overwrite)
+            value, lines = _of_scene(source, output, methods, values, _seed(options["seed"]), budget=budget, beside=beside,
+                                     progress=progress, verbose=verbose, overwrite=overwrite)
         else:
             value, lines = _of_recipe(source, output, values, options, measure=measure, budget=budget, progress=progress,
                                       verbose=verbose, overwrite=overwrite)
@@ -91,7 +93,7 @@ def _of_scene(source, output, methods, values, seed, *, progress, verbose, **mor
     found = trade_scene.trade(source, output, methods, values, seed, progress=progress, **more)
     for line in lines(found) if verbose else ():
         progress.say(line)
-    return found, [*trade_scene.report(found, source), found["page"]]
+    return found, [*trade_scene.report(found), found["page"]]
 
 
 def _seed(text) -> int | None:

@@ -30,7 +30,8 @@ def is_scene(source) -> bool:
         return False
 
 
-def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, overwrite=False) -> dict:
+def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, *, beside=(),
+          overwrite=False) -> dict:
     """Measures the points of a scene, and writes the page.
 
     Parameters
@@ -42,6 +43,7 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
     seed : of the passes, or None
     budget : minutes, of the clock
     progress : receives the progress
+    beside : paths of scenes of the same picture, for other renderers
     overwrite : replace also files of other kinds
 
     Returns
@@ -58,10 +60,15 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
 
     if not budget > 0:
         raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do")
-    loaded = scene.load(source, settings)
+    loaded, *others = (scene.load(path, settings) for path in (source, *beside))
     page = shared.page_at(output, loaded, "trade")
     jobs, refused = _jobs(loaded, names, page.with_suffix(""), settings, seed)
-    shared.check(page, jobs, loaded.inputs, overwrite)
+    for other in others:
+        more = _jobs(other, None, page.with_suffix(""), settings, seed)
+        jobs += [job.beside() for job in more[0]]
+        refused |= {f"{other.section}: {name}": why for name, why in more[1].items()}
+    _distinct([loaded, *others])
+    shared.check(page, jobs, [path for one in (loaded, *others) for path in one.inputs], overwrite)
     folder_for(page.with_suffix(""))
     sweep = _Sweep(jobs, loaded, 60 * budget, progress, overwrite, refused)
     sweep.run()
@@ -86,6 +93,15 @@ def _jobs(loaded, names, folder, settings, seed):
         except RecipeError as error:
             refused[name] = error.problems[0].found
     return jobs, refused
+
+
+def _distinct(scenes):
+    """UsageError unless each scene is for another renderer."""
+    sections = [one.section for one in scenes]
+    for one in scenes[1:]:
+        if sections.count(one.section) > 1:
+            raise UsageError(f"--beside: {one.path} is for the renderer {one.section}, as another one is; scenes of the same "
+                             "picture for different renderers would do")
 
 
 class _Sweep:
@@ -124,7 +140,7 @@ class _Sweep:
     def _reference(self) -> str:
         """Name of the method without an error of its own whose picture is best: by the time that it takes, or, where a call
         before has given one the time of a reference, by its noise."""
-        exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]
+        exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
         if not exact:
             first = next((name for name in self.loaded.rules.EXACT if name in self.refused), self.loaded.rules.EXACT[0])
             raise UsageError(f"{self.loaded.path}: none of {', '.join(self.loaded.rules.EXACT)}, against which errors are taken, "
@@ -141,6 +157,8 @@ class _Sweep:
 
         made = sorted(self.made.values(), key=lambda one: one.job.name != self.reference)
         pictures = [differences.read(one.job.pair[1], one.job.name) for one in made]
+        for one in pictures:
+            differences.same_size(one, pictures[0], self.reference)
         self.found = differences.compared(pictures, pictures[0], dict(self.loaded.values.display))
         self.summary = shared.summary(made, self.found, pictures[0])
         self.curves = shared.curves(self.summary)
@@ -175,7 +193,7 @@ def front(trade) -> list[str]:
     return list(dict.fromkeys(one["name"] for one in trade["ranges"]))
 
 
-def report(found: Mapping, source) -> Iterable[str]:
+def report(found: Mapping) -> Iterable[str]:
     """Lines for people."""
     from bakery.report.comparison import difference_text, until_text
 
@@ -203,11 +221,11 @@ def report(found: Mapping, source) -> Iterable[str]:
     yield from ("  " + line for line in table(rows, right=range(2, len(rows[0]))))
     yield from ("  " + sentence for sentence in trade["advice"])
     if trade["advised"]:
-        yield "  " + command(found, source)
+        yield "  " + command(found)
     yield from ("  " + remark for remark in found["remarks"])
 
 
-def command(found: Mapping, source) -> str:
+def command(found: Mapping) -> str:
     """How to render what is advised."""
     import shlex
 
@@ -216,5 +234,5 @@ def command(found: Mapping, source) -> str:
     settings = {key: value for key, value in (found["overrides"] | one["overrides"]).items() if not key.startswith("stop")}
     if one["passes"]:
         settings["stop"] = f"{{noise: {100 * advised['noise']:.2g}%}}"
-    return " ".join(["bake render", shlex.quote(str(source)),
+    return " ".join(["bake render", shlex.quote(one["scene"]),
                      *(f"--set {shlex.quote(f'{key}={value}')}" for key, value in settings.items())])

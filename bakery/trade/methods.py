@@ -18,7 +18,7 @@ from bakery.trade.front import Point, faster, front, knee
 _TIMES = 65  # of a grid
 _AHEAD = 64.0  # times the longest render, up to which curves are drawn
 _SHARE = 0.5  # of the tolerance, that an error may have which is kept within it and hidden by noise
-_CLOCK = 0.05  # standard error of ln(seconds), of a machine that does other things besides
+_CLOCK = 0.1  # standard error of ln(seconds), of a machine that does other things besides: processor time depends on them too
 
 
 class Curve(NamedTuple):

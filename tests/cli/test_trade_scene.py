@@ -139,6 +139,8 @@ WRONG = (
     ("haze.yaml --set toy.method=single", "the methods are those of --methods"),
     ("haze.yaml --set toy.methd=single", "toy.methd"),
     ("haze.yaml -o haze.trade", "ends in .html"),
+    ("haze.yaml --beside haze.yaml", "--beside: haze.yaml is for the renderer toy, as another one is"),
+    ("haze.yaml --beside gone.yaml", "gone.yaml: there is no such scene"),
     ("haze.yaml -o notes.html", "not an HTML page"),
     ("milk.yaml --methods single", "--methods: milk.yaml is a recipe"),
 )

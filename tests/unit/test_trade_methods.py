@@ -59,7 +59,7 @@ def test_preparations_count_once():
     """12 s, of which 10 before the first pass: 0.05^2 x 2 s of passes for the square of the tolerance."""
     curve = Curve("a", seconds=12.0, first=10.5, noise=0.05, error=0.0, most=0.0, setup=10.0, spread=0.2)
     assert curve.until(0.025) == pytest.approx(10 + 8) and curve.after(18.0) == pytest.approx(0.025)
-    assert curve.point(0.025).spread == pytest.approx((0.05**2 + (0.2 * 8 / 18) ** 2) ** 0.5)
+    assert curve.point(0.025).spread == pytest.approx((0.1**2 + (0.2 * 8 / 18) ** 2) ** 0.5)
 
 
 def test_what_noise_hides():
@@ -76,8 +76,8 @@ def test_what_noise_hides():
 
 
 def test_near_times_are_not_distinguished():
-    """Three standard errors of both logarithms: 3 x 0.14 is a factor of 1.5."""
+    """Three standard errors of both logarithms: 3 x 0.2 is a factor of 1.8."""
     one = EXACT._replace(spread=0.1)
-    found = advised([one, one._replace(name="near", seconds=130.0), one._replace(name="far", seconds=200.0)], 0.05)
-    assert found["alike"] == ["near"] and found["next"] == {"name": "far", "ratio": pytest.approx(2.0)}
+    found = advised([one, one._replace(name="near", seconds=130.0), one._replace(name="far", seconds=250.0)], 0.05)
+    assert found["alike"] == ["near"] and found["next"] == {"name": "far", "ratio": pytest.approx(2.5)}
     assert "not distinguished from near" in compared([one, one._replace(name="near", seconds=130.0)], 0.05)["advice"][-1]
