@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bakery.errors import UsageError
 
+KEPT = 0.5  # of the tolerance, that approximations and tables may take of it as renderers share it out
 TOLERANCE = 0.05  # of scenes that say none, as renderers take it
 
 
@@ -116,9 +117,9 @@ def _curve(one, is_reference, reference_noise):
         return None
     error, most = (different["error"] if different["resolved"] else 0.0, different["most"]) if different else (0.0, 0.0)
     seconds = pace["setup"] + pace["rate"] / one["noise"] ** 2
-    hidden = 0.0 if one["exact"] and not error else most
-    return Curve(one["name"], seconds, min(pace["setup"] + pace["least"], seconds), one["noise"], error, hidden, pace["setup"],
-                 pace["spread"], one["kept"])
+    kept = 0.0 if one["exact"] else KEPT if one["kept"] else None
+    return Curve(one["name"], seconds, min(pace["setup"] + pace["least"], seconds), one["noise"], error, most, pace["setup"],
+                 pace["spread"], kept)
 
 
 def drawing(curves, knee):

@@ -170,7 +170,7 @@ class _Sweep:
         return trade.contenders(self.curves, self.tolerance)
 
     def written(self, page) -> dict:
-        """The summary, its page written: with the pictures of the reference, of the front and of the advised point."""
+        """The summary, its page written: with the pictures of the reference, the front, the advised point and the next one."""
         from bakery.report import comparison as report
         from bakery.store.put import put
         from renderers.common import value_at
@@ -180,7 +180,8 @@ class _Sweep:
                   "as_it_stands": value_at(self.loaded.values, self.loaded.rules.CHOICE[0])}
         found["remarks"] += [f"Not rendered: {name}: {why}" for name, why in self.refused.items()]
         names = {self.reference, *(front(trade) if trade else ())}
-        names |= {trade["advised"]["name"]} if trade and trade["advised"] else set()
+        best = trade["advised"] if trade else None
+        names |= {best["name"], *([best["next"]["name"]] if best["next"] else ())} if best else set()
         shown, limit = shared.shown([one for one in self.found if one.name in names])
         text = report.page(found, shown, limit, shared.drawing(self.curves, trade["knee"]) if trade else None,
                            title="error against time")
@@ -213,7 +214,7 @@ def report(found: Mapping) -> Iterable[str]:
         error, _ = difference_text(one)
         different = one["difference"]
         ratio = f"{1 + different['bias']:.3f} +- {different['bias_error'] or 0:.3f}" if different else ""
-        until = until_text(trade, one["name"]) or ("never" if different and different["resolved"] else "hidden by noise")
+        until = until_text(trade, one["name"]) or ("never" if one["name"] in trade["never"] else "hidden by noise")
         marks = ["front"] * (one["name"] in on_front) + ["as it stands"] * (one["name"] == found["as_it_stands"])
         rows.append((", ".join(marks), one["name"], until,
                      "reference" if one is base else error, ratio, "" if one["noise"] is None else f"{100 * one['noise']:.2g} %",

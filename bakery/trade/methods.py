@@ -17,7 +17,6 @@ from bakery.trade.front import Point, faster, front, knee
 
 _TIMES = 65  # of a grid
 _AHEAD = 64.0  # times the longest render, up to which curves are drawn
-_SHARE = 0.5  # of the tolerance, that an error may have which is kept within it and hidden by noise
 _CLOCK = 0.1  # standard error of ln(seconds), of a machine that does other things besides: processor time depends on them too
 
 
@@ -34,7 +33,8 @@ class Curve(NamedTuple):
     most : upper bound of the error
     setup : s, of `seconds`, before the first pass
     spread : standard error of ln(noise^2 times seconds of passes)
-    kept : whether the method keeps within the tolerance of a scene by itself: what noise hides then counts as half of it at most
+    kept : share of a tolerance within which the method keeps its error by itself: it counts with no more, unless it surely is
+        more; None of a method that promises nothing
     """
 
     name: str
@@ -45,12 +45,17 @@ class Curve(NamedTuple):
     most: float
     setup: float = 0.0
     spread: float = 0.0
-    kept: bool = False
+    kept: float | None = None
 
     @property
     def sure(self) -> float:
         """The error beneath the noise where it stands out of it, else its upper bound: what may be hidden counts as there."""
         return self.error or self.most
+
+    @property
+    def least(self) -> float:
+        """Lower bound of the error, as far below as the upper one is above, in squares."""
+        return math.sqrt(max(2 * self.error**2 - self.most**2, 0.0))
 
     def after(self, seconds, beneath=None):
         """Error (...) after (...) s, with what is sure beneath the noise unless another is given."""
@@ -59,7 +64,7 @@ class Curve(NamedTuple):
 
     def beneath(self, tolerance: float) -> float:
         """The error beneath the noise that counts where a tolerance is to be met."""
-        return min(self.sure, _SHARE * tolerance) if self.kept and not self.error else self.sure
+        return self.sure if self.kept is None else min(self.sure, max(self.kept * tolerance, self.least))
 
     def until(self, tolerance: float, beneath: float | None = None) -> float:
         """Seconds after which the error is below a tolerance, by what counts beneath the noise; inf if that is not said."""
@@ -85,8 +90,8 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     -------
     found : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
         end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
-        standard error of its logarithm; `advised`, see there; `advice`, sentences; `others`, sentences about
-        methods that are not sure to meet the tolerance
+        standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of
+        methods that surely miss the tolerance; `others`, sentences about those that are not sure to meet it
     """
     at = [(curve, seconds) for seconds in times(curves) for curve in curves if seconds >= curve.first * (1 - 1e-9)]
     points = [Point(float(seconds), float(curve.after(seconds, curve.beneath(tolerance)))) for curve, seconds in at]
@@ -108,6 +113,7 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
                                                 "error": points[found].error},
             "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
                        *_for(curves, best, tolerance)],
+            "never": [curve.name for curve in curves if curve.least >= tolerance],
             "others": [_not_sure(curve, tolerance) for curve in curves if math.isinf(until[curve.name])]}
 
 
@@ -125,12 +131,12 @@ def _bend(name, point):
 def _for(curves, best, tolerance):
     if best:
         yield _taken(best, tolerance)
-    elif all(curve.error for curve in curves):
+    elif all(curve.least >= tolerance for curve in curves):
         yield f"For {_percent(tolerance)}: none of them, however long."
 
 
 def _not_sure(curve, tolerance):
-    return (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.error else
+    return (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.least >= tolerance else
             f"Noise hides whether {curve.name} reaches {_percent(tolerance)}: its error is below {100 * curve.most:.2g} %.")
 
 
@@ -153,7 +159,7 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     curve = next(curve for curve in curves if curve.name == best)
     beneath = curve.beneath(tolerance)
     return {"name": best, "seconds": points[best].seconds, "spread": points[best].spread, "beneath": beneath,
-            "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": not curve.error and curve.most > 0, "alike": alike,
+            "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": beneath < curve.sure, "alike": alike,
             "next": {"name": slower[0], "ratio": points[slower[0]].seconds / points[best].seconds} if slower else None}
 
 
@@ -161,7 +167,7 @@ def contenders(curves: Sequence[Curve], tolerance: float) -> list[str]:
     """Names of the methods that may meet a tolerance first, if what noise hides is not there: two or more, or none."""
     best = advised(curves, tolerance)
     least = None if best is None else Point(best["seconds"], tolerance, best["spread"])
-    hopeful = {curve.name: curve.point(tolerance, curve.error) for curve in curves}
+    hopeful = {curve.name: curve.point(tolerance, curve.least) for curve in curves}
     found = [name for name, point in hopeful.items()
              if math.isfinite(point.seconds) and (least is None or not faster(least, point))]
     return found if len(found) > 1 or best is None else []

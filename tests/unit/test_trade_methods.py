@@ -7,7 +7,7 @@ import pytest
 from bakery.trade.methods import Curve, advised, compared, contenders, times
 
 EXACT = Curve("exact", seconds=100.0, first=1.0, noise=0.05, error=0.0, most=0.0)
-QUICK = Curve("quick", seconds=10.0, first=0.1, noise=0.02, error=0.03, most=0.04)
+QUICK = Curve("quick", seconds=10.0, first=0.1, noise=0.02, error=0.03, most=0.032)
 
 
 def test_noise_falls_and_the_rest_stays():
@@ -66,9 +66,11 @@ def test_what_noise_hides():
     """Counts as half of the tolerance of a method that keeps it by itself, else as its upper bound."""
     hidden = Curve("hidden", seconds=10.0, first=1.0, noise=0.02, error=0.0, most=0.2)
     assert hidden.until(0.05) == float("inf")
-    kept = hidden._replace(kept=True)
+    kept = hidden._replace(kept=0.5)
     assert kept.until(0.05) == pytest.approx(0.004 / (0.05**2 - 0.025**2)) and kept._replace(most=0.01).beneath(0.05) == 0.01
-    assert kept._replace(error=0.04).beneath(0.05) == 0.04
+    assert kept._replace(error=0.04, most=0.041).beneath(0.05) == pytest.approx((2 * 0.04**2 - 0.041**2) ** 0.5)
+    assert hidden._replace(kept=0.0).until(0.05) == pytest.approx(0.004 / 0.05**2)
+    assert compared([EXACT, hidden._replace(error=0.1, most=0.14)], 0.05)["never"] == []
     assert advised([EXACT, hidden], 0.05)["name"] == "exact"
     found = advised([EXACT, kept], 0.05)
     assert found["name"] == "hidden" and found["hidden"] and found["beneath"] == 0.025
