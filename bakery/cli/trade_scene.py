@@ -111,7 +111,7 @@ class _Sweep:
         self.jobs, self.loaded, self.budget, self.progress = jobs, loaded, budget, progress
         self.overwrite, self.refused = overwrite, refused
         self.tolerance = loaded.values.tolerance or shared.TOLERANCE
-        self.made = {}
+        self.made, self.failed = {}, {}
 
     def run(self):
         """Renders what the budget allows."""
@@ -119,12 +119,13 @@ class _Sweep:
             self._draw(job, _NOISE, _FIRST * self.budget / len(self.jobs))
         self.reference = self._reference()
         self._draw(self.made[self.reference].job, _LEAST_NOISE, _REFERENCE * self.budget)
-        self._compare()
+        self._compare(with_flip=False)
         names = [name for name in self._contenders() if name != self.reference]
         left = self.budget - sum(one.clock for one in self.made.values())
         for name in names if left > 0 else ():
             self._draw(self.made[name].job, _LEAST_NOISE, self.made[name].clock + left / len(names))
-        self._compare()
+        with self.progress.during("measuring differences"):
+            self._compare(with_flip=True)
 
     def _draw(self, job, noise, seconds):
         from renderers import comparison
@@ -135,22 +136,25 @@ class _Sweep:
         except Interrupted:
             raise
         except BakeryError as error:
-            self.refused[job.name] = str(error)
+            self.failed[job.name] = error
 
     def _reference(self) -> str:
         """Name of the method without an error of its own whose picture is best: by the time that it takes, or, where a call
         before has given one the time of a reference, by its noise."""
         exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
         if not exact:
-            first = next((name for name in self.loaded.rules.EXACT if name in self.refused), self.loaded.rules.EXACT[0])
-            raise UsageError(f"{self.loaded.path}: none of {', '.join(self.loaded.rules.EXACT)}, against which errors are taken, "
-                             f"was rendered; {first}: {self.refused.get(first, 'not asked for')}")
+            for name in self.loaded.rules.EXACT:
+                if name in self.failed:
+                    raise self.failed[name]
+            exact = " or ".join(self.loaded.rules.EXACT)
+            raise UsageError(f"{self.loaded.path}: refuses {exact}, against which errors are taken: "
+                             f"{', '.join(self.refused.values())}")
         ready = [one for one in exact if one.clock >= 0.8 * _REFERENCE * self.budget
                  or (one.report["noise"] or 0.0) <= _LEAST_NOISE * self.tolerance]
         best = min(ready or exact, key=lambda one: (one.report["noise"] or 0.0) if ready else one.pace.rate)
         return best.job.name
 
-    def _compare(self):
+    def _compare(self, with_flip):
         """Numbers, curves and what they say, of the pictures that are there."""
         from bakery.trade import methods as trade
         from renderers import differences
@@ -159,7 +163,7 @@ class _Sweep:
         pictures = [differences.read(one.job.pair[1], one.job.name) for one in made]
         for one in pictures:
             differences.same_size(one, pictures[0], self.reference)
-        self.found = differences.compared(pictures, pictures[0], dict(self.loaded.values.display))
+        self.found = differences.compared(pictures, pictures[0], dict(self.loaded.values.display), with_flip=with_flip)
         self.summary = shared.summary(made, self.found, pictures[0])
         self.curves = shared.curves(self.summary)
         self.summary["trade"] = trade.compared(self.curves, self.tolerance) if self.curves else None
@@ -176,9 +180,10 @@ class _Sweep:
         from renderers.common import value_at
 
         found, trade = self.summary, self.summary["trade"]
-        found |= {"budget": self.budget / 60, "refused": self.refused,
+        refused = self.refused | {name: str(error) for name, error in self.failed.items()}
+        found |= {"budget": self.budget / 60, "refused": refused,
                   "as_it_stands": value_at(self.loaded.values, self.loaded.rules.CHOICE[0])}
-        found["remarks"] += [f"Not rendered: {name}: {why}" for name, why in self.refused.items()]
+        found["remarks"] += [f"Not rendered: {name}: {why}" for name, why in refused.items()]
         names = {self.reference, *(front(trade) if trade else ())}
         best = trade["advised"] if trade else None
         names |= {best["name"], *([best["next"]["name"]] if best["next"] else ())} if best else set()

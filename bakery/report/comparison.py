@@ -75,6 +75,7 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
     parts = [f"<h1>{escape(summary['name'])}: {escape(title) or f'{len(methods)} methods'}</h1>\n",
              paragraph(summary["description"], "what") if summary["description"] else "", paragraph(lead, "lead"),
              *(paragraph(remark, "missed") for remark in summary["remarks"]),
+             paragraph(summary["trade"]["advice"][-1], "what") if title and summary["trade"] else "",
              _slider([(key, name) for key, name, _ in images], shown, summary["reference"], wide, high),
              *section("Pictures", [grid("p")]),
              *section("Figures", [_figures(summary), *map(paragraph, _SAID), paragraph(summary["flip"] or _FLIP)])]
