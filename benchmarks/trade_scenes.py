@@ -60,8 +60,9 @@ def main() -> None:
             continue
         rows.append(row := judged(short, full))
         print(f"{scene}: to {100 * full['tolerance']:g} % {row['advised']}; quickest {row['quickest']} "
-              f"({full['advised']['seconds']:.3g} s), ratio {row['ratio']:.3g}, {'not ' * row['alike']}distinguished; "
-              f"undecided: {', '.join(row['undecided']) or 'none'}", flush=True)
+              f"({full['advised']['seconds']:.3g} s); times {row['ratio']:.3g}, "
+              f"{'not distinguished' if row['alike'] else 'distinguished'}; advice leaves open: "
+              f"{', '.join(row['undecided']) or 'none'}", flush=True)
     same, alike = (sum(row["advised"] == row["quickest"] for row in rows), sum(row["alike"] for row in rows))
     print(f"of {len(rows)}: {same} the quickest, {alike} the quickest or not distinguished from it")
 

@@ -146,8 +146,9 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     Returns
     -------
     found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
-        counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `alike` (names of methods that
-        are not slower beyond the noise), `next` (`name`, `ratio` of the times: the quickest of the others) or None
+        counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an upper
+        bound), `alike` (names of methods that are not slower beyond the noise), `next` (`name`, `ratio` of the times: the quickest
+        of the others) or None
     """
     points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
     if not points:
@@ -159,7 +160,8 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     curve = next(curve for curve in curves if curve.name == best)
     beneath = curve.beneath(tolerance)
     return {"name": best, "seconds": points[best].seconds, "spread": points[best].spread, "beneath": beneath,
-            "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": beneath < curve.sure, "alike": alike,
+            "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": bool(curve.kept) and beneath < curve.sure,
+            "bound": not curve.error, "alike": alike,
             "next": {"name": slower[0], "ratio": points[slower[0]].seconds / points[best].seconds} if slower else None}
 
 
@@ -182,6 +184,8 @@ def _taken(found, tolerance) -> str:
         words.append(f"not distinguished from {', '.join(others) + ' and ' if others else ''}{last}")
     if found["hidden"]:
         words.append(f"noise hides its own error, which counts as {100 * found['beneath']:.2g} %")
+    elif found["beneath"]:
+        words.append(f"its own error is {100 * found['beneath']:.2g} %" + " at most" * found["bound"])
     return "; ".join(words) + "."
 
 

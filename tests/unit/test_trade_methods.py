@@ -27,7 +27,8 @@ def test_who_is_closest_changes_where_the_curves_cross():
     assert found["knee"]["name"] == "quick" and 1 < found["knee"]["seconds"] < 30
     assert found["until"] == {"exact": pytest.approx(100), "quick": pytest.approx(2.5)}
     assert found["advice"] == ["Closest to the reference, by time of all cores together: quick up to 5 min, exact from there on.",
-                               found["advice"][1], "For 5 %: quick, after 2.5 s; 40 times as fast as exact."]
+                               found["advice"][1],
+                               "For 5 %: quick, after 2.5 s; 40 times as fast as exact; its own error is 3 %."]
     assert found["advice"][1].startswith("Knee: quick after ")
 
 
