@@ -140,7 +140,7 @@ def _place(name, method, known) -> int:
 
 
 def render(job: Job, *, quality=None, variant=None, resume=False, force=False, overwrite=False, progress=None,
-           compiled: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0)) -> Made:
+           compiled: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0), asked: float = 0.0) -> Made:
     """The pictures of a method: those that are there where they are finished, else rendered, on from where they were interrupted.
 
     Parameters
@@ -151,6 +151,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     force : render anew
     progress : function of (fraction 0 to 1, noise or None)
     compiled : seconds that went into compiling kernels so far, of the clock and of the processors
+    asked : what the record is to keep of how long passes were to take, s
 
     Raises
     ------
@@ -198,7 +199,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
-    values = keep(True, pace.paced(report.get("parts") or {}), report=report)
+    values = keep(True, pace.paced(report.get("parts") or {}), report=report, asked=asked)
     return Made(job, report, values["processor"], values["compiling"], values["pace"], False)
 
 
@@ -217,10 +218,13 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
         kept = {}
     begun = bool(kept) and job.scene.rules.RESUMES
     spent = kept["seconds"] - kept["compiling"] if begun else 0.0
-    if kept and kept["finished"] and (not begun or spent >= _ENOUGH * seconds or (kept["report"]["noise"] or 0.0) <= noise):
-        return _taken(job, kept)
+    if kept and kept["finished"]:
+        # the last pass may have been too long for what was left of the time
+        longest = max(spent, kept.get("asked", 0.0))
+        if not begun or longest >= _ENOUGH * seconds or (kept["report"]["noise"] or 0.0) <= noise:
+            return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
-    made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, **options)
+    made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, asked=seconds, **options)
     if not job.scene.rules.RESUMES and made.clock < seconds / 2:
         return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
     return made

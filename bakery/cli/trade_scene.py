@@ -16,7 +16,7 @@ from bakery.system.resources import duration
 from bakery.system.terminal import table
 
 # of the budget: for all points together at first, and for the reference; what is left is for those that may be the quickest
-_FIRST, _REFERENCE = 0.4, 0.4
+_FIRST, _REFERENCE = 0.3, 0.3
 # of the tolerance: noise of a point, with which its error is known well enough, and of the reference
 _NOISE, _LEAST_NOISE = 0.5, 0.25
 
@@ -120,7 +120,8 @@ class _Sweep:
         self.reference = self._reference()
         self._draw(self.made[self.reference].job, _LEAST_NOISE, _REFERENCE * self.budget)
         self._compare(with_flip=False)
-        names = [name for name in self._contenders() if name != self.reference]
+        names = self._contenders()
+        names = list(dict.fromkeys([*names, self.reference])) if names else []  # its noise hides errors as theirs does
         left = self.budget - sum(one.clock for one in self.made.values())
         for name in names if left > 0 else ():
             self._draw(self.made[name].job, _LEAST_NOISE, self.made[name].clock + left / len(names))

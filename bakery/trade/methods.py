@@ -147,8 +147,8 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     -------
     found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
         counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an upper
-        bound), `alike` (names of methods that are not slower beyond the noise), `next` (`name`, `ratio` of the times: the quickest
-        of the others) or None
+        bound), `alike` (names of methods that are not slower beyond the noise), `next` (`name`, `ratio` of the times: the
+        quickest of the others) or None
     """
     points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
     if not points:
