@@ -147,8 +147,8 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     -------
     found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
         counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an upper
-        bound), `alike` (names of methods that are not slower beyond the noise), `next` (`name`, `ratio` of the times: the
-        quickest of the others) or None
+        bound), `alike` (names of methods that are not slower beyond the noise), `open` (of those that may be quicker, but noise
+        hides whether they meet the tolerance), `next` (`name`, `ratio` of the times: the quickest of the others) or None
     """
     points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
     if not points:
@@ -159,20 +159,21 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     slower = [name for name in others if name not in alike]
     curve = next(curve for curve in curves if curve.name == best)
     beneath = curve.beneath(tolerance)
+    hidden = [one.name for one in curves if one.name not in points and one.least < tolerance
+              and not faster(points[best], one.point(tolerance, one.least))]
     return {"name": best, "seconds": points[best].seconds, "spread": points[best].spread, "beneath": beneath,
             "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": bool(curve.kept) and beneath < curve.sure,
-            "bound": not curve.error, "alike": alike,
+            "bound": not curve.error, "alike": alike, "open": hidden,
             "next": {"name": slower[0], "ratio": points[slower[0]].seconds / points[best].seconds} if slower else None}
 
 
 def contenders(curves: Sequence[Curve], tolerance: float) -> list[str]:
     """Names of the methods that may meet a tolerance first, if what noise hides is not there: two or more, or none."""
     best = advised(curves, tolerance)
-    least = None if best is None else Point(best["seconds"], tolerance, best["spread"])
-    hopeful = {curve.name: curve.point(tolerance, curve.least) for curve in curves}
-    found = [name for name, point in hopeful.items()
-             if math.isfinite(point.seconds) and (least is None or not faster(least, point))]
-    return found if len(found) > 1 or best is None else []
+    if best is None:
+        return [curve.name for curve in curves if curve.least < tolerance]
+    found = [best["name"], *best["alike"], *best["open"]]
+    return found if len(found) > 1 else []
 
 
 def _taken(found, tolerance) -> str:
@@ -180,13 +181,19 @@ def _taken(found, tolerance) -> str:
     if found["next"]:
         words.append(f"{found['next']['ratio']:.2g} times as fast as {found['next']['name']}")
     if found["alike"]:
-        *others, last = found["alike"]
-        words.append(f"not distinguished from {', '.join(others) + ' and ' if others else ''}{last}")
+        words.append(f"not distinguished from {_listed(found['alike'])}")
+    if found["open"]:
+        words.append(f"noise hides whether {_listed(found['open'])} would be quicker")
     if found["hidden"]:
         words.append(f"noise hides its own error, which counts as {100 * found['beneath']:.2g} %")
     elif found["beneath"]:
         words.append(f"its own error is {100 * found['beneath']:.2g} %" + " at most" * found["bound"])
     return "; ".join(words) + "."
+
+
+def _listed(names) -> str:
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _percent(share: float) -> str:
