@@ -36,7 +36,8 @@ def test_who_is_closest_changes_where_the_curves_cross():
     ([EXACT, QUICK], 0.02, ["For 2 %: exact, after 10 min.", "quick stays 3 % off, however long."]),
     ([QUICK], 0.02, ["For 2 %: none of them, however long.", "quick stays 3 % off, however long."]),
     ([EXACT, QUICK._replace(error=0.0, most=0.06)], 0.05,
-     ["For 5 %: exact, after 2 min; noise hides whether quick would be quicker.", "Noise hides whether quick reaches 5 %: its error is below 6 %."]),
+     ["For 5 %: exact, after 2 min; noise hides whether quick would be quicker.",
+      "Noise hides whether quick reaches 5 %: its error is below 6 %."]),
     ([QUICK._replace(error=0.0, most=0.06)], 0.05, ["Noise hides whether quick reaches 5 %: its error is below 6 %."]),
 ])
 def test_what_is_said_of_a_tolerance(curves, tolerance, said):
