@@ -19,9 +19,11 @@ import bakery
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
 from renderers import assets, images, scene
+from renderers.pace import Pace, Paced
 from renderers.progressive import QUALITY, fingerprint
 
 _LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
+_ENOUGH = 0.8  # share of the time that passes were to take, with which they are not gone on with: each call prepares anew
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +43,12 @@ class Job:
     pair: tuple[Path, Path]
     seed: int | None
 
+    def beside(self) -> Job:
+        """The same among those of another renderer: the name of its own before that of the method and of its files."""
+        section = self.scene.section
+        return dataclasses.replace(self, name=f"{section}: {self.name}",
+                                   pair=tuple(path.with_name(f"{section}_{path.name}") for path in self.pair))
+
     @property
     def record(self) -> Path:
         """Where its record is kept."""
@@ -57,6 +65,7 @@ class Made:
     report : of the renderer; its `seconds` are those of all calls, `earlier` among them those before interruptions
     processor : s, of all processors, without compiling
     compiling : s, of the clock, that went into compiling kernels
+    pace : of the passes, `renderers.pace.Paced`
     taken : whether they were there already
     """
 
@@ -64,7 +73,13 @@ class Made:
     report: dict
     processor: float
     compiling: float
+    pace: Paced
     taken: bool
+
+    @property
+    def clock(self) -> float:
+        """Seconds of the clock, without compiling."""
+        return self.report["seconds"]["total"] - self.compiling
 
 
 def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
@@ -125,7 +140,7 @@ def _place(name, method, known) -> int:
 
 
 def render(job: Job, *, quality=None, variant=None, resume=False, force=False, overwrite=False, progress=None,
-           compiled: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0)) -> Made:
+           compiled: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0), asked: float = 0.0) -> Made:
     """The pictures of a method: those that are there where they are finished, else rendered, on from where they were interrupted.
 
     Parameters
@@ -136,32 +151,34 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     force : render anew
     progress : function of (fraction 0 to 1, noise or None)
     compiled : seconds that went into compiling kernels so far, of the clock and of the processors
+    asked : what the record is to keep of how long passes were to take, s
 
     Raises
     ------
     Interrupted : what is there was written, and the same call goes on with it
     BakeryError : as the renderer
     """
-    made_of = _made_of(job, quality, variant)
+    made_of, stop = _made_of(job, quality, variant), job.scene.values.stop.model_dump(mode="json")
     kept = {} if force else _kept(job)
     same = kept.get("made_of") == made_of
-    if same and kept["finished"]:
-        return Made(job, kept["report"], kept["processor"], kept["compiling"], True)
-    on = same or (resume and job.pair[1].is_file())
+    if same and kept["finished"] and kept["stop"] == stop:
+        return _taken(job, kept)
+    on = (same and not kept["finished"]) or (resume and job.pair[1].is_file())
     spent = {key: kept.get(key, 0.0) if on else 0.0 for key in ("seconds", "processor", "compiling")}
     begin = _clocks(compiled)
     before = _stamp(job.pair[1])
+    pace = Pace(progress, lambda: _clocks(compiled)[1], kept["pace"][0] if on and kept else 0.0)
 
-    def keep(finished, **more):
-        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))}
-        kept = {"made_of": made_of, "finished": finished, "picture": fingerprint(job.pair[1]), **values, **more}
+    def keep(finished, paced, **more):
+        values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))} | {"pace": paced}
+        kept = {"made_of": made_of, "stop": stop, "finished": finished, "picture": fingerprint(job.pair[1]), **values, **more}
         text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
         images.write([(job.record, lambda place: Path(place).write_text(text, encoding="utf-8"))])
         return values
 
     def drawn(what, on):
         return import_module(what.renderer).render(
-            what, job.pair[0], quality=quality, variant=variant, seed=job.seed, overwrite=overwrite, progress=progress,
+            what, job.pair[0], quality=quality, variant=variant, seed=job.seed, overwrite=overwrite, progress=pace,
             **({"resume": True} if on else {}))
 
     try:
@@ -170,10 +187,11 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         if report.get("stopped_by") == "time" and lost > _LITTLE * report["seconds"]["total"]:
             # its time is for passes: a machine that has the kernels already would have used it for them
             again = min(lost * QUALITY[quality or "final"] ** 2, job.scene.values.stop.time)
-            report = _together(report, drawn(_stopping_after(job.scene, again), True))
+            longer = job.scene.values.stop.model_copy(update={"time": again})
+            report = _together(report, drawn(_stopping(job, longer).scene, True))
     except Interrupted as error:
         if _stamp(job.pair[1]) != before:
-            keep(False)
+            keep(False, pace.interrupted())
         again = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and the "
                             "same call goes on with it")
         again.exit_status = error.exit_status
@@ -181,14 +199,44 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
-    values = keep(True, report=report)
-    return Made(job, report, values["processor"], values["compiling"], False)
+    values = keep(True, pace.paced(report.get("parts") or {}), report=report, asked=asked)
+    return Made(job, report, values["processor"], values["compiling"], values["pace"], False)
 
 
-def _stopping_after(one, seconds):
-    """A scene that stops by time."""
-    stop = one.values.stop.model_copy(update={"time": seconds})
-    return dataclasses.replace(one, values=one.values.model_copy(update={"stop": stop}))
+def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:
+    """The pictures of a method until a noise is reached, or passes took so long, with those of all earlier calls.
+
+    Parameters
+    ----------
+    job : of `jobs`, its scene baked; what it says of when to stop does not count
+    noise : relative
+    seconds : of the clock
+    quality, variant, options : as of `render`, without `resume` and `force`
+    """
+    kept = _kept(job)
+    if kept.get("made_of") != _made_of(job, quality, variant):
+        kept = {}
+    begun = bool(kept) and job.scene.rules.RESUMES
+    spent = kept["seconds"] - kept["compiling"] if begun else 0.0
+    if kept and kept["finished"]:
+        # the last pass may have been too long for what was left of the time
+        longest = max(spent, kept.get("asked", 0.0))
+        if not begun or longest >= _ENOUGH * seconds or (kept["report"]["noise"] or 0.0) <= noise:
+            return _taken(job, kept)
+    stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
+    made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, asked=seconds, **options)
+    if not job.scene.rules.RESUMES and made.clock < seconds / 2:
+        return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
+    return made
+
+
+def _taken(job, kept):
+    return Made(job, kept["report"], kept["processor"], kept["compiling"], Paced(*kept["pace"]), True)
+
+
+def _stopping(job, stop):
+    return dataclasses.replace(job, scene=dataclasses.replace(
+        job.scene, values=job.scene.values.model_copy(update={"stop": stop})))
 
 
 def _together(report, later):
@@ -213,7 +261,7 @@ def _kept(job) -> dict:
         return {}
     try:
         kept = json.loads(job.record.read_text(encoding="utf-8"))
-        numbers = [float(kept[key]) for key in ("seconds", "processor", "compiling")]
+        numbers = [float(one) for one in (*(kept[key] for key in ("seconds", "processor", "compiling")), *Paced(*kept["pace"]))]
         whole = kept["picture"] == fingerprint(job.pair[1]) and min(numbers) >= 0 and isinstance(kept["made_of"], str)
         return kept if whole and (not kept["finished"] or kept["report"]["seconds"]) else {}
     except (OSError, ValueError, KeyError, TypeError):
@@ -221,11 +269,12 @@ def _kept(job) -> dict:
 
 
 def _made_of(job, quality, variant) -> str:
-    """What the pictures of a method depend on."""
+    """What the passes of a method depend on; not what stops them."""
     baked, values = job.scene, job.scene.values
     apart = {baked.path, *(baked.file(name) for one in (values, *baked.bodies) for name in (one.asset, one.recipe) if name)}
     # no warnings: they are about tuples in place of lists
-    return fingerprint(values.model_dump(mode="json", warnings=False), [quality, variant, job.seed, bakery.__version__],
+    return fingerprint(values.model_dump(mode="json", exclude={"stop"}, warnings=False),
+                       [quality, variant, job.seed, bakery.__version__],
                        [bakery.open(path).content_hash for path in dict.fromkeys(baked.assets)],
                        *(path for path in baked.inputs if path not in apart))
 

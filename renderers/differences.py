@@ -160,7 +160,7 @@ class Compared:
     flip_map: np.ndarray | None = None
 
 
-def compared(pictures, reference, display) -> list[Compared]:
+def compared(pictures, reference, display, *, with_flip: bool = True) -> list[Compared]:
     """Each picture beside the reference, which is one of them, or another.
 
     Parameters
@@ -168,8 +168,9 @@ def compared(pictures, reference, display) -> list[Compared]:
     pictures : list of `Picture`
     reference : `Picture`
     display : dict, `display` of the scene: how pictures are shown
+    with_flip : whether FLIP is measured, where it is installed
     """
-    with_flip, found = not flip_missing(), []
+    with_flip, found = with_flip and not flip_missing(), []
     background = images.shown(reference.rgb, **display)[0]
     for picture in pictures:
         shown = background if picture is reference else images.shown(picture.rgb, **display)[0]

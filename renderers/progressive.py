@@ -262,7 +262,8 @@ class Estimate:
         Returns
         -------
         report : of `Render.finish`, with `passes` by part, `stopped_by`, and `mean_error`, standard error of `mean`, None where a
-            part has one pass
+            part has one pass; `parts` by name: `passes`, `noise` (its share of the picture's, in squares), `seconds` (of the
+            quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have the same)
 
         Raises
         ------
@@ -278,6 +279,7 @@ class Estimate:
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
                             noise=self.noise, passes={name: mean.count for name, mean in self.means.items()},
+                            parts={name: self._part(mean) for name, mean in self.means.items()},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
                             reasons=reasons, **more)
         if self._signal:
@@ -285,6 +287,13 @@ class Estimate:
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
                                     f"{', '.join(report['files'])}, and --resume goes on with it")
         return report
+
+    def _part(self, mean) -> dict:
+        """What a part adds to noise and time, for the report."""
+        level, variance = max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30), mean.variance
+        spots = np.zeros((1, 1)) if variance is None else variance[..., 3]
+        return {"passes": mean.count, "seconds": mean.expected, "noise": float(np.sqrt(np.mean(spots)) / level),
+                "concentration": float(np.linalg.norm(spots) / max(np.sum(spots), 1e-300))}
 
     def _interrupted(self, what):
         error = Interrupted(f"interrupted {what}")

@@ -9,7 +9,9 @@ may say stands in `renderers.common`.  One of its sections names the renderer (`
   files, `*` where any name may stand; `BODIES`, the key that may be a list of bodies, each with its own asset and files, or "";
   `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
   `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the dotted key that chooses the method, and the names
-  that it may have; `problems(root, values)`, what has to hold between keys.
+  that it may have; `POINTS`, `EXACT` and `KEPT`, methods as `bake compare` takes them: those that `bake trade` tries, those
+  without an error of their own, and those that keep within a scene's tolerance by themselves; `problems(root, values)`, what has
+  to hold between keys.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ COMMANDS = {
     "render": "render an asset's preview, or a scene",
     "compare": "render a scene by several methods, and show them beside one another",
     "export": "hand an asset to other software",
-    "trade": "measure error against time over the knobs of each stage",
+    "trade": "measure error against time over a recipe's knobs, or a scene's methods",
     "schema": "print the recipe's JSON Schema",
     "cache": "look at and tidy the cache of finished stages",
     "completion": "print the shell's completion script",

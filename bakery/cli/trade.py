@@ -1,4 +1,4 @@
-"""`bake trade RECIPE`: error against time over the knobs of every stage."""
+"""`bake trade RECIPE` or `SCENE`: error against time over the knobs of every stage, or over the methods of a scene."""
 
 from __future__ import annotations
 
@@ -14,50 +14,89 @@ from bakery.cli.options import (
     settings_of,
     verbose_option,
 )
-from bakery.errors import Interrupted
+from bakery.cli.trade_scene import is_scene
+from bakery.errors import Interrupted, UsageError
 
 
 @click.command(
     name="trade",
-    short_help="measure error against time over the knobs of every stage",
-    epilog="Exit status: 0 done; 2 wrong usage or recipe; 3 a stage failed; 130 interrupted.",
+    short_help="measure error against time over a recipe's knobs, or a scene's methods",
+    epilog="Exit status: 0 done; 2 wrong usage, recipe or scene; 3 a stage failed; 130 interrupted.",
 )
-@click.argument("recipe", type=click.Path(), metavar="RECIPE")
-@click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Folder of the results.  Default: NAME.trade.")
+@click.argument("source", type=click.Path(), metavar="RECIPE|SCENE")
+@click.option("-o", "--output", type=click.Path(), metavar="DIR|FILE.html",
+              help="Folder of a recipe's results, page of a scene.  Default: NAME.trade, NAME_trade.html beside the scene.")
 @recipe_options
-@click.option("--measure", metavar="NAME", help="Error that ranks the settings.  Default: the stage's first.")
+@click.option("--methods", metavar="A,B,C",
+              help="Of a scene: points in place of those that its renderer names, as `bake compare` takes them.")
+@click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
+              help="Of a scene: another scene of the same picture, for another renderer; repeatable.")
+@click.option("--measure", metavar="NAME", help="Of a recipe: error that ranks the settings.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
 @json_option
 @quiet_option
 @verbose_option
-def command(recipe, output, stage, scenes, quality, tolerance, seed, settings, measure, budget, overwrite, as_json, quiet,
-            verbose):
-    """Measure true error against time over the knobs of each stage of RECIPE.
+def command(source, output, methods, beside, measure, budget, overwrite, as_json, quiet, verbose, **options):
+    """Measure true error against time: over the knobs of each stage of a RECIPE, or over the methods of a SCENE and their knobs.
 
-    Prints the settings that are worth their time, the cheapest one for the requested tolerance, and where draft, preview and
-    final lie.  DIR gets trade.csv, trade.json and a picture a stage.  Finished runs are kept there: the same call goes on where
-    it stopped.
+    Prints what is worth its time and what meets the tolerance first.  Of a recipe DIR gets trade.csv, trade.json and a picture a
+    stage, of a scene the page gets the pictures and differences of the points on the front.  Finished runs are kept: the same
+    call goes on where it stopped.
     """
     from bakery.run.progress import choose
     from bakery.system.terminal import say
-    from bakery.trade import trade
-    from bakery.trade.tables import report
 
+    scene = is_scene(source)
+    refused = {"stage": options["stage"], "scene": options["scenes"], "quality": options["quality"], "measure": measure} \
+        if scene else {"methods": methods, "beside": beside}
+    for name, value in refused.items():
+        if value:
+            raise UsageError(f"--{name}: {source} is a {'scene' if scene else 'recipe'}, which has none; leave it out")
+    values = settings_of(None, options["tolerance"], None if scene else options["seed"], options["settings"])
     progress = choose(quiet)
     try:
-        wanted = for_scenes(recipe, settings_of(None, tolerance, seed, settings), scenes, stage, None, progress)
-        result = trade(recipe, output, stages=wanted.stages, quality=quality, settings=wanted.settings, measure=measure,
-                       budget=budget, progress=progress, verbose=verbose, overwrite=overwrite)
+        if scene:
+            value, lines = _of_scene(source, output, methods, values, _seed(options["seed"]), budget=budget, beside=beside,
+                                     progress=progress, verbose=verbose, overwrite=overwrite)
+        else:
+            value, lines = _of_recipe(source, output, values, options, measure=measure, budget=budget, progress=progress,
+                                      verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
     finally:
         progress.close()
     if as_json:
-        print_json(result.as_dict() | {"files": [str(file) for file in result.files]})
+        print_json(value)
         return
-    for sweep in result.as_dict()["stages"]:
-        for line in report(sweep, recipe):
-            say(line)
-    for file in result.files:
-        say(str(file))
+    for line in lines:
+        say(line)
+
+
+def _of_recipe(recipe, output, values, options, *, progress, **more):
+    """What `--json` prints, and the lines for people."""
+    from bakery.trade import trade
+    from bakery.trade.tables import report
+
+    wanted = for_scenes(recipe, values, options["scenes"], options["stage"], None, progress)
+    result = trade(recipe, output, stages=wanted.stages, quality=options["quality"], settings=wanted.settings, progress=progress,
+                   **more)
+    value, files = result.as_dict(), [str(file) for file in result.files]
+    return value | {"files": files}, [*(line for sweep in value["stages"] for line in report(sweep, recipe)), *files]
+
+
+def _of_scene(source, output, methods, values, seed, *, progress, verbose, **more):
+    """The same of a scene."""
+    from bakery.cli import trade_scene
+    from bakery.cli.methods import lines
+
+    found = trade_scene.trade(source, output, methods, values, seed, progress=progress, **more)
+    for line in lines(found) if verbose else ():
+        progress.say(line)
+    return found, [*trade_scene.report(found), found["page"]]
+
+
+def _seed(text) -> int | None:
+    if text is not None and not text.isdecimal():
+        raise UsageError(f'--seed: found "{text}"; a whole number from 0 on would do')
+    return None if text is None else int(text)

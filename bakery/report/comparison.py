@@ -20,6 +20,8 @@ _SAID = (
     "so much.",
     "bias: difference of the means of the luminance, with one standard error by the scatter of the passes.",
     "noise: root mean square standard error of the luminance over its mean.",
+    "to the tolerance: time of all cores together until the error, noise and what lies beneath it, is below it, with its "
+    "standard error.",
     "time: by the clock, without the compiling of kernels, which a machine does once; to 1 % noise: that time, as noise goes "
     "with the root of it; processor: time of all cores together, also without compiling.")
 _FLIP = "FLIP: what a person sees of the difference of the pictures as they are shown, 0 to 1, at 67 pixels a degree."
@@ -43,7 +45,7 @@ class Shown:
     flip: bytes = b""
 
 
-def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture | None = None) -> str:
+def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture | None = None, title: str = "") -> str:
     """The whole page, UTF-8.
 
     Parameters
@@ -52,6 +54,7 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
     shown : in the order of the page
     limit : relative difference at the ends of the signed maps' colours
     times : drawing of error against time, where noise is known
+    title : what the page is about; how many methods it compares unless given
     """
     methods = {one["name"]: one for one in summary["methods"]}
     wide, high = summary["size"]
@@ -69,14 +72,16 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
         return f'<div class="{cell}">\n' + "".join(
             _figure(key, name, data, captions.get(name, "")) for key, name, data in images if key[0] == kind) + "</div>\n"
 
-    parts = [f"<h1>{escape(summary['name'])}: {len(methods)} methods</h1>\n",
+    parts = [f"<h1>{escape(summary['name'])}: {escape(title) or f'{len(methods)} methods'}</h1>\n",
              paragraph(summary["description"], "what") if summary["description"] else "", paragraph(lead, "lead"),
              *(paragraph(remark, "missed") for remark in summary["remarks"]),
+             paragraph(summary["trade"]["advice"][-1], "what") if title and summary["trade"] else "",
              _slider([(key, name) for key, name, _ in images], shown, summary["reference"], wide, high),
              *section("Pictures", [grid("p")]),
              *section("Figures", [_figures(summary), *map(paragraph, _SAID), paragraph(summary["flip"] or _FLIP)])]
     if times is not None:
-        parts += section("Error against time", [*map(paragraph, summary["trade"]["advice"]), drawing(times)])
+        said = [*summary["trade"]["advice"], *summary["trade"]["others"]]
+        parts += section("Error against time", [*map(paragraph, said), drawing(times)])
     if any(one.difference for one in shown):
         said = paragraph("Luminance, relative to the reference's mean; red where the picture is brighter. Noise is not taken "
                          "off: it is what changes from pixel to pixel.")
@@ -86,7 +91,7 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
         parts += section("FLIP", [_scale(maps.SHARE, "0", "1"), grid("f")])
     parts += section("Time", [_times(summary)])
     parts += section("What the methods say", [_reasons(summary)])
-    return document(f"{summary['name']}: methods compared", parts, broad=True, script="slider.js")
+    return document(f"{summary['name']}: {title or 'methods compared'}", parts, broad=True, script="slider.js")
 
 
 def difference_text(method: Mapping) -> tuple[str, str]:
@@ -94,10 +99,16 @@ def difference_text(method: Mapping) -> tuple[str, str]:
     found = method["difference"]
     if found is None:
         return "", ""
-    error = _share(found["error"]) if found["resolved"] else f"< {_share(found['most'])}"
+    error = _share(found["error"]) if found["resolved"] or not found["most"] else f"< {_share(found['most'])}"
     bias, deviation = 100 * found["bias"], 100 * (found["bias_error"] or 0.0)
     digits = max(0, 1 - floor(log10(deviation or abs(bias) or 1.0)))
     return error, f"{bias:+.{digits}f}".replace("-", "−") + (f" ± {deviation:.{digits}f} %" if deviation else " %")
+
+
+def until_text(trade: Mapping | None, name: str) -> str:
+    """When a method meets the tolerance, in words; "" where that is not said."""
+    seconds = trade["until"].get(name) if trade else None
+    return "" if seconds is None else f"{_seconds(seconds)} ± {100 * trade['spread'][name]:.0f} %"
 
 
 def _share(value: float | None) -> str:
@@ -149,13 +160,16 @@ def _scale(colours: str, low: str, high: str) -> str:
 
 
 def _figures(summary: Mapping) -> str:
-    header = ["method", "error", "bias", "FLIP", "stated bias", "noise", "samples", "time", "to 1 % noise", "processor"]
+    trade = summary["trade"]
+    header = ["method", f"to {100 * trade['tolerance']:.3g} %" if trade else "",
+              "error", "bias", "FLIP", "stated bias", "noise", "samples", "time", "to 1 % noise", "processor"]
     rows = []
     for one in summary["methods"]:
         error, bias = difference_text(one)
         time = one["seconds"]["total"] - one["compiling"]
         ran = f" ({one['method']})" if one["method"] != one["name"].partition(":")[0] else ""
-        rows.append([one["name"] + ran, "reference" if one["name"] == summary["reference"] else error, bias,
+        rows.append([one["name"] + ran, until_text(trade, one["name"]),
+                     "reference" if one["name"] == summary["reference"] else error, bias,
                      "" if one["flip"] is None else f"{one['flip']:.3f}", _share(one["stated_bias"]), _share(one["noise"]),
                      "" if one["samples"] is None else str(one["samples"]), _seconds(time),
                      "" if one["noise"] is None else _seconds(time * (one["noise"] / 0.01) ** 2), _seconds(one["processor"])])

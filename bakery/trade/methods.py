@@ -1,6 +1,6 @@
 """Error against time of methods that render one picture, each from a single render: noise falls with time, the rest stays.
 
-error(t)^2 = error beneath the noise^2 + noise^2 * (time taken / t).  Pure arithmetic.
+error(t)^2 = error beneath the noise^2 + noise^2 * (time of passes taken / (t - time before them)).  Pure arithmetic.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.system.resources import duration
-from bakery.trade.front import Point, front, knee
+from bakery.trade.front import Point, faster, front, knee
 
 _TIMES = 65  # of a grid
 _AHEAD = 64.0  # times the longest render, up to which curves are drawn
+_CLOCK = 0.1  # standard error of ln(seconds), of a machine that does other things besides: processor time depends on them too
 
 
 class Curve(NamedTuple):
@@ -25,11 +26,15 @@ class Curve(NamedTuple):
     Attributes
     ----------
     name : of it
-    seconds : that its render took, of all cores together
+    seconds : that its render takes, of all cores together, with kinds of passes shared out best
     first : s, before which it has no picture
-    noise : that is left in its picture, relative
+    noise : that is left in its picture, relative; 0 of a method without
     error : beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
     most : upper bound of the error
+    setup : s, of `seconds`, before the first pass
+    spread : standard error of ln(noise^2 times seconds of passes)
+    kept : share of a tolerance within which the method keeps its error by itself: it counts with no more, unless it surely is
+        more; None of a method that promises nothing
     """
 
     name: str
@@ -38,20 +43,39 @@ class Curve(NamedTuple):
     noise: float
     error: float
     most: float
+    setup: float = 0.0
+    spread: float = 0.0
+    kept: float | None = None
 
     @property
     def sure(self) -> float:
         """The error beneath the noise where it stands out of it, else its upper bound: what may be hidden counts as there."""
         return self.error or self.most
 
+    @property
+    def least(self) -> float:
+        """Lower bound of the error, as far below as the upper one is above, in squares."""
+        return math.sqrt(max(2 * self.error**2 - self.most**2, 0.0))
+
     def after(self, seconds, beneath=None):
         """Error (...) after (...) s, with what is sure beneath the noise unless another is given."""
-        return np.sqrt((self.sure if beneath is None else beneath) ** 2 + self.noise**2 * self.seconds / np.asarray(seconds))
+        passes = np.maximum(np.asarray(seconds) - self.setup, 1e-9)
+        return np.sqrt((self.sure if beneath is None else beneath) ** 2 + self.noise**2 * (self.seconds - self.setup) / passes)
 
-    def until(self, tolerance: float) -> float:
-        """Seconds after which the error is surely below a tolerance; inf if that is not said."""
-        left = tolerance**2 - self.sure**2
-        return max(self.first, self.noise**2 * self.seconds / left) if left > 0 else math.inf
+    def beneath(self, tolerance: float) -> float:
+        """The error beneath the noise that counts where a tolerance is to be met."""
+        return self.sure if self.kept is None else min(self.sure, max(self.kept * tolerance, self.least))
+
+    def until(self, tolerance: float, beneath: float | None = None) -> float:
+        """Seconds after which the error is below a tolerance, by what counts beneath the noise; inf if that is not said."""
+        left = tolerance**2 - (self.beneath(tolerance) if beneath is None else beneath) ** 2
+        return max(self.first, self.setup + self.noise**2 * (self.seconds - self.setup) / left) if left > 0 else math.inf
+
+    def point(self, tolerance: float, beneath: float | None = None) -> Point:
+        """When it meets a tolerance, with how sure that is."""
+        seconds = self.until(tolerance, beneath)
+        passes = max(1 - self.setup / seconds, 0.0) if math.isfinite(seconds) else 0.0
+        return Point(seconds, tolerance, math.hypot(_CLOCK, passes * self.spread))
 
 
 def times(curves: Sequence[Curve]) -> np.ndarray:
@@ -65,10 +89,12 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     Returns
     -------
     found : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
-        end); `knee` (`name`, `seconds`, `error`) or None; `until` by name, seconds to the tolerance or None; `advice`, sentences
+        end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
+        standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of
+        methods that surely miss the tolerance; `others`, sentences about those that are not sure to meet it
     """
     at = [(curve, seconds) for seconds in times(curves) for curve in curves if seconds >= curve.first * (1 - 1e-9)]
-    points = [Point(float(seconds), float(curve.after(seconds))) for curve, seconds in at]
+    points = [Point(float(seconds), float(curve.after(seconds, curve.beneath(tolerance)))) for curve, seconds in at]
     efficient = front(points)
     grouped = [list(group) for _, group in groupby(efficient, key=lambda i: at[i][0].name)]
     ranges = [{"name": at[group[0]][0].name, "begin": points[group[0]].seconds} for group in grouped]
@@ -79,12 +105,16 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     on_a_curve = bend is not None and len({at[i][0].name for i in efficient[max(bend - 1, 0):bend + 2]}) == 1
     found = efficient[bend] if on_a_curve else None
     until = {curve.name: curve.until(tolerance) for curve in curves}
+    best = advised(curves, tolerance)
     return {"tolerance": tolerance, "ranges": ranges,
             "until": {name: t if math.isfinite(t) else None for name, t in until.items()},
+            "spread": {curve.name: curve.point(tolerance).spread for curve in curves}, "advised": best,
             "knee": None if found is None else {"name": at[found][0].name, "seconds": points[found].seconds,
                                                 "error": points[found].error},
             "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
-                       *_for(curves, until, tolerance)]}
+                       *_for(curves, best, tolerance)],
+            "never": [curve.name for curve in curves if curve.least >= tolerance],
+            "others": [_not_sure(curve, tolerance) for curve in curves if math.isinf(until[curve.name])]}
 
 
 def _closest(ranges):
@@ -98,15 +128,73 @@ def _bend(name, point):
     return f"Knee: {name} after {duration(point.seconds)}, {100 * point.error:.2g} %; from there on more time brings less."
 
 
-def _for(curves, until, tolerance):
-    """Sentences about a tolerance."""
-    wanted = f"{100 * tolerance:.3g} %"
-    best = min(curves, key=lambda curve: until[curve.name])
-    if math.isfinite(until[best.name]):
-        yield f"For {wanted}: {best.name}, after {duration(until[best.name])}."
-    elif all(curve.error for curve in curves):
-        yield f"For {wanted}: none of them, however long."
-    for curve in curves:
-        if math.isinf(until[curve.name]):
-            yield (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.error else
-                   f"Noise hides whether {curve.name} reaches {wanted}: its error is below {100 * curve.most:.2g} %.")
+def _for(curves, best, tolerance):
+    if best:
+        yield _taken(best, tolerance)
+    elif all(curve.least >= tolerance for curve in curves):
+        yield f"For {_percent(tolerance)}: none of them, however long."
+
+
+def _not_sure(curve, tolerance):
+    return (f"{curve.name} stays {100 * curve.error:.2g} % off, however long." if curve.least >= tolerance else
+            f"Noise hides whether {curve.name} reaches {_percent(tolerance)}: its error is below {100 * curve.most:.2g} %.")
+
+
+def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
+    """The method that meets a tolerance first; None where none is sure to.
+
+    Returns
+    -------
+    found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
+        counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an upper
+        bound), `alike` (names of methods that are not slower beyond the noise), `open` (of those that may be quicker, but noise
+        hides whether they meet the tolerance), `next` (`name`, `ratio` of the times: the quickest of the others) or None
+    """
+    points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
+    if not points:
+        return None
+    order = sorted(points, key=lambda name: points[name].seconds)
+    best, others = order[0], order[1:]
+    alike = [name for name in others if not faster(points[best], points[name])]
+    slower = [name for name in others if name not in alike]
+    curve = next(curve for curve in curves if curve.name == best)
+    beneath = curve.beneath(tolerance)
+    hidden = [one.name for one in curves if one.name not in points and one.least < tolerance
+              and not faster(points[best], one.point(tolerance, one.least))]
+    return {"name": best, "seconds": points[best].seconds, "spread": points[best].spread, "beneath": beneath,
+            "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": bool(curve.kept) and beneath < curve.sure,
+            "bound": not curve.error, "alike": alike, "open": hidden,
+            "next": {"name": slower[0], "ratio": points[slower[0]].seconds / points[best].seconds} if slower else None}
+
+
+def contenders(curves: Sequence[Curve], tolerance: float) -> list[str]:
+    """Names of the methods that may meet a tolerance first, if what noise hides is not there: two or more, or none."""
+    best = advised(curves, tolerance)
+    if best is None:
+        return [curve.name for curve in curves if curve.least < tolerance]
+    found = [best["name"], *best["alike"], *best["open"]]
+    return found if len(found) > 1 else []
+
+
+def _taken(found, tolerance) -> str:
+    words = [f"For {_percent(tolerance)}: {found['name']}, after {duration(found['seconds'])}"]
+    if found["next"]:
+        words.append(f"{found['next']['ratio']:.2g} times as fast as {found['next']['name']}")
+    if found["alike"]:
+        words.append(f"not distinguished from {_listed(found['alike'])}")
+    if found["open"]:
+        words.append(f"noise hides whether {_listed(found['open'])} would be quicker")
+    if found["hidden"]:
+        words.append(f"noise hides its own error, which counts as {100 * found['beneath']:.2g} %")
+    elif found["beneath"]:
+        words.append(f"its own error is {100 * found['beneath']:.2g} %" + " at most" * found["bound"])
+    return "; ".join(words) + "."
+
+
+def _listed(names) -> str:
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"

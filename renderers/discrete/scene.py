@@ -20,6 +20,9 @@ BODIES = ""  # lists of bodies: none
 UNUSED: dict[str, str] = {}  # common keys
 RESUMES = True
 CHOICE = "discrete.method", METHODS  # the key of the method, and what it may be
+# of `bake trade`: without an error of their own; meant to keep within a scene's tolerance; all that are tried
+EXACT, KEPT = ("particles",), ("auto",)
+POINTS = (*EXACT, "auto", "auto:peak=keep", "continuous", "continuous:peak=keep", "query")
 
 TIME = Quantity("time", "times", "s", {"ms": -3, "s": 0}, "s")
 SPEED = Quantity("speed", "speeds", "m/s", {"um/s": -6, "mm/s": -3, "cm/s": -2, "m/s": 0, "km/s": 3}, "m/s")

@@ -18,6 +18,9 @@ NEEDS = ("medium", "beam")  # stages of the asset
 FILES = ("picture.color", "picture.depth", "picture.mitsuba", "fog.density.file")
 RESUMES = False  # a filter has no samples
 CHOICE = "filter.kernel", KERNELS  # the key of the method, and what it may be
+# of `bake trade`: what the others are held against; kept within a scene's tolerance: none; all that are tried
+EXACT, KEPT = ("flux",), ()
+POINTS = (*EXACT, "flux:cut_off=8", "flux:picture.samples=64", "flux:picture.samples=16", *KERNELS[1:])
 BODIES = ""  # lists of bodies: none
 UNUSED = {
     "tolerance": "none: the filter's errors are stated in docs/screen.md",

@@ -19,6 +19,9 @@ BODIES = "granular.where"  # may be a list, each with its own asset
 UNUSED = {"film.wavelengths": "none: grains are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
 CHOICE = "granular.method", METHODS  # the key of the method, and what it may be
+# of `bake trade`: without an error of their own; meant to keep within a scene's tolerance; all that are tried
+EXACT, KEPT = ("ept",), ("auto",)
+POINTS = (*EXACT, "ept+vpt", "ept+vpt:spread=1", "ept+vpt+da", "ept+vpt+da:spread=1", "vpt", "teleport")
 
 
 class InMesh(Section):

@@ -22,6 +22,9 @@ BODIES = "translucent.bodies"  # a list, each with its own asset
 UNUSED = {"film.wavelengths": "none: bodies are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
 CHOICE = "translucent.method", METHODS  # the key of the method, and what it may be
+# of `bake trade`: without an error of their own; within the scene's tolerance by tables as it requires them; all that are tried
+EXACT, KEPT = ("paths", "shells", "vrl"), ("auto", "vrl+tables")
+POINTS = (*EXACT, "vrl+tables", "vrl+tables:boundary=mirrored", "beams", "beams+tables", "dipole")
 
 
 class Boundary(Section):

@@ -7,11 +7,12 @@ import json
 import re
 import signal
 from html.parser import HTMLParser
+from itertools import chain, repeat
 
 import numpy as np
 import pytest
 
-from bakery.cli.compare import _drawing
+from bakery.cli.methods import drawing
 from bakery.trade.methods import Curve
 from renderers import comparison, differences, scene
 from renderers.colour import LUMINANCE
@@ -69,7 +70,7 @@ def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=Fa
 def test_the_drawing_shows_what_was_measured():
     """Curves begin with the first picture, and go through what was rendered."""
     curves = [Curve("a", 8.0, 1.0, 0.05, 0.0, 0.0), Curve("b", 2.0, 0.5, 0.02, 0.03, 0.04)]
-    columns = dict(_drawing(curves, None).columns)
+    columns = dict(drawing(curves, None).columns)
     assert columns["a: time [s]"][0] == pytest.approx(1.0, rel=0.15) and columns["b: time [s]"][0] == pytest.approx(0.5)
     assert np.interp(8.0, columns["a: time [s]"], columns["a: error"]) == pytest.approx(0.05, rel=0.01)
     assert np.all(columns["b: at most"] > columns["b: error"])
@@ -166,7 +167,7 @@ def test_time_that_went_into_compiling_is_given_back(place, monkeypatch):
 
     monkeypatch.setattr("tests.toy_renderer.render", timed)
     for seconds, quality, again in ((120, "final", 20), (120, "preview", 80), (5, "final", 5)):  # preview takes a quarter
-        clock = iter([(0.0, 0.0), (20.0, 5.0), (20.0, 5.0)])  # seconds that went into compiling, of the clock, of processors
+        clock = chain([(0.0, 0.0)], repeat((20.0, 5.0)))  # seconds that went into compiling, of the clock, of processors
         job, = jobs(place / "haze.yaml", ["single"], place, {"stop.time": f"{seconds} s"})
         made = comparison.render(comparison.baked(job), quality=quality, compiled=lambda: next(clock))
         assert asked[-2:] == [(seconds, False), (again, True)]

@@ -166,3 +166,22 @@ def test_what_the_integrator_refuses(call, place, old, new, said):
     (place / "plugin.xml").write_text(XML.replace("</scene>", f"{INTEGRATOR.replace(old, new)}</scene>"))
     status, out, err = call("render", place / "plugin.xml", "-o", place / "x.png")
     assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists(), err
+
+
+@pytest.mark.slow
+def test_what_is_the_quickest(call, place):
+    """Of a ball of ten mean free paths: paths and tables agree in the mean, noise of paths falls as their rate says, and a second
+    call renders nothing."""
+    words = ("trade", place / "s.yaml", "--json", "--methods", "paths,vrl+tables,dipole", "--tolerance", "10%")
+    status, out, err = call(*words, "--budget", "0.2")
+    assert status == 0, err
+    found = json.loads(out)
+    paths, *others = found["methods"]
+    assert found["reference"] == paths["name"] == "paths" and {one["name"] for one in others} == {"vrl+tables", "dipole"}
+    tables = next(one["difference"] for one in others if one["name"] == "vrl+tables")
+    assert abs(tables["bias"]) < 4.5 * tables["bias_error"] + 0.05  # 7e-6, and the tables' own error
+    assert paths["pace"]["rate"] == pytest.approx(paths["noise"] ** 2 * paths["pace"]["passes"])
+    assert found["trade"]["advised"]["name"] in ("paths", "vrl+tables", "dipole")
+    status, out, err = call(*words, "--budget", "0.2")
+    again = json.loads(out)
+    assert status == 0 and all(one["taken"] for one in again["methods"]) and again["trade"] == found["trade"]

@@ -48,8 +48,9 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "assets": {"requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
           "progressive": {"budget", "colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"},
+          "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
-          "comparison": {"assets", "images", "progressive", "scene"}}
+          "comparison": {"assets", "images", "pace", "progressive", "scene"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

@@ -1,0 +1,164 @@
+"""A scene by several methods, as `bake compare` and `bake trade` have in common: rendering, numbers and words, curves, a page."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+from bakery.errors import UsageError
+
+KEPT = 0.5  # of the tolerance, that approximations and tables may take of it as renderers share it out
+TOLERANCE = 0.05  # of scenes that say none, as renderers take it
+
+
+def split(names: str) -> list[str]:
+    """Methods as `--methods` lists them."""
+    return [name.strip() for name in re.split(r",(?![^\[]*\])", names) if name.strip()]  # not at commas of [lists]
+
+
+def page_at(output, loaded, ending: str) -> Path:
+    """Where the page goes: `output`, or NAME_ENDING.html beside the scene."""
+    page = Path(output) if output else loaded.picture.with_name(f"{loaded.values.name}_{ending}.html")
+    if page.suffix.lower() != ".html":
+        raise UsageError(f"{page}: a page's name ends in .html; the pictures go into a folder of its name without it")
+    return page
+
+
+def check(page: Path, jobs, inputs, overwrite: bool) -> None:
+    """UsageError where the page, or a picture beside it, cannot be written."""
+    from bakery.store.outputs import PAGE, by_suffix, check_outputs
+
+    check_outputs([(page, PAGE)], inputs, overwrite)
+    if page.with_suffix("").is_dir():
+        check_outputs(by_suffix(path for job in jobs for path in (*job.pair, job.record)), inputs, overwrite)
+
+
+def made(job, progress, render, *limits, **options):
+    """The pictures of a method, with their progress.
+
+    render : `renderers.comparison.render` or `measured`, with what it takes besides a job
+    """
+    from bakery.run import compiling
+    from renderers import comparison
+
+    job, spent = comparison.baked(job, progress), [0.0]  # processor seconds of compiling
+
+    def tell(active):
+        spent[0] += -time.process_time() if active else time.process_time()
+        progress.compiling(active)
+
+    progress.stage("render", f"{job.scene.values.name} by {job.name}", 0.0, 0.0)
+    with compiling.watched(("renderers",), tell) as clock:
+        return render(job, *limits, **options, progress=progress.update, compiled=lambda: (clock.seconds, spent[0]))
+
+
+def summary(made, found, base, file=None) -> dict:
+    """All numbers and words of a comparison.
+
+    Parameters
+    ----------
+    made : `renderers.comparison.Made` of each method
+    found : `renderers.differences.Compared` of each picture from the reference
+    base : the reference, `renderers.differences.Picture`
+    file : its path where it is no method's
+    """
+    from renderers import differences
+
+    first = made[0].job.scene
+    by_name = {one.name: one for one in found}
+    common = {key: value for key, value in first.overrides.items() if key != first.rules.CHOICE[0]
+              and all(one.job.scene.overrides.get(key) == value for one in made)}
+    methods = []
+    for one in made:
+        report, seen = one.report, by_name[one.job.name]
+        difference = None if seen.difference is None else {
+            key: value for key, value in seen.difference._asdict().items() if key != "map"}
+        methods.append({"overrides": {key: value for key, value in one.job.scene.overrides.items() if key not in common}}
+                       | {key: report.get(key) for key in ("method", "files", "samples", "noise", "mean", "mean_error", "seconds",
+                                                         "passes", "stopped_by", "reasons")}
+                       | {"name": one.job.name, "scene": str(one.job.scene.path), "seed": one.job.seed,
+                          "stated_bias": report["bias"], "processor": one.processor,
+                          "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "difference": difference,
+                          "exact": one.job.name in first.rules.EXACT, "kept": one.job.name in first.rules.KEPT,
+                          "flip": seen.flip})
+    remarks = [differences.flip_missing()]
+    unknown = dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)
+    whose = "all pictures" if len(unknown) == len(found) else ", ".join(unknown)
+    remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
+    remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
+    return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
+            "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
+            "overrides": common,
+            "reference": base.name, "reference_file": None if file is None else str(file),
+            "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
+
+
+def curves(found) -> list:
+    """Error against time of each method of a summary, where it is known; of two or more."""
+    own = next((one["noise"] for one in found["methods"] if one["name"] == found["reference"]), None)
+    known = [curve for one in found["methods"] if (curve := _curve(one, one["name"] == found["reference"], own))]
+    return known if len(known) > 1 else []
+
+
+def _curve(one, is_reference, reference_noise):
+    """Of a method; None where its noise, or its difference from the reference, is not known."""
+    from bakery.trade.methods import Curve
+
+    different, pace = one["difference"], one["pace"]
+    if different is None and not is_reference:
+        return None
+    if not one["passes"]:
+        # a filter: what its picture has of noise stays, that of the reference too
+        seconds = pace["setup"]
+        left = max(((different["error"] if different else 0.0) ** 2 + (reference_noise or 0.0) ** 2) ** 0.5, 1e-6)
+        return Curve(one["name"], seconds, seconds, 0.0, left, left, seconds)
+    if not one["noise"] or not pace["rate"] or (different and different["left_in"]):
+        return None
+    error, most = (different["error"] if different["resolved"] else 0.0, different["most"]) if different else (0.0, 0.0)
+    seconds = pace["setup"] + pace["rate"] / one["noise"] ** 2
+    kept = 0.0 if one["exact"] else KEPT if one["kept"] else None
+    return Curve(one["name"], seconds, min(pace["setup"] + pace["least"], seconds), one["noise"], error, most, pace["setup"],
+                 pace["spread"], kept)
+
+
+def drawing(curves, knee):
+    """Error against time, with the knee of the front."""
+    from bakery.draw import times
+    from bakery.trade import methods
+
+    grid = methods.times(curves)
+    seconds = {curve.name: grid[grid >= curve.first * (1 - 1e-9)] for curve in curves}
+    return times.picture(
+        {curve.name: (seconds[curve.name], *(curve.after(seconds[curve.name], error) for error in (curve.error, curve.most)))
+         for curve in curves},
+        {curve.name: (curve.seconds, float(curve.after(curve.seconds, curve.error))) for curve in curves},
+        knee and (knee["seconds"], knee["error"]))
+
+
+def shown(found):
+    """PNGs of pictures and maps, and the difference at the ends of the signed maps' colours."""
+    from bakery.draw import maps
+    from bakery.report.comparison import Shown
+    from renderers.images import eight_bits
+
+    limit = maps.limit([one.difference.map for one in found if one.difference])
+    return [Shown(one.name, maps.picture(eight_bits(one.display)),
+                  maps.coloured(one.difference.map, -limit, limit, maps.SIGNED) if one.difference else b"",
+                  maps.coloured(one.flip_map, 0.0, 1.0, maps.SHARE) if one.flip_map is not None else b"") for one in found], limit
+
+
+def lines(found) -> list[str]:
+    """A summary for people, on standard error."""
+    from bakery.report.comparison import difference_text
+
+    said = []
+    for one in found["methods"]:
+        error, bias = difference_text(one)
+        words = ["reference"] if one["name"] == found["reference"] else []
+        words += [f"error {error}"] * bool(error) + [f"bias {bias}"] * bool(bias)
+        words += [f"FLIP {one['flip']:.3f}"] if one["flip"] is not None else []
+        words += [f"noise {100 * one['noise']:.2g} %"] if one["noise"] is not None else []
+        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]]
+        said.append(f"{one['name']}: {', '.join(words)}")
+    return said

@@ -1,0 +1,245 @@
+"""`bake trade SCENE`: error against time over the methods of a scene and their knobs, each a point.
+
+First every point gets the same time, then the reference, then the points that may still be the quickest to the scene's tolerance.
+Pictures and records stay beside the page: a later call goes on with them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from bakery.cli import methods as shared
+from bakery.errors import BakeryError, Interrupted, RecipeError, UsageError
+from bakery.system.resources import duration
+from bakery.system.terminal import table
+
+# of the budget: for all points together at first, and for the reference; what is left is for those that may be the quickest
+_FIRST, _REFERENCE = 0.3, 0.3
+# of the tolerance: noise of a point, with which its error is known well enough, and of the reference
+_NOISE, _LEAST_NOISE = 0.5, 0.25
+
+
+def is_scene(source) -> bool:
+    """Whether a file says that it is a scene; what is wrong with it is found later."""
+    path = Path(source)
+    try:
+        return path.is_file() and re.search(rb"^bakery_scene\s*:", path.read_bytes(), re.MULTILINE) is not None
+    except OSError:
+        return False
+
+
+def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, *, beside=(),
+          overwrite=False) -> dict:
+    """Measures the points of a scene, and writes the page.
+
+    Parameters
+    ----------
+    source : path of the scene
+    output : path of the page, or None
+    names : of the points as `bake compare --methods` takes them, or None: those that the renderer declares
+    settings : dotted key -> value as text
+    seed : of the passes, or None
+    budget : minutes, of the clock
+    progress : receives the progress
+    beside : paths of scenes of the same picture, for other renderers
+    overwrite : replace also files of other kinds
+
+    Returns
+    -------
+    found : dict, what `--json` prints
+
+    Raises
+    ------
+    UsageError, RecipeError : something is wrong with the call, or the scene
+    BakeryError : no point that may be the reference could be rendered
+    """
+    from bakery.draw.files import folder_for
+    from renderers import scene
+
+    if not budget > 0:
+        raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do")
+    loaded, *others = (scene.load(path, settings) for path in (source, *beside))
+    page = shared.page_at(output, loaded, "trade")
+    jobs, refused = _jobs(loaded, names, page.with_suffix(""), settings, seed)
+    for other in others:
+        more = _jobs(other, None, page.with_suffix(""), settings, seed)
+        jobs += [job.beside() for job in more[0]]
+        refused |= {f"{other.section}: {name}": why for name, why in more[1].items()}
+    _distinct([loaded, *others])
+    shared.check(page, jobs, [path for one in (loaded, *others) for path in one.inputs], overwrite)
+    folder_for(page.with_suffix(""))
+    sweep = _Sweep(jobs, loaded, 60 * budget, progress, overwrite, refused)
+    sweep.run()
+    return sweep.written(page)
+
+
+def _jobs(loaded, names, folder, settings, seed):
+    """Jobs, and the points that the scene refuses with what it says; the scene's own method is one of the points."""
+    from renderers import comparison
+    from renderers.common import value_at
+
+    rules, refused = loaded.rules, {}
+    if names is not None:
+        named = shared.split(names)
+        if not set(named) & set(rules.EXACT):
+            named.insert(0, rules.EXACT[0])
+        return comparison.jobs(loaded.path, named, folder, settings, seed), refused
+    jobs = []
+    for name in dict.fromkeys([*rules.POINTS, value_at(loaded.values, rules.CHOICE[0])]):
+        try:
+            jobs += comparison.jobs(loaded.path, [name], folder, settings, seed)
+        except RecipeError as error:
+            refused[name] = error.problems[0].found
+    return jobs, refused
+
+
+def _distinct(scenes):
+    """UsageError unless each scene is for another renderer."""
+    sections = [one.section for one in scenes]
+    for one in scenes[1:]:
+        if sections.count(one.section) > 1:
+            raise UsageError(f"--beside: {one.path} is for the renderer {one.section}, as another one is; scenes of the same "
+                             "picture for different renderers would do")
+
+
+class _Sweep:
+    """The points of a scene while they are measured."""
+
+    def __init__(self, jobs, loaded, budget, progress, overwrite, refused):
+        self.jobs, self.loaded, self.budget, self.progress = jobs, loaded, budget, progress
+        self.overwrite, self.refused = overwrite, refused
+        self.tolerance = loaded.values.tolerance or shared.TOLERANCE
+        self.made, self.failed = {}, {}
+
+    def run(self):
+        """Renders what the budget allows."""
+        for job in self.jobs:
+            self._draw(job, _NOISE, _FIRST * self.budget / len(self.jobs))
+        self.reference = self._reference()
+        self._draw(self.made[self.reference].job, _LEAST_NOISE, _REFERENCE * self.budget)
+        self._compare(with_flip=False)
+        names = self._contenders()
+        names = list(dict.fromkeys([*names, self.reference])) if names else []  # its noise hides errors as theirs does
+        left = self.budget - sum(one.clock for one in self.made.values())
+        for name in names if left > 0 else ():
+            self._draw(self.made[name].job, _LEAST_NOISE, self.made[name].clock + left / len(names))
+        with self.progress.during("measuring differences"):
+            self._compare(with_flip=True)
+
+    def _draw(self, job, noise, seconds):
+        from renderers import comparison
+
+        try:
+            self.made[job.name] = shared.made(job, self.progress, comparison.measured, noise * self.tolerance, seconds,
+                                              overwrite=self.overwrite)
+        except Interrupted:
+            raise
+        except BakeryError as error:
+            self.failed[job.name] = error
+
+    def _reference(self) -> str:
+        """Name of the method without an error of its own whose picture is best: by the time that it takes, or, where a call
+        before has given one the time of a reference, by its noise."""
+        exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
+        if not exact:
+            for name in self.loaded.rules.EXACT:
+                if name in self.failed:
+                    raise self.failed[name]
+            exact = " or ".join(self.loaded.rules.EXACT)
+            raise UsageError(f"{self.loaded.path}: refuses {exact}, against which errors are taken: "
+                             f"{', '.join(self.refused.values())}")
+        ready = [one for one in exact if one.clock >= 0.8 * _REFERENCE * self.budget
+                 or (one.report["noise"] or 0.0) <= _LEAST_NOISE * self.tolerance]
+        best = min(ready or exact, key=lambda one: (one.report["noise"] or 0.0) if ready else one.pace.rate)
+        return best.job.name
+
+    def _compare(self, with_flip):
+        """Numbers, curves and what they say, of the pictures that are there."""
+        from bakery.trade import methods as trade
+        from renderers import differences
+
+        made = sorted(self.made.values(), key=lambda one: one.job.name != self.reference)
+        pictures = [differences.read(one.job.pair[1], one.job.name) for one in made]
+        for one in pictures:
+            differences.same_size(one, pictures[0], self.reference)
+        self.found = differences.compared(pictures, pictures[0], dict(self.loaded.values.display), with_flip=with_flip)
+        self.summary = shared.summary(made, self.found, pictures[0])
+        self.curves = shared.curves(self.summary)
+        self.summary["trade"] = trade.compared(self.curves, self.tolerance) if self.curves else None
+
+    def _contenders(self) -> list[str]:
+        from bakery.trade import methods as trade
+
+        return trade.contenders(self.curves, self.tolerance)
+
+    def written(self, page) -> dict:
+        """The summary, its page written: with the pictures of the reference, the front, the advised point and the next one."""
+        from bakery.report import comparison as report
+        from bakery.store.put import put
+        from renderers.common import value_at
+
+        found, trade = self.summary, self.summary["trade"]
+        refused = self.refused | {name: str(error) for name, error in self.failed.items()}
+        found |= {"budget": self.budget / 60, "refused": refused,
+                  "as_it_stands": value_at(self.loaded.values, self.loaded.rules.CHOICE[0])}
+        found["remarks"] += [f"Not rendered: {name}: {why}" for name, why in refused.items()]
+        names = {self.reference, *(front(trade) if trade else ())}
+        best = trade["advised"] if trade else None
+        names |= {best["name"], *([best["next"]["name"]] if best["next"] else ())} if best else set()
+        shown, limit = shared.shown([one for one in self.found if one.name in names])
+        text = report.page(found, shown, limit, shared.drawing(self.curves, trade["knee"]) if trade else None,
+                           title="error against time")
+        put(page, text)
+        return found | {"page": str(page), "bytes": len(text.encode())}
+
+
+def front(trade) -> list[str]:
+    """Names of the points on the front, the quickest first."""
+    return list(dict.fromkeys(one["name"] for one in trade["ranges"]))
+
+
+def report(found: Mapping) -> Iterable[str]:
+    """Lines for people."""
+    from bakery.report.comparison import difference_text, until_text
+
+    trade = found["trade"]
+    if trade is None:
+        yield f"{found['name']}: fewer than two points with known noise"
+        yield from found["remarks"]
+        return
+    wanted = f"{100 * trade['tolerance']:.3g} %"
+    base = next(one for one in found["methods"] if one["name"] == found["reference"])
+    noise = f", noise {100 * base['noise']:.2g} %" if base["noise"] is not None else ""
+    yield (f"{found['name']}: {len(found['methods'])} points against {base['name']} "
+           f"({duration(base['processor'])}{noise}); times of all cores together")
+    rows = [("", "point", f"to {wanted}", "error", "mean ratio", "noise", "after")]
+    on_front, order = front(trade), trade["until"]
+    for one in sorted(found["methods"], key=lambda one: order.get(one["name"]) or float("inf")):
+        error, _ = difference_text(one)
+        different = one["difference"]
+        ratio = f"{1 + different['bias']:.3f} +- {different['bias_error'] or 0:.3f}" if different else ""
+        until = until_text(trade, one["name"]) or ("never" if one["name"] in trade["never"] else "hidden by noise")
+        marks = ["front"] * (one["name"] in on_front) + ["as it stands"] * (one["name"] == found["as_it_stands"])
+        rows.append((", ".join(marks), one["name"], until,
+                     "reference" if one is base else error, ratio, "" if one["noise"] is None else f"{100 * one['noise']:.2g} %",
+                     duration(one["processor"])))
+    yield from ("  " + line for line in table(rows, right=range(2, len(rows[0]))))
+    yield from ("  " + sentence for sentence in trade["advice"])
+    if trade["advised"]:
+        yield "  " + command(found)
+    yield from ("  " + remark for remark in found["remarks"])
+
+
+def command(found: Mapping) -> str:
+    """How to render what is advised."""
+    import shlex
+
+    advised = found["trade"]["advised"]
+    one = next(one for one in found["methods"] if one["name"] == advised["name"])
+    settings = {key: value for key, value in (found["overrides"] | one["overrides"]).items() if not key.startswith("stop")}
+    if one["passes"]:
+        settings["stop"] = f"{{noise: {100 * advised['noise']:.2g}%}}"
+    return " ".join(["bake render", shlex.quote(one["scene"]),
+                     *(f"--set {shlex.quote(f'{key}={value}')}" for key, value in settings.items())])

@@ -1,0 +1,170 @@
+"""`bake trade SCENE` as a user calls it: points of a toy whose passes take a second each, on a clock of their own."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import numpy as np
+import pytest
+
+from bakery.errors import UsageError
+from renderers import comparison, scene
+from renderers.colour import LUMINANCE
+from renderers.progressive import Estimate, Part, Stop, fingerprint
+from renderers.running import Render
+from tests.cli.test_compare import Parts
+
+SCENE = """\
+bakery_scene: 1
+name: haze
+asset: milk.h5
+camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
+toy: {sun: [1, 2, -1]}
+"""
+SHAPE = (24, 32, 3)
+LEVELS, NOISE = {"single": 1.0, "isotropic": 1.01}, {"single": 0.25, "isotropic": 0.025}  # of a pass, a channel
+SETUP = 2.0  # s, before the first pass
+
+
+@pytest.fixture
+def place(call, milk, monkeypatch):
+    """A folder with a scene by two methods: one exact, the other 1 % off with a tenth of the noise; `asked`: renders so far."""
+    monkeypatch.setitem(scene.RENDERERS, "toy", "tests.toy_renderer")
+    monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
+    monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
+    monkeypatch.setattr("tests.toy_renderer.render", render)
+    monkeypatch.setattr("bakery.report.comparison.drawing", lambda times: "<figure>drawn</figure>")
+    monkeypatch.setattr(comparison, "_clocks", lambda compiled: (render.now, render.now, 0.0))
+    for name, value in (("asked", []), ("interrupt", None), ("broken", ""), ("now", 0.0)):
+        monkeypatch.setattr(render, name, value, raising=False)
+    (milk.parent / "haze.yaml").write_text(SCENE)
+    assert call(milk, "-o", milk.parent / "milk.h5", "--quiet")[0] == 0
+    return milk.parent
+
+
+def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=False, resume=False, progress=None):
+    """By passes, without a kernel."""
+    job = Render(scene, output, overwrite=overwrite, progress=progress)
+    values, name = job.scene.values, job.scene.values.toy.method
+    if name == render.broken:
+        raise UsageError(f"{name} cannot do this")
+    render.now += SETUP
+
+    def passed(index):
+        render.now += 1.0
+        if render.interrupt == (name, index):
+            signal.raise_signal(signal.SIGINT)
+        return {"": LEVELS[name] + NOISE[name] * np.random.default_rng([seed, index]).standard_normal(SHAPE)}
+
+    estimate = Estimate([Part("haze", passed)], {"scene": fingerprint(name, values.toy.sun)})
+    if resume:
+        estimate.resume(job.pair[1])
+    begun = estimate.samples
+    estimate.run(Stop(noise=values.stop.noise), job.progress(0.0, 1.0))
+    render.asked.append((name, begun, estimate.samples))
+    return estimate.finish(job, method=name)
+
+
+def traded(call, place, *words):
+    status, out, err = call("trade", place / "haze.yaml", "--json", *words)
+    assert status == 0, err
+    return json.loads(out)
+
+
+def test_the_quickest_to_the_tolerance_is_named(call, place):
+    """By a clock that passes alone move: times to the tolerance are those of the noise put in, within ten standard errors."""
+    status, out, err = call("trade", place / "haze.yaml")
+    assert status == 0, err
+    found = traded(call, place)
+    trade, single = found["trade"], found["methods"][0]
+    assert found["reference"] == single["name"] == "single" and found["as_it_stands"] == "single" and trade["tolerance"] == 0.05
+    passes = 0.25**2 * float(np.sum(LUMINANCE**2)) / 0.05**2
+    assert trade["until"]["single"] == pytest.approx(SETUP + passes, rel=0.1)
+    assert trade["until"]["isotropic"] == pytest.approx(SETUP + 2.0)  # two passes are more than enough
+    assert single["pace"]["setup"] == SETUP and single["noise"] <= 0.025  # half of the tolerance
+    isotropic = found["methods"][1]["difference"]
+    assert isotropic["bias"] == pytest.approx(0.01, abs=4.5 * isotropic["bias_error"]) and 0 < isotropic["bias_error"] < 0.001
+    advised = trade["advised"]
+    assert (advised["name"], advised["alike"], advised["next"]["name"]) == ("isotropic", [], "single")
+    assert {one["name"] for one in trade["ranges"]} == {"single", "isotropic"}
+    for said in (trade["advice"][-1], "front", "as it stands", "--set toy.method=isotropic --set 'stop={noise: "):
+        assert said in out, out
+    assert trade["advice"][-1].startswith("For 5 %: isotropic, after 4 s; ")
+    parts = Parts(place / "haze_trade.html")
+    assert out.splitlines()[-1] == found["page"] == str(place / "haze_trade.html")
+    assert {"p0", "p1", "d1"} <= set(parts.ids) and all(one.startswith("data:") for one in parts.addresses)
+    assert "error against time" in parts.text and trade["advice"][-1] in parts.text
+
+
+def test_finished_points_are_kept(call, place):
+    """An interruption loses none, the same call again renders nothing; another scene or seed is rendered anew."""
+    render.interrupt = ("isotropic", 2)
+    status, out, err = call("trade", place / "haze.yaml")
+    assert (status, out) == (130, "") and "the same call goes on" in err and not (place / "haze_trade.html").exists()
+    render.interrupt, before = None, list(render.asked)
+    found = traded(call, place)
+    assert before[0][:2] == ("single", 0) and before[1][:2] == ("isotropic", 0)
+    after = render.asked[len(before):]
+    assert all(begun > 0 for _, begun, _ in after) and after[0][:2] == ("isotropic", before[1][2])
+    count = len(render.asked)
+    again = traded(call, place)
+    assert len(render.asked) == count and all(one["taken"] for one in again["methods"])
+    assert again["trade"] == found["trade"]
+    for words in (("--set", "toy.sun=[1, 2, -2]"), ("--seed", "7")):
+        count = len(render.asked)
+        traded(call, place, *words)
+        assert [begun for _, begun, _ in render.asked[count:]][:2] == [0, 0]
+
+
+def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
+    """And the others go on; without a reference it is an error."""
+    monkeypatch.setattr("tests.toy_renderer.scene.POINTS", ("single", "isotropic", "single:son=1"))
+    render.broken = "isotropic"
+    found = traded(call, place)
+    assert found["refused"]["isotropic"] == "isotropic cannot do this" and set(found["refused"]) == {"isotropic", "single:son=1"}
+    assert found["trade"] is None and [one["name"] for one in found["methods"]] == ["single"]
+    render.broken = "single"
+    status, out, err = call("trade", place / "haze.yaml", "-o", place / "b.html")
+    assert status == 2 and not out and "single cannot do this" in err and len(err.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_a_scene_of_another_renderer(call, place, monkeypatch):
+    """Its points are named after it, and what it is sure of counts for nothing; here a second one of the same renderer."""
+    monkeypatch.setattr("bakery.cli.trade_scene._distinct", lambda scenes: None)
+    (place / "other.yaml").write_text(SCENE.replace("name: haze", "name: other"))
+    found = traded(call, place, "--beside", place / "other.yaml", "--methods", "single")
+    by_name = {one["name"]: one for one in found["methods"]}
+    assert list(by_name) == ["single", "toy: single", "toy: isotropic"] and found["trade"]["advised"]["name"] == "toy: isotropic"
+    assert by_name["single"]["exact"] and not by_name["toy: single"]["exact"]
+    assert by_name["toy: single"]["files"][0] == str(place / "haze_trade" / "toy_single.png")
+    assert f"bake render {place / 'other.yaml'} --set toy.method=isotropic" in call(
+        "trade", place / "haze.yaml", "--beside", place / "other.yaml", "--methods", "single")[1]
+
+
+WRONG = (
+    ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
+    ("haze.yaml --methods single,single", "found single twice"),
+    ("haze.yaml --budget 0", "--budget: found 0; a number of minutes above 0"),
+    ("haze.yaml --seed x", '--seed: found "x"; a whole number'),
+    ("haze.yaml --stage optics", "--stage: haze.yaml is a scene, which has none"),
+    ("haze.yaml --measure phase", "--measure: haze.yaml is a scene"),
+    ("haze.yaml --set toy.method=single", "the methods are those of --methods"),
+    ("haze.yaml --set toy.methd=single", "toy.methd"),
+    ("haze.yaml -o haze.trade", "ends in .html"),
+    ("haze.yaml --beside haze.yaml", "--beside: haze.yaml is for the renderer toy, as another one is"),
+    ("haze.yaml --beside gone.yaml", "gone.yaml: there is no such scene"),
+    ("haze.yaml -o notes.html", "not an HTML page"),
+    ("milk.yaml --methods single", "--methods: milk.yaml is a recipe"),
+)
+
+
+def test_what_is_wrong_is_said_before_anything_is_rendered(call, place, monkeypatch):
+    monkeypatch.chdir(place)
+    (place / "notes.html").write_text("what I saw")
+    before = set(place.iterdir())
+    for words, said in WRONG:
+        status, out, err = call("trade", *words.split())
+        assert status == 2 and not out and said in err, (words, err)
+    assert not render.asked and set(place.iterdir()) == before
