@@ -7,8 +7,8 @@ Each method renders a shipped scene for so many seconds of processor time, in ro
 with nothing in between but smooth glass (all pixels where none does): light of three and more events (`multiple`) and all light,
 over that of the first method, and the processor time in which the error of a pixel would be 1 % of the mean (root mean square; of
 methods with several kinds of passes at the best division between them), from the scatter of passes, for one and for all.
-`mirrored` and `none` are `vrl+tables` with these boundaries.  Methods with rare bright pixels (vrl) need more than what few passes
-say.
+`mirrored` and `none` are `vrl+tables` with these boundaries.  Methods with rare bright pixels (vrl) need more than what few
+passes say.
 """
 
 from __future__ import annotations
