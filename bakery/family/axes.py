@@ -47,6 +47,8 @@ class Swept:
 
     def between(self, other: Swept, value: float) -> float:
         """This key's value where the other key has `value`; both take theirs in step."""
+        if self.key == other.key:
+            return value
         if value in other.values:
             return self.values[other.values.index(value)]
         return self.unscaled(np.interp(other.scaled(value), list(map(other.scaled, other.values)),

@@ -73,7 +73,7 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
     All values of each key are tried, up to 200 recipes.  Raises RecipeError with every problem.
     """
     read = _read(tree.root["sweep"])
-    groups = [read.keys] if read.options.get("combine") == "zip" else [[key] for key in read.keys]
+    groups = _groups(read)
     read.problems += _unfit(read, groups)
     if read.problems:
         raise RecipeError(distinct(tree.problems + problems + read.problems))
@@ -237,6 +237,14 @@ def _spread(node: Mapping):
 
 
 # ---- what holds
+
+
+def _groups(read: _Read) -> list[list[_Key]]:
+    """The keys of each axis, in an order that the order in the recipe does not change; first the one whose values ascend."""
+    keys = sorted(read.keys, key=lambda key: key.written)
+    if read.options.get("combine") != "zip":
+        return [[key] for key in keys]
+    return [sorted(keys, key=lambda key: key.values != sorted(key.values))]
 
 
 def _unfit(read: _Read, groups: SequenceOf[list[_Key]]):

@@ -50,6 +50,7 @@ from bakery.store.write import write
 from bakery.system import resources
 
 SAMPLES = 8  # points that are planned for an estimate of all
+EACH = 0.06  # seconds that a place takes besides its stages: recipe, plan, cache, file
 SAID = 8  # failed points, and others, that are named one by one
 
 
@@ -95,7 +96,7 @@ class FamilyPlan:
     def seconds(self) -> float:
         """Expected time of the points and middles that are known now, compiling included."""
         each = sum(plan.seconds if plan.write else 0.0 for plan in self.samples) / len(self.samples)
-        return each * (self.points + self.middles)
+        return (EACH + each) * (self.points + self.middles)
 
     @property
     def memory(self) -> float:
@@ -235,7 +236,10 @@ class _Baking:
             baked = execute(_plan_of(self._plan, point, path, self._options["cache"], force),
                             progress=_Compiling(self._progress), **self._options)
         except (RecipeError, StageError) as error:
-            self._media[point], self._members[point] = None, Member(name, "", 0.0, str(error).splitlines()[0])
+            reason = str(error).splitlines()[0]
+            self._media[point], self._members[point] = None, Member(name, "", 0.0, reason)
+            if all(place in self._media and self._media[place] is None for place in self._given):
+                raise StageError(f"{self._plan.recipe.path}: no point could be baked: {reason}") from error
             return
         root = read(path)
         self._media[point] = optics_of(root["medium"])
@@ -271,9 +275,7 @@ def _member_path(plan: FamilyPlan, point) -> Path:
 def _root(plan: FamilyPlan, found: Refined, members: Sequence[Member], baking: _Baking) -> Group:
     """The tree of the family's file."""
     recipe, sweep = plan.recipe, plan.recipe.sweep
-    first = next((member for member in members if not member.reason), None)
-    if first is None:
-        raise StageError(f"{recipe.path}: no point could be baked: {members[0].reason}")
+    first = next(member for member in members if not member.reason)
     medium = read(plan.output.parent / first.file)["medium"].attributes
     attributes = {
         "input_hash": plan.input_hash, "tolerance": sweep.tolerance,
