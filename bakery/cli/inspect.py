@@ -54,6 +54,7 @@ def _family(found) -> dict:
 
 
 def _print_family(family: dict) -> None:
+    from bakery.family.axes import shown
     from bakery.system.terminal import clean, say
 
     members = family["members"]
@@ -61,13 +62,13 @@ def _print_family(family: dict) -> None:
     said = "not measured" if error is None else f"error {_short(error)} of {_short(family['tolerance'])}"
     say(f"a family of {len(members)} assets, {family['method']} between them, {said}")
     for axis in family["axes"]:
-        unit = "" if axis["units"] == "1" else f" {axis['units']}"
-        values = [_short(value) for value in axis["values"]]
-        shown = " ".join(values if len(values) <= 8 else [*values[:4], "...", *values[-3:]])
-        say(f"  {axis['name']}: {len(values)} values, {shown}{unit} ({clean(axis['key'])})")
+        unit = axis["units"].removeprefix("1") if axis["units"] != "1" else "1"
+        values = [shown(value, unit) for value in axis["values"]]
+        few = values if len(values) <= 8 else [*values[:4], "...", *values[-3:]]
+        say(f"  {axis['name']}: {', '.join(few)} ({clean(axis['key'])})")
     for member in members:
         if member["reason"] or not member["there"]:
-            at = ", ".join(f"{name} {_short(value)}" for name, value in member["at"].items())
+            at = ", ".join(f"{axis['name']} {shown(member['at'][axis['name']], axis['units'])}" for axis in family["axes"])
             say(f"  {at}: {clean(member['reason'] or 'its file ' + member['path'] + ' is not there')}")
     say()
 
