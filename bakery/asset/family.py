@@ -77,10 +77,10 @@ class Interpolated(Asset):
 
         Raises
         ------
-        UsageError : nothing can be written there, or (but for `overwrite`) what stands there is no asset
+        UsageError : nothing can be written there, it is the family, or (but for `overwrite`) what stands there is no asset
         StoreError : the system refused
         """
-        check_outputs([(path, ASSET)], overwrite=overwrite)
+        check_outputs([(path, ASSET)], [str(self.provenance.attributes["family"])], overwrite)
 
         def broken(root: Group) -> list[str]:
             return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]

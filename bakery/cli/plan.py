@@ -98,13 +98,14 @@ def _show_family(plan) -> None:
             ends = " to ".join(dict.fromkeys((key.texts[0], key.texts[-1])))
             step = f", in step with {axis.first.name}" if key is not axis.first else ""
             say(f"  axis   {key.name:<8} {_counted(len(key.values), 'value')}, {ends} ({key.key}){step}")
+    if not plan.write:
+        return
     say(f"  bake   {_counted(plan.points, 'point')}, by the plans of {len(plan.samples)}")
     if plan.middles:
         say(f"         and {_counted(plan.middles, 'place')} between them at least; where interpolation is off by more than "
             f"{plan.recipe.sweep.tolerance:g} they become points")
-    if plan.write:
-        say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} in files"
-            + (" before any is added" if plan.middles else ""))
+    say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} in files"
+        + (" before any is added" if plan.middles else ""))
 
 
 def _counted(count: int, what: str) -> str:

@@ -23,6 +23,8 @@ MEASURE = ("largest error of interpolated media half-way between points, summed 
            "absolute of albedo and g, and of the phase function {}; over 0.8, for places that are no middles")
 POINTWISE = "relative at any angle, beyond the stated error of the member"
 INTEGRATED = "the integral of the error over the sphere"
+_ATTRIBUTES = {"tolerance": float, "member_tolerance": float, "medium_version": int, "error_measure": str, "input_hash": str}
+_UNITS = ("m", "1/m^3", "1/m", "rad", "1")
 _MEASURED = ("error", "measured")  # of the members of an axis; the others are values of its keys
 _PER_WAVELENGTH = {"sigma_t": ("1/m", "extinction coefficient"), "sigma_s": ("1/m", "scattering coefficient"),
                    "sigma_a": ("1/m", "absorption coefficient"), "albedo": ("1", "single-scattering albedo"),
@@ -159,12 +161,20 @@ def _departures(family: Group, wavelengths: int) -> Iterable[str]:
     if family.attributes.get("stage_version") != VERSION or family.attributes.get("method") not in METHODS:
         yield "attributes: another version, or no method of interpolation"
         return
+    reached = {"achieved_error": float} if "achieved_error" in family.attributes else {}
+    for name, kind in {**_ATTRIBUTES, **reached}.items():
+        if not isinstance(family.attributes.get(name), kind):
+            yield f"attributes: {name} is missing or not {kind.__name__}"
+            return
     axes = family["axes"].members
     if sorted(group.attributes["order"] for group in axes.values()) != list(range(len(axes))) or not axes:
         yield "axes: they have no order"
         return
     for name, group in axes.items():
         values = group["value"].data
+        if any(member.units not in _UNITS for word, member in group.members.items() if word not in _MEASURED):
+            yield f"axes/{name}: not in one of the units {', '.join(_UNITS)}"
+            return
         if not all(_numbers(member.data, values.shape) for word, member in group.members.items() if word not in _MEASURED):
             yield f"axes/{name}: not numbers of one length"
         if any(group[word].data.shape != (len(values) - 1,) for word in _MEASURED if word in group.members):
@@ -180,8 +190,10 @@ def _departures(family: Group, wavelengths: int) -> Iterable[str]:
     wanted |= {"ratios": (*shape, wavelengths, 3, len(theta))} if "ratios" in family.members else {}
     yield from (f"{name}: not numbers of the shape {expected}" for name, expected in wanted.items()
                 if not _numbers(family[name].data, expected))
-    yield from (f"members/{name}: not of the shape {shape}" for name in Member._fields
-                if family[f"members/{name}"].data.shape != shape)
+    for name in Member._fields:
+        data = family[f"members/{name}"].data
+        if data.shape != shape or data.dtype.kind != ("f" if name == "achieved" else "S"):
+            yield f"members/{name}: not {'numbers' if name == 'achieved' else 'texts'} of the shape {shape}"
 
 
 def _numbers(data: np.ndarray, shape: tuple[int, ...]) -> bool:

@@ -101,13 +101,13 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
 
 def json_schema() -> dict:
     """What editors know of the key."""
-    value = {"type": ["number", "string"]}
+    value = {"anyOf": [{"type": "number"}, {"type": "string"}]}
     spread = {"type": "object", "additionalProperties": False, "required": list(_RANGE), "properties": {
         "from": value, "to": value, "count": {"type": "integer", "minimum": 2, "maximum": MOST_POINTS}}}
     return {"anyOf": [{"enum": ["none"]}, {
         "type": "object", "additionalProperties": False,
         "properties": {
-            "tolerance": {"type": ["number", "string"], "description": "Error of the interpolation between points."},
+            "tolerance": {**value, "description": "Error of the interpolation between points."},
             "refine": {"type": "boolean", "description": "Whether points are added where that error is larger."},
             "combine": {"enum": ["product", "zip"], "description": "Every combination of the values, or all keys in step."}},
         "patternProperties": {r"^[^.]+\..+$": {"anyOf": [value, {"type": "array", "items": value}, spread]}}}]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from bakery.asset.compare_families import compare_any
 from bakery.family.axes import Axis, Swept
 from bakery.family.members import broken
 from bakery.family.refine import refined
+from bakery.family.tree import departures, physics
 from bakery.physics.medium import analytic
 from bakery.physics.medium.between import Optics, common_angles, difference, hole, interpolated, tabulated
 from bakery.run.bake import executed, planned
 from bakery.store.missed import missed
 from bakery.store.read import read
+from bakery.store.write import write
 
 LOBES = """\
 bakery: 1
@@ -124,6 +127,8 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     again = bakery.open(path)
     assert again.content_hash == place.content_hash and again.medium.phase([0.0, 1.0]).shape == (1, 2)
     assert "interpolated at g 0.3" in again.provenance["medium/notes"]
+    with pytest.raises(bakery.UsageError, match="is read by this very call"):
+        place.save(lobes[1])
     assert "g: 0.3" in again.recipe and "none" in again.recipe  # what bakes it anew, without the sweep
     (tmp_path / "again.yaml").write_text(again.recipe)
     bakery.bake(tmp_path / "again.yaml", tmp_path / "baked.h5")
@@ -159,7 +164,8 @@ def test_up_to_date_and_again(lobes, tmp_path):
     assert planned(recipe, family, force=True).write
 
 
-def test_a_member_that_is_gone_is_baked_again(own):
+def test_a_member_that_is_gone_is_baked_again(own, monkeypatch):
+    monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
     recipe, gone = own.with_suffix(".yaml"), next((own.parent / "lobes").glob("g_0.5.h5"))
     gone.unlink()
     assert [line.partition(";")[0] for line in broken(own, read(own))] == [f"member g 0.5: {gone}: there is no such file"]
@@ -177,6 +183,47 @@ def test_a_damaged_member_is_named_and_the_others_serve(own, damage, says):
     (line,) = broken(own, read(own))
     assert line.startswith("member g 0.5:") and says in line
     assert bakery.open(own).at(g=0.5).medium.g[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def without(group, path):
+    head, _, rest = path.partition("/")
+    members = dict(group.members)
+    if rest:
+        members[head] = without(members[head], rest)
+    else:
+        del members[head]
+    return replace(group, members=members)
+
+
+def changed(group, path, data):
+    head, _, rest = path.partition("/")
+    inner = group.members[head]
+    inner = changed(inner, rest, data) if rest else replace(inner, data=data(inner.data))
+    return replace(group, members={**group.members, head: inner})
+
+
+@pytest.mark.parametrize("wrong, says", [
+    (lambda root: without(root, "family/members"), "KeyError: 'members'"),
+    (lambda root: without(root, "family/axes/g/value"), "KeyError: 'value'"),
+    (lambda root: changed(root, "family/axes/g/value", lambda data: data[::-1]), "family/axes/g/value: not ascending"),
+    (lambda root: changed(root, "family/phase", lambda data: data[:-1]), "family/phase: not numbers of the shape"),
+    (lambda root: changed(root, "family/members/file", lambda data: np.zeros(data.shape)), "members/file: not texts"),
+    (lambda root: replace(root, members=root.members | {"family": replace(root["family"], attributes={
+        "stage": "family", "stage_version": 1, "method": "cubic"})}), "tolerance is missing or not float"),
+])
+def test_what_is_no_family_is_refused(lobes, tmp_path, wrong, says):
+    write(tmp_path / "wrong.h5", wrong(read(lobes[1])))
+    with pytest.raises(bakery.AssetError) as error:
+        bakery.open(tmp_path / "wrong.h5")
+    assert says in str(error.value)
+
+
+def test_values_that_are_no_media_are_found(lobes):
+    root = read(lobes[1])
+    assert departures(root) == physics(root) == []
+    assert physics(changed(root, "family/phase", lambda data: 1.01 * data)) == [
+        "family: phase does not integrate to 1", "family: g is not the mean cosine of phase"]
+    assert physics(changed(root, "family/sigma_a", lambda data: -data))[0] == "family: a coefficient below 0"
 
 
 # ---- extremes
@@ -201,7 +248,7 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
     original = analytic.tabulated
     monkeypatch.setattr(analytic, "tabulated", tabulated)
     path = tmp_path / "lobes.yaml"
-    path.write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.2, 0.5, 0.8]"))
+    path.write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.2, 0.5, 0.8]") + "  tolerance: 40%\n")
     with pytest.raises(bakery.StageError, match=r"point failed: g 0.5: phase function hg: no such lobe") as error:
         bakery.bake(path, tmp_path / "lobes.h5")
     assert "between g 0.5 and g 0.8 its error is not known" in str(error.value)
