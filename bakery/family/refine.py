@@ -16,7 +16,7 @@ from bakery.physics.medium.between import METHODS, Optics, Tables, difference, h
 
 # Errors elsewhere are up to 1.1 times those half-way for clouds, 1.2 for Henyey-Greenstein lobes whose error is below 10 %
 ROOM = 0.8
-HALVINGS = 6  # of an interval that a recipe gives
+HALVINGS = 10  # of an interval that a recipe gives
 MOST = 10_000  # points in all
 STUCK = 0.7  # an error that two halvings leave above this share of itself is not one of interpolation
 UNKNOWN = math.inf  # error of an interval whose middle, or one of whose points, is not there

@@ -52,7 +52,7 @@ class Recipe:
         """Itself; UsageError where it has several points, for what knows of one only."""
         if self.sweep is not None:
             raise UsageError(f"{self.path}: sweeps {' and '.join(self.sweep.where)}, so it bakes a family of assets; here one is "
-                             "wanted: take one of the family, or `--set sweep=none` for the recipe's own values")
+                             "wanted: save one of the family (`at(…).save(…)`); or `--set sweep=none`, the recipe's own values")
         return self
 
     def where(self, key: str) -> str:

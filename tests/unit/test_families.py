@@ -104,11 +104,28 @@ def test_common_angles_hold_every_table():
         assert (inside[low > 1e-3] >= 2).all()  # as dense as each of them, twice
 
 
+def test_half_the_points_of_a_uniform_grid():
+    """Lobes by g within the tolerance at 100 random places; uniform grids with twice the points are not."""
+    theta = np.concatenate([[0.0], np.geomspace(1e-3, 0.2, 100), np.linspace(0.21, np.pi, 200)])
+
+    def medium(point):
+        return Optics(theta, np.ones(1), np.zeros(1), hg(theta, point[0])[None, None])
+
+    axes = [Axis((Swept("medium.phase.g", "g", "1", ("0", "0.98"), (0.0, 0.98)),))]
+    found = refined(axes, medium, 0.03, False, lambda error: None)
+    assert not found.limits and found.error < 0.03 and 10 < len(found.values[0]) < 40
+    places = np.random.default_rng(2).uniform(0, 0.98, 100)
+    errors = [difference(interpolated(found.tables, [g], found.method), medium([g]), False) for g in places]
+    assert 0.01 < max(errors) < 0.03
+    nodes = np.linspace(0, 0.98, 2 * len(found.values[0]))
+    uniform = tabulated([nodes], [medium([g]) for g in nodes])
+    assert difference(interpolated(uniform, [nodes[-2:].mean()], "cubic"), medium([nodes[-2:].mean()]), False) > 0.03
+
+
 # ---- the file
 
 
 def test_points_are_added_and_places_between_are_within_the_tolerance(lobes):
-    """100 places; a uniform grid as dense as the densest interval would have more than twice the points."""
     family = bakery.open(lobes[1])
     axis = family.axes["g"]
     assert 5 <= len(axis.values) <= 10 and family.achieved_error <= family.tolerance == 0.05 and (axis.error > 0).all()
