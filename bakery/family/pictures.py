@@ -80,9 +80,14 @@ def _errors(panel, axis: Axis, error, tolerance: float) -> None:
                        textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
         panel.set_ylim(0, 1.25 * max(error.max(), tolerance))
     panel.set_title("Error between members" + ("" if error is not None else ": not measured"))
+    low, high = (_scale(axis) * axis.first.values[end] for end in (0, -1))
     if axis.first.logarithmic:
+        margin = (high / low) ** 0.04
+        panel.set_xlim(low / margin, high * margin)
         panel.set_xscale("log")
         plain_decades(panel.xaxis)
+    else:
+        panel.set_xlim(low - 0.04 * (high - low), high + 0.04 * (high - low))
 
 
 def _along(i: int, axes, middle, tables: Tables, method: str) -> _Line:

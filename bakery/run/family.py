@@ -152,7 +152,7 @@ def prepare_family(
     chosen = [every[round(i * (len(every) - 1) / (SAMPLES - 1))] for i in range(SAMPLES)] if len(every) > SAMPLES else every
     plan = FamilyPlan(recipe, target, (), True, (), "", options)
     with progress.during(f"planning {Path(recipe_path).name}"):
-        samples = tuple(_plan_of(plan, point, _member_path(plan, point), cache, force) for point in chosen)
+        samples = _samples(plan, chosen, cache, force)
         _refuse_idle(plan, samples[0], cache)
     key = [VERSION, {step.stage.name: step.input_hash for step in samples[0].steps}, recipe.sweep.tolerance, recipe.sweep.refine,
            recipe.measure, [[key.key, *map(repr, key.values)] for axis in axes for key in axis.keys], len(axes)]
@@ -182,22 +182,23 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
         raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
     started = time.monotonic()
     sweep = plan.recipe.sweep
-    progress.stage(FAMILY, f"{plan.points} points", sweep.tolerance if sweep.refine else 0.0, plan.seconds)
+    progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
     with tempfile.TemporaryDirectory(prefix="bakery-family-") as folder:
         baking = _Baking(plan, Path(folder), {"cache": cache, "jobs": jobs, "executor": executor, "address": address}, progress)
         if sweep.refine:
             found = refined(sweep.axes, baking.medium, sweep.tolerance, plan.recipe.measure == "integrated", baking.told)
         else:
             found = given(sweep.axes, baking.medium)
-        members = [baking.member(point) for point in points(found.values)]
+        members = {point: baking.member(point) for point in points(found.values)}
     root = _root(plan, found, members, baking)
     written = _write(plan.output, root, progress)
     lines = _misses(root)
-    count = sum(not member.reason for member in members)
+    count = sum(not member.reason for member in members.values())
     progress.done(FAMILY, f"{count} of {len(members)} points, {found.method} between them"
                   + (f", error {found.error:.2g} of {sweep.tolerance:.2g}" if found.error is not None and sweep.refine else "")
                   + f", {resources.duration(time.monotonic() - started)}")
-    return Baked(plan.output, written, tuple(baking.steps.values()), files_of(plan.recipe), lines, plan.recipe.warnings)
+    steps = tuple(baking.steps[point] for point in members if point in baking.steps)
+    return Baked(plan.output, written, steps, files_of(plan.recipe), lines, plan.recipe.warnings)
 
 
 class _Baking:
@@ -208,7 +209,7 @@ class _Baking:
         self._given = set(points([axis.first.values for axis in plan.recipe.sweep.axes]))
         self._media, self._members, self._error = {}, {}, None
         self.steps: dict[tuple, dict] = {}
-        self.missed: list[str] = []
+        self.missed: dict[tuple, list[str]] = {}
 
     def medium(self, point) -> Optics | None:
         """The medium at a place; None where it cannot be baked."""
@@ -216,8 +217,9 @@ class _Baking:
             path = _member_path(self._plan, point)
             self._bake(point, path if point in self._given or path.exists() else self._scratch, self._plan.options["force"])
             done = len(self._media)
-            self._progress.update(min(done / max(self._plan.points + self._plan.middles, done + 1), 0.99), self._error,
-                                  f"{done} places")
+            # how many places a refinement takes is not known before its end
+            share = 0.0 if self._plan.recipe.sweep.refine else done / self._plan.points
+            self._progress.update(share, self._error, f"{done} places")
         return self._media[point]
 
     def told(self, error: float | None) -> None:
@@ -235,7 +237,7 @@ class _Baking:
         try:
             baked = execute(_plan_of(self._plan, point, path, self._options["cache"], force),
                             progress=_Compiling(self._progress), **self._options)
-        except (RecipeError, StageError) as error:
+        except (RecipeError, StageError, UsageError) as error:
             reason = str(error).splitlines()[0]
             self._media[point], self._members[point] = None, Member(name, "", 0.0, reason)
             if all(place in self._media and self._media[place] is None for place in self._given):
@@ -246,8 +248,9 @@ class _Baking:
         if path != self._scratch:
             self._members[point] = Member(name, str(root.attributes[HASH]), float(root["medium"].attributes["achieved_error"]))
             words = in_words(self._plan.recipe.sweep.axes, point)
-            self.steps[point] = {"stage": words, "source": "written" if baked.written else "unchanged", "why": list(baked.missed)}
-            self.missed += [f"{words}: {line}" for line in baked.missed]
+            self.steps[point] = {"stage": words, "source": "written" if baked.written else "unchanged",
+                                 "why": ["given by the recipe" if point in self._given else "added between others"]}
+            self.missed[point] = [f"{words}: {line}" for line in baked.missed]
 
 
 class _Compiling(Progress):
@@ -265,6 +268,19 @@ def _plan_of(plan: FamilyPlan, point, path: Path, cache: Cache, force: bool = Fa
                    settings=options["kept"] | settings(plan.recipe.sweep.axes, point), overwrite=options["overwrite"])
 
 
+def _samples(plan: FamilyPlan, chosen: Sequence[tuple], cache: Cache, force: bool) -> tuple[Plan, ...]:
+    """The plans of some points; those that cannot be baked are named when their turn comes, unless all are."""
+    found, refused = [], None
+    for point in chosen:
+        try:
+            found.append(_plan_of(plan, point, _member_path(plan, point), cache, force))
+        except (RecipeError, StageError) as error:
+            refused = error
+    if not found:
+        raise refused
+    return tuple(found)
+
+
 def _member_path(plan: FamilyPlan, point) -> Path:
     return plan.folder / file_name(plan.recipe.sweep.axes, point)
 
@@ -272,10 +288,10 @@ def _member_path(plan: FamilyPlan, point) -> Path:
 # ---- the file
 
 
-def _root(plan: FamilyPlan, found: Refined, members: Sequence[Member], baking: _Baking) -> Group:
+def _root(plan: FamilyPlan, found: Refined, members: Mapping[tuple, Member], baking: _Baking) -> Group:
     """The tree of the family's file."""
     recipe, sweep = plan.recipe, plan.recipe.sweep
-    first = next(member for member in members if not member.reason)
+    first = next(member for member in members.values() if not member.reason)
     medium = read(plan.output.parent / first.file)["medium"].attributes
     attributes = {
         "input_hash": plan.input_hash, "tolerance": sweep.tolerance,
@@ -283,10 +299,10 @@ def _root(plan: FamilyPlan, found: Refined, members: Sequence[Member], baking: _
         "method": found.method, "refined": sweep.refine, "medium_version": medium["stage_version"],
         "member_tolerance": medium["tolerance"]}
     attributes |= {} if found.error is None else {"achieved_error": found.error}
-    family = tree_of(sweep.axes, found.values, found.tables, members, found.errors, attributes)
-    failed = [f"{in_words(sweep.axes, point)}: {member.reason}"
-              for point, member in zip(points(found.values), members, strict=True) if member.reason]
-    lines = [*_first(failed, "point failed: "), *_first(baking.missed, "member: "), *_first(found.limits, "not refined: ")]
+    family = tree_of(sweep.axes, found.values, found.tables, list(members.values()), found.errors, attributes)
+    failed = [f"{in_words(sweep.axes, point)}: {member.reason}" for point, member in members.items() if member.reason]
+    missing = [line for point in members for line in baking.missed.get(point, ())]
+    lines = [*_first(failed, "point failed: "), *_first(missing, "member: "), *_first(found.limits, "not refined: ")]
     missed_text = {"missed": text("\n".join(lines), "targets that were missed")} if lines else {}
     provenance = Group({FAMILY: Group(missed_text)}, origin(recipe))
     return seal(Group({
