@@ -65,8 +65,8 @@ def _figures(i: int, axes, middle, tables: Tables, family: Group, um, at: str) -
 
     columns = [(f"{name} [{_unit(axis)}]", line.values), ("point", line.point.astype(int))]
     columns += [(f"{what} at {x:g} um", rows[:, k]) for what, rows in line.figures.items() for k, x in enumerate(um)]
-    return Picture(name, f"Figures over {name}", f"Dots are members, lines what is between them.{at}", (9.2, 6.2), draw,
-                   tuple(columns))
+    said = f"Dots are members, lines what is between them.  Errors of several axes add up.{at}"
+    return Picture(name, f"Figures over {name}", said, (9.2, 6.2), draw, tuple(columns))
 
 
 def _errors(panel, axis: Axis, error, tolerance: float) -> None:
