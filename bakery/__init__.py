@@ -12,24 +12,25 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from bakery import goa, mie
-    from bakery.asset import Asset, open
+    from bakery.asset import Asset, Family, open
     from bakery.errors import AssetError, BakeryError, RecipeError, StageError, StoreError, UsageError
-    from bakery.run import bake
+    from bakery.run.bake import bake
 
 _WHERE = {
     "Asset": "bakery.asset",
     "AssetError": "bakery.errors",
     "BakeryError": "bakery.errors",
+    "Family": "bakery.asset",
     "RecipeError": "bakery.errors",
     "StageError": "bakery.errors",
     "StoreError": "bakery.errors",
     "UsageError": "bakery.errors",
-    "bake": "bakery.run",
+    "bake": "bakery.run.bake",
     "open": "bakery.asset",
 }
 
-__all__ = ["Asset", "AssetError", "BakeryError", "RecipeError", "StageError", "StoreError", "UsageError", "bake", "goa", "mie",
-           "open"]
+__all__ = ["Asset", "AssetError", "BakeryError", "Family", "RecipeError", "StageError", "StoreError", "UsageError", "bake", "goa",
+           "mie", "open"]
 
 
 def __getattr__(name: str):

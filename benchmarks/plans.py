@@ -155,7 +155,8 @@ def _used(found: dict, name: str, folder: Path) -> float:
 
 
 def main(chosen) -> None:
-    shipped = {path.stem: "" for path in sorted((HERE / "recipes").glob("*.yaml"))}
+    shipped = {path.stem: "" for path in sorted((HERE / "recipes").glob("*.yaml"))
+               if "\nsweep:" not in path.read_text()}  # a family is many bakes
     names = {name: text for name, text in (shipped | OTHERS).items() if not chosen or name in chosen}
     found, ratios = {}, {"empty": [], "used": [], "memory": [], "file": []}
     with tempfile.TemporaryDirectory() as kept:

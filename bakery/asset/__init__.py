@@ -1,4 +1,4 @@
-"""An asset as Python sees it: `bakery.open(path)`, the only interface through which renderers see one.
+"""Assets and families as Python sees them: `bakery.open(path)`, the only interface through which renderers see one.
 
 Every group has its datasets as attributes (`asset.medium.sigma_t`) and, exactly as stored, as items (`asset.medium["phase"]`).  A
 tabulated phase function is an attribute that can be called with angles.
@@ -7,19 +7,16 @@ tabulated phase function is an attribute that can be called with angles.
 from __future__ import annotations
 
 import os
-from types import MappingProxyType
 
-from bakery.errors import AssetError
-from bakery.stages import all_stages, conform, sections_for
-from bakery.stages.members import Members, MissingStage, headline, in_words, with_units
-from bakery.stages.members import summary as error_of  # `summary` is a module of this package
-from bakery.store.hashes import HASH, STAGE
-from bakery.store.read import read
-from bakery.store.tree import Dataset, Group, read_text
+from bakery.asset.family import Family
+from bakery.asset.single import Asset, read_checked
+from bakery.family.tree import is_family
+
+__all__ = ["Asset", "Family", "open", "read_checked"]
 
 
-def open(path: str | os.PathLike) -> Asset:
-    """An asset, read whole and checked.
+def open(path: str | os.PathLike) -> Asset | Family:
+    """An asset, or a family of assets, read whole and checked.
 
     Parameters
     ----------
@@ -37,64 +34,5 @@ def open(path: str | os.PathLike) -> Asset:
     >>> asset.medium.phase(np.radians([0, 90, 180])).shape      # (L, 3) 1/sr
     (3, 3)
     """
-    return Asset(read_checked(path), os.fspath(path))
-
-
-def read_checked(path: str | os.PathLike) -> Group:
-    """The tree of an asset that is what its stages declare; what every command starts from.  Raises as `open`."""
-    root = read(path)
-    if not {"wavelength", "recipe"} <= root.members.keys():
-        raise AssetError(f"{os.fspath(path)}: holds no recipe and wavelength: an entry of bakery's cache, not an asset")
-    conform.check(os.fspath(path), root)
-    return root
-
-
-class Asset:
-    """One baked material, read-only.
-
-    Attributes
-    ----------
-    path, name, content_hash : text
-    recipe : the recipe's text
-    wavelength : (L,) um, in vacuum
-    stages : name -> attributes of the stage (`tolerance`, `achieved_error`, `error_measure`, `input_hash`, ...)
-    provenance : group; when, with which versions and command, seconds and memory of each stage
-    attributes : of the root
-    NAME : each group that was baked, by its stage's name (`medium`): its `Members`, or what the stage declares
-    """
-
-    def __init__(self, root: Group, path: str):
-        self.path = path
-        self.attributes = MappingProxyType(root.attributes)
-        self.name = str(root.attributes.get("name", ""))
-        self.content_hash = str(root.attributes.get(HASH, ""))
-        wavelength, self.recipe = root["wavelength"], read_text(root["recipe"])
-        self.wavelength = with_units(wavelength.data, wavelength.units)
-        medium = root.members.get("medium")
-        theta = medium.members.get("theta") if isinstance(medium, Group) else None
-        shared = theta.data if isinstance(theta, Dataset) else None
-        views = {stage.name: stage.view for stage in all_stages() if stage.view}
-        self._groups = {name: views[name](root) if name in views else Members(member, name, shared)
-                        for name, member in root.members.items() if isinstance(member, Group)}
-        self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()
-                                        if STAGE in group.attributes})
-        self.tree = root
-
-    def __getattr__(self, name: str):
-        groups = self.__dict__.get("_groups", {})
-        if name in groups:
-            return groups[name]
-        if sections := sections_for(name):
-            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in each) for each in sections))
-            raise MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give its "
-                               f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`")
-        raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
-
-    def __dir__(self):
-        return [*super().__dir__(), *self._groups]
-
-    def __repr__(self) -> str:
-        lines = [f"asset {self.name!r}, wavelength {in_words(self.wavelength, self.wavelength.units)}, "
-                 f"content {self.content_hash[:12]}"]
-        lines += [f"  {name}{error_of(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
-        return "\n".join(lines)
+    root = read_checked(path)
+    return (Family if is_family(root) else Asset)(root, os.fspath(path))

@@ -84,6 +84,8 @@ def _child() -> None:
         broken = _hit(path) if task == "locate" else _broken(path)
     except AssetError as error:
         broken = [_plain(path, error)]
+    except StoreError as error:  # of a member: the file itself was read before
+        broken = [str(error)]
     except MemoryError:
         broken = ["container: damaged: reading it takes more memory than a sound asset of its size would"]
     sys.stdout.write(json.dumps(broken))
@@ -105,7 +107,15 @@ def _broken(path: str) -> list[str]:
         faults.append(_plain(path, error))
     faults += _checksums(data, root) + broken_hashes(root)
     faults += contract(root)
-    return faults or physics(root)
+    return faults or physics(root) + _members(path, root)
+
+
+def _members(path: str, root) -> list[str]:
+    """What is wrong with the members' files of a family."""
+    from bakery.family.members import broken
+    from bakery.family.tree import is_family
+
+    return broken(Path(path), root) if is_family(root) else []
 
 
 def _hit(path: str) -> list[str]:
@@ -143,16 +153,19 @@ def _checksums(data: bytes, root) -> list[str]:
 
 def contract(root) -> list[str]:
     """Where a tree departs from `docs/asset-format.md` and from what its stages declare, physics apart."""
+    from bakery.family.tree import departures, is_family
     from bakery.stages.conform import faults
 
-    return faults(root)
+    return faults(root) + (departures(root) if is_family(root) else [])
 
 
 def physics(root) -> list[str]:
     """What the stages' own checks say of their groups."""
+    from bakery.family.tree import is_family
+    from bakery.family.tree import physics as of_family
     from bakery.stages.conform import stages_of
 
-    broken = []
+    broken = of_family(root) if is_family(root) else []
     for stage in stages_of(root):
         try:
             broken += [f"{stage.name}: {rule}" for rule in stage.check(root.members[stage.name])]

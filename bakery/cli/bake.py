@@ -15,6 +15,7 @@ from bakery.cli.options import (
     quiet_option,
     recipe_options,
     settings_of,
+    sweep_option,
     verbose_option,
 )
 from bakery.errors import RecipeError, UsageError
@@ -29,6 +30,7 @@ from bakery.errors import RecipeError, UsageError
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
               help="Asset to write; DIR/ puts NAME.h5 into a folder.")
 @recipe_options
+@sweep_option
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads; all processors by default (or BAKERY_JOBS).")
 @click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
 @click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
@@ -39,16 +41,17 @@ from bakery.errors import RecipeError, UsageError
 @json_option
 @quiet_option
 @verbose_option
-def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, jobs, cluster, force, dry_run, depfile, overwrite,
-            as_json, quiet, verbose):
-    """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise.
+def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, cluster, force, dry_run, depfile,
+            overwrite, as_json, quiet, verbose):
+    """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise; a recipe that sweeps keys into a family of them.
 
     Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset,
     and nothing else, on standard output.
     """
     from pathlib import Path
 
-    from bakery.run import execute, files_of, prepare
+    from bakery.run import files_of
+    from bakery.run.bake import executed, planned
     from bakery.run.cache import Cache
     from bakery.run.progress import Named, choose
     from bakery.store.outputs import ASSET, DEPFILE, check_outputs
@@ -61,11 +64,11 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     try:
         cache = Cache(say=progress.say)
         plans, problems = [], []
-        values = settings_of(quality, tolerance, seed, settings)
+        values = settings_of(quality, tolerance, seed, settings, sweeps)
         for recipe in recipes:
             try:
                 wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
-                plans.append(prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
+                plans.append(planned(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
                                      jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs))
             except RecipeError as error:
                 problems += error.problems
@@ -86,7 +89,7 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
         reports = []
         for recipe, plan in zip(recipes, plans, strict=True):
             reporter = Named(progress, recipe) if len(plans) > 1 else progress
-            baked = execute(plan, cache=cache, jobs=jobs, address=cluster, progress=reporter)
+            baked = executed(plan, cache=cache, jobs=jobs, address=cluster, progress=reporter)
             if depfile:
                 from bakery.run import depfile as rules
 

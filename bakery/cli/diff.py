@@ -18,17 +18,17 @@ from bakery.errors import UsageError
                    "one recipe have.")
 @json_option
 def command(a, b, rtol, as_json):
-    """Compare the values, shapes and units of two assets; provenance and hashes do not count.
+    """Compare the values, shapes and units of two assets, or of two families at all points; provenance and hashes do not count.
 
     Exit status 0 if they hold the same, 1 if not: the table then names each dataset that differs, with its worst place.
     """
-    from bakery.asset.compare import compare
+    from bakery.asset.compare_families import compare_any
 
     rtol = _fraction(rtol)
     for asset in (a, b):
         if not os.path.exists(asset):
             raise UsageError(f"{asset}: there is no such file; the path of a baked asset would do")
-    differences = compare(a, b, rtol)
+    differences = compare_any(a, b, rtol)
     if as_json:
         print_json({"a": a, "b": b, "rtol": rtol, "equal": not differences, "differences": [_plain(row) for row in differences]})
     else:

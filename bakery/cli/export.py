@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from bakery.cli import offers
-from bakery.cli.options import json_option, overwrite_option, print_json, print_paths
+from bakery.cli.options import at_option, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError, UsageError
 
 LATER = ("pbrt",)
@@ -26,14 +26,14 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
               help="Folder of the files.  Default: NAME-FORMAT beside the asset.")
 @click.option("--each-wavelength", is_flag=True,
               help="mitsuba: one file a wavelength, instead of one in colour with a mean table.")
+@at_option
 @overwrite_option
 @json_option
-def command(asset, target, output, each_wavelength, overwrite, as_json):
+def command(asset, target, output, each_wavelength, place, overwrite, as_json):
     """Write ASSET for other software.
 
     Prints the files on standard output; on standard error what was lost on the way, and first what makes a file nearly useless.
     """
-    import bakery
     from bakery.draw.files import folder_for
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
@@ -44,8 +44,8 @@ def command(asset, target, output, each_wavelength, overwrite, as_json):
                          " and ".join(f"{name} ({text})" for name, text in FORMATS.items()))
     if each_wavelength and target != "mitsuba":
         raise UsageError(f"--each-wavelength: has no effect on {target}, whose tables hold every wavelength; leave it out")
-    opened = bakery.open(asset)
-    stem = Path(asset).stem
+    opened = one_asset(asset, place)
+    stem = Path(opened.path).stem
     first: list[str] = []
     if target == "csv":
         files, losses, lines = _csv(opened)
@@ -57,7 +57,7 @@ def command(asset, target, output, each_wavelength, overwrite, as_json):
         files, losses, lines, first = _mitsuba(opened, stem, each_wavelength)
     for warning in first:
         click.echo(f"warning: {warning}", err=True)
-    folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-{target}"))
+    folder = folder_for(Path(output) if output else Path(opened.path).with_name(f"{stem}-{target}"))
     check_outputs(by_suffix(folder / name for name in files), [asset], overwrite)
     paths = [str(put(folder / name, content)) for name, content in files.items()]
     if as_json:

@@ -20,14 +20,18 @@ def command(asset, path, as_json):
     import bakery
     from bakery.asset.summary import describe
 
-    root = bakery.open(asset).tree
+    found = bakery.open(asset)
+    root = found.tree
     path = path.strip("/")
     if path and path not in (names := [name for name, _ in root.walk()]):
         raise UsageError(not_found(asset, path, names))
     summary = {"file": asset, "bytes": os.path.getsize(asset)} | describe(root, path)
+    family = _family(found) if isinstance(found, bakery.Family) and not path else None
     if as_json:
-        print_json(summary)
+        print_json(summary | ({"family": family} if family else {}))
     else:
+        if family:
+            _print_family(family)
         _print(summary, whole=not path)
 
 
@@ -38,6 +42,35 @@ def not_found(asset: str, path: str, names: list[str]) -> str:
     near = difflib.get_close_matches(path, names, 1) or [name for name in names if name.rpartition("/")[2] == path][:1]
     hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in names if '/' not in name)}"
     return f'{asset}: found no "{path}"; {hint}'
+
+
+def _family(found) -> dict:
+    """What a family says of its axes and members, in JSON's types."""
+    return {"method": found.method, "tolerance": found.tolerance, "achieved_error": found.achieved_error,
+            "axes": [{"name": name, "key": axis.key, "units": axis.values.units, "values": axis.values.tolist(),
+                      "error": None if axis.error is None else axis.error.tolist()} for name, axis in found.axes.items()],
+            "members": [{"at": dict(member.at), "path": str(member.path), "content_hash": member.content_hash,
+                         "reason": member.reason, "there": member.path.is_file()} for member in found.members]}
+
+
+def _print_family(family: dict) -> None:
+    from bakery.family.axes import shown
+    from bakery.system.terminal import clean, say
+
+    members = family["members"]
+    error = family["achieved_error"]
+    said = "not measured" if error is None else f"error {_short(error)} of {_short(family['tolerance'])}"
+    say(f"a family of {len(members)} assets, {family['method']} between them, {said}")
+    for axis in family["axes"]:
+        unit = axis["units"].removeprefix("1") if axis["units"] != "1" else "1"
+        values = [shown(value, unit) for value in axis["values"]]
+        few = values if len(values) <= 8 else [*values[:4], "...", *values[-3:]]
+        say(f"  {axis['name']}: {', '.join(few)} ({clean(axis['key'])})")
+    for member in members:
+        if member["reason"] or not member["there"]:
+            at = ", ".join(f"{axis['name']} {shown(member['at'][axis['name']], axis['units'])}" for axis in family["axes"])
+            say(f"  {at}: {clean(member['reason'] or 'its file ' + member['path'] + ' is not there')}")
+    say()
 
 
 def _print(summary: dict, whole: bool) -> None:
@@ -69,7 +102,7 @@ def _tree(summary: dict, ascii_only: bool) -> list[str]:
     from bakery.system.terminal import clean, table
 
     datasets = {row["path"]: row for row in summary["datasets"]}
-    stages = {stage["group"]: f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])}"
+    stages = {stage["group"]: f"error {_error(stage['achieved_error'])} of {_short(stage['tolerance'])}"
               + (" MISSED" if stage["missed"] else "") for stage in summary["stages"]}
     last_of = {path.rpartition("/")[0]: path for path in summary["members"]}
     down, last, bar = ("|- ", "`- ", "|  ") if ascii_only else ("├─ ", "└─ ", "│  ")
@@ -106,6 +139,10 @@ def _short(value) -> str:
     return value if isinstance(value, str) else "nan" if value is None else f"{value + 0.0:.6g}"
 
 
+def _error(value) -> str:
+    return "not measured" if value is None else _short(value)
+
+
 def _stage(stage: dict) -> list[str]:
     from bakery.system.resources import duration, in_words
     from bakery.system.terminal import clean
@@ -114,7 +151,7 @@ def _stage(stage: dict) -> list[str]:
             ("in {}", stage["seconds"], duration), ("peak {}", stage["peak_memory"], in_words),
             ("{} workers", stage["workers"], str)]
     spent = ", ".join(words.format(shown(value)) for words, value, shown in cost if value is not None)
-    reached = f"error {_short(stage['achieved_error'])} of {_short(stage['tolerance'])} allowed: {clean(stage['error_measure'])}"
+    reached = f"error {_error(stage['achieved_error'])} of {_short(stage['tolerance'])} allowed: {clean(stage['error_measure'])}"
     lines = [f"stage {clean(stage['group'])}, version {stage['stage_version']}", f"  {reached}"]
     lines += [f"  MISSED: {clean(stage['missed'])}"] if stage["missed"] else []
     lines += [f"  {spent}"] if spent else []

@@ -15,6 +15,10 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the ma
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
 overwrite_option = click.option("--overwrite", is_flag=True,
                                 help="Replace also a file of another kind that stands where an output goes.")
+sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VALUES",
+                            help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
+at_option = click.option("--at", "place", multiple=True, metavar="AXIS=VALUE",
+                         help="Of a family the asset at this place, such as radius=5um; once for each axis.")
 verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on standard error.")
 
 
@@ -35,17 +39,53 @@ def recipe_options(command):
     return command
 
 
-def settings_of(quality, tolerance, seed, settings) -> dict[str, str]:
-    """The recipe values that the options override."""
+def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]:
+    """The recipe values that the options override; `sweeps` stand below the key `sweep`."""
     from bakery.run import overrides
 
-    values = {}
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
-            raise UsageError(f'--set: found "{setting}"; KEY=VALUE would do, such as --set particles.number_density="2e8 /m^3"')
-        values[key.strip()] = value
+    values = dict(_pair("--set", setting, 'particles.number_density="2e8 /m^3"') for setting in settings)
+    values |= {f"sweep.{key}": value for key, value in
+               (_pair("--sweep", setting, "'particles.components.droplets.size.radius=[2, 4, 8] um'") for setting in sweeps)}
     return overrides(quality, tolerance, seed, values)
+
+
+def _pair(option: str, text: str, example: str) -> tuple[str, str]:
+    """`KEY=VALUE` as (key, value)."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise UsageError(f'{option}: found "{text}"; KEY=VALUE would do, such as {option} {example}')
+    return key.strip(), value
+
+
+def opened(asset: str, place):
+    """What `bakery.open` gives for a file, of a family the asset at a place, where one is named: `AXIS=VALUE` each."""
+    import bakery
+
+    found = bakery.open(asset)
+    if not place:
+        return found
+    if not isinstance(found, bakery.Family):
+        raise UsageError(f"--at: {asset} is one asset, not a family; leave the option out")
+    return found.at(**dict(_pair("--at", text, "radius=5um") for text in place))
+
+
+def one_asset(asset: str, place):
+    """The same where a family as a whole will not do."""
+    import bakery
+
+    found = opened(asset, place)
+    if isinstance(found, bakery.Family):
+        axes = " ".join(f"--at {name}=…" for name in found.axes)
+        raise UsageError(f"{asset}: is a family of {len(found.members)} assets; {axes} takes the asset of a place, and "
+                         f"{found.members[0].path.parent}/ holds the members")
+    return found
+
+
+def file_of(asset, folder: str) -> str:
+    """The file of an asset, for what reads files: one between the members of a family is put into a folder."""
+    from pathlib import Path
+
+    return str(asset.save(Path(folder, Path(asset.path).name))) if hasattr(asset, "save") else asset.path
 
 
 def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress):

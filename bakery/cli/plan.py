@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import for_scenes, json_option, overwrite_option, print_json, recipe_options, settings_of, verbose_option
+from bakery.cli.options import (
+    for_scenes,
+    json_option,
+    overwrite_option,
+    print_json,
+    recipe_options,
+    settings_of,
+    sweep_option,
+    verbose_option,
+)
 from bakery.system.terminal import say
 
 
@@ -12,24 +21,25 @@ from bakery.system.terminal import say
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset that the bake would write.")
 @recipe_options
+@sweep_option
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
 @click.option("--force", is_flag=True, help="Plan to compute every stage again.")
 @overwrite_option
 @json_option
 @verbose_option
-def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, jobs, force, overwrite, as_json, verbose):
+def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, force, overwrite, as_json, verbose):
     """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing."""
-    from bakery.run import prepare
+    from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.progress import choose
 
-    values = settings_of(quality, tolerance, seed, settings)
+    values = settings_of(quality, tolerance, seed, settings, sweeps)
     progress = choose()
     try:
         cache, plans = Cache(say=progress.say), []
         for recipe in recipes:
             wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
-            plans.append(prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
+            plans.append(planned(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
                                  jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs))
     finally:
         progress.close()
@@ -46,6 +56,9 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
     for plan in plans:
         for warning in plan.recipe.warnings:
             click.echo(f"warning: {warning}", err=True)
+        if plan.recipe.sweep is not None:
+            _show_family(plan)
+            continue
         say(f"{plan.recipe.path} -> {plan.output}" + ("" if plan.write else "   up to date, nothing to do"))
         for line in plan.missed:
             say(f"  missed {line}")
@@ -70,6 +83,33 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
                 say(f"  leave  {need.stage:<8} not needed: {need.why}")
         if plan.write:
             say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} file")
+
+
+def _show_family(plan) -> None:
+    """What a swept recipe would bake."""
+    from bakery.system.resources import duration, in_words
+
+    idle = "" if plan.write else "   up to date, nothing to do"
+    say(f"{plan.recipe.path} -> {plan.output}, members in {plan.folder}/{idle}")
+    for line in plan.missed:
+        say(f"  missed {line}")
+    for axis in plan.recipe.sweep.axes:
+        for key in axis.keys:
+            ends = " to ".join(dict.fromkeys((key.texts[0], key.texts[-1])))
+            step = f", in step with {axis.first.name}" if key is not axis.first else ""
+            say(f"  axis   {key.name:<8} {_counted(len(key.values), 'value')}, {ends} ({key.key}){step}")
+    if not plan.write:
+        return
+    say(f"  bake   {_counted(plan.points, 'point')}, by the plans of {len(plan.samples)}")
+    if plan.middles:
+        say(f"         and {_counted(plan.middles, 'place')} between them at least; where interpolation is off by more than "
+            f"{plan.recipe.sweep.tolerance:g} they become points")
+    say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} in files"
+        + (" before any is added" if plan.middles else ""))
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count:,} {what}{'s' * (count != 1)}"
 
 
 def _say_needs(plan, stage) -> None:

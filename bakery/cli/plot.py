@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bakery.cli.options import json_option, overwrite_option, print_json, print_paths
+from bakery.cli.options import at_option, json_option, opened, overwrite_option, print_json, print_paths
 from bakery.errors import AssetError
 
 
@@ -14,26 +14,27 @@ from bakery.errors import AssetError
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR",
               help="Folder of the pictures.  Default: NAME-plots beside the asset.")
+@at_option
 @overwrite_option
 @json_option
-def command(asset, output, overwrite, as_json):
-    """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation, grains, tiles.
+def command(asset, output, place, overwrite, as_json):
+    """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation, grains, tiles; a family over its axes.
 
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
-    import bakery
     from bakery.draw.files import csv_text, folder_for
     from bakery.draw.picture import drawn
     from bakery.report.figures import pictures, title_of
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 
-    root = bakery.open(asset).tree
+    found = opened(asset, place)
+    root = found.tree
     figures = list(pictures(root))
     if not figures:
         raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
-    stem = Path(asset).stem
-    folder = folder_for(Path(output) if output else Path(asset).with_name(f"{stem}-plots"))
+    stem = Path(found.path).stem
+    folder = folder_for(Path(output) if output else Path(found.path).with_name(f"{stem}-plots"))
     check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")),
                   [asset], overwrite)
     written = []

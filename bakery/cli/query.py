@@ -8,7 +8,7 @@ import click
 
 from bakery.cli import offers
 from bakery.cli.inspect import not_found
-from bakery.cli.options import json_option, print_json
+from bakery.cli.options import at_option, json_option, opened, print_json
 from bakery.errors import UsageError
 
 
@@ -16,8 +16,9 @@ from bakery.errors import UsageError
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.argument("path", metavar="PATH", shell_complete=offers.datasets)
 @click.argument("arguments", nargs=-1, metavar="[key=value …]")
+@at_option
 @json_option
-def command(asset, path, arguments, as_json):
+def command(asset, path, arguments, place, as_json):
     """Print the value at PATH of ASSET, such as medium/sigma_t, or look it up at arguments with units.
 
     \b
@@ -25,21 +26,21 @@ def command(asset, path, arguments, as_json):
     bake query fog.h5 medium/phase wavelength=0.55um theta=10deg
     bake query fog.h5 medium/phase "theta=[0, 90, 180] deg"
     bake query milk.h5 multiple/point rho=1 z=2 theta=30deg
+    bake query clouds.h5 medium/g --at radius=5um
     """
-    import bakery
     from bakery.asset.lookup import lookup
     from bakery.stages import all_stages
     from bakery.store.tree import Group, is_text, read_text
 
-    opened = bakery.open(asset)
-    root, path = opened.tree, path.strip("/")
+    found = opened(asset, place)
+    root, path = found.tree, path.strip("/")
     queries = {query.path: query for stage in all_stages() for query in stage.queries}
     values = dict(_argument(word, queries.values()) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")
     member = _find(asset, root, path)
     if path in queries and values:
-        _show(root, queries[path].answer(opened, path, values), as_json)
+        _show(root, queries[path].answer(found, path, values), as_json)
         return
     if isinstance(member, Group):
         content = ", ".join([*member.members, *member.attributes])
@@ -86,6 +87,9 @@ def _find(asset: str, root, path: str):
     """A dataset or group, or the value of an attribute (medium/achieved_error)."""
     if not path:
         return root
+    from bakery.family.tree import is_family
+    from bakery.stages.conform import FAMILY
+
     try:
         return root[path]
     except KeyError:
@@ -95,6 +99,8 @@ def _find(asset: str, root, path: str):
         return getattr(root[parent] if parent else root, "attributes", {})[name]
     except KeyError:
         pass
+    if is_family(root) and path.partition("/")[0] != FAMILY:
+        raise UsageError(f"{asset}: is a family, so {path} is one of each of its places; --at says which")
     names = [name for name, _ in root.walk()]
     names += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
     raise UsageError(not_found(asset, path, names + list(root.attributes)))

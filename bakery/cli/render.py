@@ -5,7 +5,17 @@ from __future__ import annotations
 import click
 
 from bakery.cli import offers
-from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of
+from bakery.cli.options import (
+    at_option,
+    file_of,
+    json_option,
+    one_asset,
+    overwrite_option,
+    print_json,
+    print_paths,
+    quiet_option,
+    settings_of,
+)
 from bakery.errors import UsageError
 
 
@@ -19,22 +29,25 @@ from bakery.errors import UsageError
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")
 @click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
+@at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, resume, overwrite, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, resume, place, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
     A SCENE that names a recipe has it baked first, where its asset is missing or out of date.  In a Mitsuba scene --set gives a
     parameter: `$NAME` in the file takes the value of --set NAME=VALUE.  Prints the paths of both pictures; how they were made is
     said on standard error.
     """
+    from contextlib import ExitStack
     from pathlib import Path
+    from tempfile import TemporaryDirectory
 
     from bakery.run import compiling
     from bakery.run.progress import choose
 
-    path = Path(source)
+    path, scratch = Path(source), ExitStack()
     suffix = path.suffix.lower()
     if not path.is_file():
         raise UsageError(f'found "{source}", which is no file; a scene (.yaml or .xml) or an asset (.h5) would do')
@@ -43,6 +56,8 @@ def command(source, output, quality, variant, seed, settings, resume, overwrite,
     prepared = None  # (path, progress) -> what is drawn
     if resume and suffix not in (".yaml", ".yml"):
         raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
+    if place and suffix in (".yaml", ".yml", ".xml"):
+        raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
@@ -70,7 +85,11 @@ def command(source, output, quality, variant, seed, settings, resume, overwrite,
         if values:
             raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
         options |= {"quality": quality or "preview", "seed": seed or 0}
-        draw, target, name = renderer.preview, output or path.with_suffix(".png"), path.name
+        if place:
+            between = one_asset(source, place)
+            path = Path(file_of(between, scratch.enter_context(TemporaryDirectory(prefix="bakery-place-"))))
+            source = between.path
+        draw, target, name = renderer.preview, output or Path(source).with_suffix(".png"), path.name
     progress = choose(quiet)
     try:
         if prepared:
@@ -80,6 +99,7 @@ def command(source, output, quality, variant, seed, settings, resume, overwrite,
             report = draw(path, Path(target), **options, progress=progress.update)
     finally:
         progress.close()
+        scratch.close()
     if as_json:
         print_json(report)
         return

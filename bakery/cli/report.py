@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bakery.cli.options import json_option, overwrite_option, print_json, print_paths
+from bakery.cli.options import at_option, file_of, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError
 
 
@@ -14,24 +14,24 @@ from bakery.errors import RecipeError
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html", help="The page.  Default: NAME.html beside the asset.")
 @click.option("--no-render", is_flag=True, help="Do not render a picture where none of this asset lies beside it.")
+@at_option
 @overwrite_option
 @json_option
-def command(asset, output, no_render, overwrite, as_json):
+def command(asset, output, no_render, place, overwrite, as_json):
     """Write one HTML page about ASSET: pictures, tables, recipe, provenance.  It links to nothing outside of itself.
 
     On top stands the preview that `bake render ASSET` put beside the asset, NAME.png; without one a draft is rendered.
     """
-    import bakery
     from bakery.draw.files import preview_beside
     from bakery.report.page import page
     from bakery.store.outputs import PAGE, check_outputs
     from bakery.store.put import put
 
-    path = Path(output) if output else Path(asset).with_suffix(".html")
-    opened = bakery.open(asset)
+    opened = one_asset(asset, place)
+    path = Path(output) if output else Path(opened.path).with_suffix(".html")
     check_outputs([(path, PAGE)], [asset], overwrite)
-    picture = preview_beside(Path(asset), opened.content_hash) or (b"" if no_render else _rendered(opened))
-    put(path, page(opened.tree, _description(opened.recipe), picture, Path(asset).name))
+    picture = preview_beside(Path(opened.path), opened.content_hash) or (b"" if no_render else _rendered(opened))
+    put(path, page(opened.tree, _description(opened.recipe), picture, Path(opened.path).name))
     if as_json:
         print_json({"file": str(path), "bytes": path.stat().st_size})
     else:
@@ -52,7 +52,7 @@ def _rendered(asset) -> bytes:
 
     with TemporaryDirectory() as folder:
         target = Path(folder, "preview.png")
-        preview(asset.path, target, quality="draft")
+        preview(file_of(asset, folder), target, quality="draft")
         return preview_beside(target, asset.content_hash)
 
 

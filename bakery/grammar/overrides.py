@@ -15,6 +15,7 @@ from bakery.grammar import text
 from bakery.grammar.text import Mapping, Node, Place, Scalar, Sequence, Source, Tree, show
 
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d{1,6})\]")
+_OF_KEYS = "sweep."  # what stands below is a key itself: one step, dots and all
 _PLAIN = re.compile(r"~|[-+.]?[\w/][\w/+.^%µμ° -]*", re.ASCII)
 
 
@@ -36,12 +37,22 @@ def apply(source: Source, tree: Tree, overrides: MappingType[str, str]) -> tuple
     return edited, problems
 
 
+def put(label: str, root: Mapping, key: str, new: Node) -> str:
+    """Replace or add the node at a dotted key; returns the key with the indices of named items.
+
+    Raises RecipeError, in the name of `label`, where the tree has no place for it.
+    """
+    return _dotted(_put(label, root, _path(label, key), new))
+
+
 def _wrong(label: str, found: str, expected: str) -> RecipeError:
     return RecipeError([Problem(label, None, None, "", found, expected)])
 
 
 def _path(label: str, key: str) -> list[str | int]:
     path, at = [], 0
+    if key.startswith(_OF_KEYS) and len(key) > len(_OF_KEYS):
+        return [_OF_KEYS[:-1], key[len(_OF_KEYS):]]
     while at < len(key):
         match = _STEP.match(key, at)
         if not match or len(path) == text.MAX_DEPTH:
@@ -74,11 +85,11 @@ def _put(label: str, root: Mapping, path: list[str | int], new: Node) -> list[st
         if depth == len(path) - 1:
             break
         if isinstance(node, Mapping) and step not in node:
-            below = Mapping(Place(new.place.source, 0, 0, _dotted(exact)), flow=True)
-            _attach(node, step, below, new.place.source)
+            below = Mapping(Place(new.place.source, new.place.begin, new.place.begin, _dotted(exact)), flow=True)
+            _attach(node, step, below, new.place)
         node = node[step]
     _rekey(new, _dotted(exact))
-    _attach(node, step, new, new.place.source)
+    _attach(node, step, new, new.place)
     return exact
 
 
@@ -105,11 +116,11 @@ def _step(label: str, node: Node, step: str | int, above: list) -> str | int:
     return step
 
 
-def _attach(parent: Mapping | Sequence, step: str | int, node: Node, source: Source) -> None:
+def _attach(parent: Mapping | Sequence, step: str | int, node: Node, place: Place) -> None:
     parent[step] = node
     node.parent = parent
     if isinstance(parent, Mapping):
-        parent.names[step] = Place(source, 0, 0, node.place.key)
+        parent.names[step] = Place(place.source, place.begin, place.begin, node.place.key)
 
 
 def _dotted(path: list[str | int]) -> str:

@@ -61,6 +61,21 @@ ANGLE = Quantity("angle", "angles", "rad", {"deg": 0, "rad": 0}, "deg", degrees=
 FRACTION = Quantity("fraction", "fractions", "1", {"%": -2}, "%", bare=True)
 NUMBER_ONLY = Quantity("number", "numbers", "1", {}, "", bare=True)
 
+METRES = Quantity("length", "lengths", "m", {unit: power - 6 for unit, power in LENGTH.powers.items()}, "um")
+SI = (METRES, DENSITY, COEFFICIENT, ANGLE, FRACTION)  # no unit belongs to two of them
+
+
+def quantity_of(text: str) -> Quantity:
+    """Which of `SI` the unit of a text belongs to, a fraction where it has none; raises `Wrong`."""
+    match = NUMBER.match(text.strip())
+    unit = text.strip()[match.end():].strip() if match else ""
+    for quantity in SI:
+        if match and (_canonical(unit) in quantity.powers if unit else quantity.bare):
+            return quantity
+    units = ", ".join(quantity.units for quantity in SI)
+    raise Wrong(f"found {show(text)}" if text.strip() else "found nothing",
+                f"expected a number, alone or with one of the units {units}")
+
 
 def _canonical(unit: str) -> str:
     """One spelling of a unit: micro signs to u, `1/m` and `m^-1` to `/m`, no blanks."""

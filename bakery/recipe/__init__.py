@@ -1,7 +1,7 @@
 """YAML text to checked values, each with its line.
 
 `load` is the entry point: text -> tree (`grammar.text`) -> kinds of values (`schema.py`, `grammar.fields`, `grammar.units`) ->
-what holds between keys (`checker.py`) -> `Recipe` (`model.py`).
+what holds between keys (`checker.py`) -> `Recipe` (`model.py`); once for each value of a key that is swept (`sweep.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bakery.recipe.model import Recipe
 
-__all__ = ["json_schema", "load"]
+__all__ = ["json_schema", "load", "swept"]
 
 
 def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> Recipe:
@@ -41,15 +41,34 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) ->
     >>> recipe.particles.number_density
     200000000.0
     """
+    from bakery.recipe.build import check
+    from bakery.recipe.sweep import checked, sweeps
+
+    source, tree, edited, problems = _parsed(path, overrides or {})
+    return (checked if sweeps(tree) else check)(Path(path), source, tree, edited, problems)
+
+
+def swept(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> bool:
+    """Whether a recipe with these overrides sweeps keys, as far as it can be read; its values are not looked at."""
+    from bakery.errors import RecipeError
+    from bakery.recipe.sweep import sweeps
+
+    try:
+        return sweeps(_parsed(path, overrides or {})[1])
+    except RecipeError:
+        return False  # `load` says what is wrong with it
+
+
+def _parsed(path: str | os.PathLike, overrides: Mapping[str, str]):
+    """Source and tree of a recipe, its text with the overrides in it, and their problems."""
     from bakery.grammar import text
     from bakery.grammar.files import read_recipe
     from bakery.grammar.overrides import apply
-    from bakery.recipe.build import check
 
     label = text.label_of(path)
     source = text.Source(label, text.decode(read_recipe(path), label))
     tree = text.parse(source)
-    return check(Path(path), source, tree, *apply(source, tree, overrides or {}))
+    return source, tree, *apply(source, tree, overrides)
 
 
 def json_schema() -> dict:

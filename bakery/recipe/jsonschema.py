@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bakery.grammar import files
-from bakery.recipe import schema
+from bakery.recipe import schema, sweep
 
 
 def json_schema() -> dict:
@@ -24,6 +24,8 @@ def _plain(node):
         return node
     if node == {"enum": "materials"}:
         return {"enum": list(files.materials())}
+    if "sweep" in node and node["sweep"] == "":
+        return {**sweep.json_schema(), **{name: value for name, value in node.items() if name == "description"}}
     node = {
         key: _plain(value)
         for key, value in node.items()

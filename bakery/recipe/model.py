@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bakery.errors import Problem
+from bakery.errors import Problem, UsageError
+from bakery.family.axes import Sweep
 from bakery.grammar.files import DataFile
 from bakery.grammar.values import Values
 
@@ -24,6 +25,7 @@ class Recipe:
     leaves : every value, defaults included: dotted key -> text, number or truth in base units
     files : every file that was read
     places : dotted key -> where it stands
+    sweep : what is swept; all else is then of its first point.  None where there is one point
     """
 
     path: Path
@@ -39,11 +41,19 @@ class Recipe:
     files: tuple[DataFile, ...]
     places: Mapping[str, str] = field(repr=False)
     warnings: tuple[Problem, ...] = ()  # what is legal and probably not meant
+    sweep: Sweep | None = None
 
     def __getattr__(self, name: str):
         if not name.startswith("_") and name in self.__dict__.get("sections", ()):
             return self.sections[name]
         raise AttributeError(f"a recipe has no {name!r}")
+
+    def unswept(self) -> Recipe:
+        """Itself; UsageError where it has several points, for what knows of one only."""
+        if self.sweep is not None:
+            raise UsageError(f"{self.path}: sweeps {' and '.join(self.sweep.where)}, so it bakes a family of assets; here one is "
+                             "wanted: save one of the family (`at(…).save(…)`); or `--set sweep=none`, the recipe's own values")
+        return self
 
     def where(self, key: str) -> str:
         """`recipes/fog.yaml:12`, where a key stands; of a default, where the nearest key above it stands."""

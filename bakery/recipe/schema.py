@@ -9,13 +9,20 @@ from functools import cache
 
 from pydantic import Field, create_model
 
-from bakery.grammar.fields import Format, Name, Text, number, numbers, whole, word
+from bakery.grammar.fields import Format, Name, Text, describe, leaf, number, numbers, whole, word
 from bakery.grammar.section import Section
-from bakery.grammar.units import FRACTION, WAVELENGTH
+from bakery.grammar.text import Mapping, Scalar
+from bakery.grammar.units import FRACTION, WAVELENGTH, Wrong
 from bakery.stages import all_stages
 from bakery.stages.declaration import RecipeSection
 
 NAMED_WAVELENGTHS = {"rgb": (0.610, 0.550, 0.465), "visible8": (0.405, 0.455, 0.505, 0.555, 0.605, 0.655, 0.705, 0.755)}
+
+
+def _sweep(node) -> None:
+    """No value of a recipe: what a sweep says is read before (`bakery.recipe.sweep`)."""
+    if not isinstance(node, Mapping) and not (isinstance(node, Scalar) and node.text == "none"):
+        raise Wrong(f"found {describe(node)}", "expected a mapping of dotted keys to values, or none")
 
 
 class Common(Section):
@@ -32,6 +39,9 @@ class Common(Section):
     measure: word("pointwise", "integrated") = Field(
         "pointwise", description="Where the tolerance of particles' phase functions holds: at every angle, or for the light as a "
         "whole (the integral of the error over the sphere)."
+    )
+    sweep: leaf(_sweep, {"sweep": ""}) = Field(
+        None, description="Several values of some keys, which bake a family of assets; none: the recipe's own values."
     )
 
 

@@ -7,6 +7,8 @@ from html import escape
 
 from bakery.draw.files import as_jpeg
 from bakery.draw.picture import Picture, drawn
+from bakery.family.pictures import pictures as family_pictures
+from bakery.family.tree import is_family
 from bakery.report.html import image
 from bakery.stages.conform import stages_of
 from bakery.store.tree import Group
@@ -22,7 +24,9 @@ def title_of(root: Group) -> str:
 
 
 def pictures(root: Group) -> Iterator[Picture]:
-    """Every picture that the content of an asset allows, those of what is rendered first."""
+    """Every picture that the content of an asset or a family allows, those of what is rendered first."""
+    if is_family(root):
+        yield from family_pictures(root)
     for stage in sorted(stages_of(root), key=lambda stage: not stage.rendered):
         yield from stage.pictures(root)
 

@@ -111,7 +111,7 @@ def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, j
     from bakery.recipe import load
     from bakery.store.outputs import ASSET, check_outputs
 
-    recipe = load(recipe_path, dict(settings or {}))
+    recipe = load(recipe_path, dict(settings or {})).unswept()
     target = target_of(output, recipe.name)
     check_outputs([(target, ASSET)], files_of(recipe), overwrite)
     standing = _standing(target)
@@ -170,7 +170,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     with progress.during(f"reading {plan.output.name}"):
         standing = _standing(plan.output)
     if not plan.write:
-        _touch(plan.output)
+        touch(plan.output)
         existing = standing or Group()  # gone since the plan was made: nothing is known of it
         steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
         return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings)
@@ -192,52 +192,6 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     with progress.during(f"writing {plan.output.name}"):
         write(plan.output, root, check=lambda root: _broken(plan, root))
     return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings)
-
-
-def bake(
-    recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
-    quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
-    settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
-    cluster: str | None = None, force: bool = False, progress: Progress | None = None, overwrite: bool = False,
-) -> Path:
-    """Bake a recipe into one asset; what `bake RECIPE` does.
-
-    Parameters
-    ----------
-    recipe : path of the recipe
-    output : path of the asset, or of a folder with a closing slash; NAME.h5 in the current folder by default
-    stages : names of the only stages to bake (and what they need)
-    quality : draft, preview or final
-    tolerance, seed : override the recipe's
-    settings : other recipe values, dotted key -> text as in the recipe
-    jobs : number of threads; all processors by default
-    executor : any `concurrent.futures` executor that runs the blocks instead
-    cluster : address of a Dask scheduler
-    force : compute every stage again
-    progress : from `bakery.run.progress`; silent by default
-    overwrite : replace what stands at `output` also where it is no asset
-
-    Returns
-    -------
-    path : of the asset
-
-    Raises
-    ------
-    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
-        not meet its tolerance or another target, saying which
-
-    Examples
-    --------
-    >>> print(bakery.bake("fog.yaml", output="fog.h5"))
-    fog.h5
-    """
-    cache = Cache(say=progress.say if progress else lambda text: None)
-    plan = prepare(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
-                   cache=cache, jobs=jobs, overwrite=overwrite, progress=progress)
-    baked = execute(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress)
-    if baked.missed:
-        raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))
-    return baked.output
 
 
 def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, in_process: bool):
@@ -324,9 +278,7 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
         "wavelength": Dataset(np.array(recipe.wavelength, dtype=float), "um", "wavelengths in vacuum"),
     }
     members |= groups
-    members["provenance"] = Group(dict(provenances), {
-        "created": _now(), "command": _readable(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])),
-        "recipe_path": _readable(str(recipe.path)), **_versions()})
+    members["provenance"] = Group(dict(provenances), origin(recipe))
     return Group(members, {"name": recipe.name, "bakery_version": bakery.__version__})
 
 
@@ -341,6 +293,12 @@ def _broken(plan: Plan, root: Group) -> list[str]:
 def _readable(text: str) -> str:
     """File names may hold bytes that are no text; an asset's attributes may not."""
     return os.fsencode(text).decode(errors="replace")[:4096]
+
+
+def origin(recipe) -> dict[str, str]:
+    """When, from what and with which versions a file was made."""
+    return {"created": _now(), "command": _readable(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])),
+            "recipe_path": _readable(str(recipe.path)), **_versions()}
 
 
 def _versions() -> dict[str, str]:
@@ -407,7 +365,8 @@ def _report(step: Step, source: str, seconds: float, group: Group | None) -> dic
             "tolerance": attributes.get("tolerance")}
 
 
-def _touch(path: Path) -> None:
+def touch(path: Path) -> None:
+    """Set a file's time to now; StoreError if that is refused."""
     # Make compares times: an up-to-date asset must be newer than what it was made from
     try:
         os.utime(path)

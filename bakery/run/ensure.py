@@ -50,7 +50,7 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
     """
     from bakery.recipe import load
 
-    values, cache = load(recipe, dict(settings)), cache or Cache()
+    values, cache = load(recipe, dict(settings)).unswept(), cache or Cache()
     required = require(values, lambda: draft.medium(values, settings, cache, progress))
     own = [stage.name for stage in chosen(values)]
     added = [name for name in required.stages if name not in own]

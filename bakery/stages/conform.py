@@ -28,6 +28,7 @@ SHARED = "LA"  # letters that are one length in the whole asset
 LONGEST = {"L": 4096, "A": 1_000_000, "R": 100_000, "S": 4096, "F": 5_000_000, "V": 5_000_000, "N": 1 << 31}
 OTHERS = 1_000_000
 EMPTY = "NK"  # letters of axes that may be empty: the tables of a medium that scatters nothing
+FAMILY = "family"  # group of the file of a family, which is held to `bakery.family.tree`
 LARGEST = 1e100  # squares and cubes of what is stored stay within floating point
 ROUNDING = 1e-9  # of shares and angles
 _TERM = re.compile(r"(?:([A-Z])(?: ([+-]) (\d+))?|(\d+))")
@@ -100,7 +101,7 @@ def _others(root: Group) -> Iterable[str]:
     """Rules of groups that no stage declares."""
     if not isinstance(root.members.get("provenance"), Group):
         yield "provenance: missing"
-    known = {"recipe", "wavelength", "provenance", *(stage.name for stage in stages_of(root))}
+    known = {"recipe", "wavelength", "provenance", FAMILY, *(stage.name for stage in stages_of(root))}
     for name in [name for name in root.members if name not in known]:
         member = root.members[name]
         if isinstance(member, Group):

@@ -77,7 +77,7 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     if quality is not None:
         leaves = load(recipe, overrides(None, tolerance, seed, settings)).leaves
         presets["final"] = {key: text_of(leaves[key]) for key in overrides(quality) if key in leaves}
-    checked = load(recipe, base)
+    checked = load(recipe, base).unswept()
     chosen = _with_knobs(checked, stages)
     folder = folder_for(Path(output) if output else Path(f"{checked.name}.trade"))
     names = ("trade.json", "trade.csv", *(f"{stage.name}.png" for stage in chosen))

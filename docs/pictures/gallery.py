@@ -42,7 +42,8 @@ def shipped(folder: str, headings, build: Path, command: str, shown=None) -> dic
         if not picture and (scene := (shown or {}).get(name)):
             picture, words = _picture(scene, build), f"{words}, in the scene {scene}"
         section = next(one for one in headings if one in tree)
-        found[headings[section]].append(Entry(name, words, str(place), command.format(place=place, name=name), picture))
+        made = "bake {place} && bake plot {name}.h5" if "sweep" in tree else command
+        found[headings[section]].append(Entry(name, words, str(place), made.format(place=place, name=name), picture))
     return found
 
 

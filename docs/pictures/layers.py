@@ -14,6 +14,7 @@ ROWS = (
     (("run", "workers, cache, progress"), ("trade", "error against time"), ("report", "the page"), ("export", "other software")),
     (("plan", "stages, reasons, costs"), ("asset", "open, verify, compare")),
     (("recipe", "sections put together"),),
+    (("family", "what is swept, and what is between"),),
     (("stages/NAME", "section · stage · view · pictures · measures"),),
     (("grammar", "YAML, units, problems"), ("physics", "arrays in, arrays out"), ("draw", "how pictures look"),
      ("store", "HDF5, hashes, checks")),
@@ -30,7 +31,7 @@ def box(axes, x, y, width, name, content, face=FAINT):
     axes.text(x + width / 2, y + HEIGHT * 0.28, content, ha="center", va="center", color=QUIET, fontsize=8.5)
 
 
-figure = Figure(figsize=(11, 6.6))
+figure = Figure(figsize=(11, 7.6))
 axes = figure.add_axes((0, 0, 1, 1))
 axes.set(xlim=(-0.3, WIDTH + 3.4), ylim=(-0.4, len(ROWS) * (HEIGHT + GAP)))
 axes.axis("off")
@@ -43,11 +44,11 @@ for row, boxes in enumerate(reversed(ROWS)):
                       arrowprops={"arrowstyle": "-|>", "color": QUIET, "linewidth": 1.2})
 axes.text(WIDTH / 2 + 0.2, HEIGHT + GAP / 2 - 0.02, "imports point down", color=QUIET, fontsize=8.5, va="center")
 # renderers beside the layers: the three modules that they import
-box(axes, WIDTH + 0.9, 2 * (HEIGHT + GAP), 2.2, "renderers", "assets in, pictures out", "#fdf0e6")
-for row in (4, 1):
+box(axes, WIDTH + 0.9, 3 * (HEIGHT + GAP), 2.2, "renderers", "assets in, pictures out", "#fdf0e6")
+for row in (5, 1):
     low = row * (HEIGHT + GAP) + HEIGHT / 2
-    axes.annotate("", (WIDTH, low), (WIDTH + 0.9, 2 * (HEIGHT + GAP) + HEIGHT / 2),
+    axes.annotate("", (WIDTH, low), (WIDTH + 0.9, 3 * (HEIGHT + GAP) + HEIGHT / 2),
                   arrowprops={"arrowstyle": "-|>", "color": "#b3541e", "linewidth": 1.2})
-axes.text(WIDTH + 0.62, 3.75 * (HEIGHT + GAP), "bakery.open", color="#b3541e", fontsize=9, family="monospace")
-axes.text(WIDTH + 0.72, 1.42 * (HEIGHT + GAP), "bakery.kernels\nbakery.grammar", color="#b3541e", fontsize=9, family="monospace")
+axes.text(WIDTH + 0.62, 4.55 * (HEIGHT + GAP), "bakery.open", color="#b3541e", fontsize=9, family="monospace")
+axes.text(WIDTH + 0.72, 1.75 * (HEIGHT + GAP), "bakery.kernels\nbakery.grammar", color="#b3541e", fontsize=9, family="monospace")
 figure.savefig(Path(__file__).with_suffix(".png"), dpi=110, facecolor="white", metadata={"Software": None})

@@ -24,7 +24,7 @@ from bakery.recipe import schema
 from bakery.run import execute, prepare
 
 HEAD = {"bakery": 1, "name": "x", "description": "", "wavelengths": [0.55, 0.6], "seed": 0, "tolerance": 0.1,
-        "measure": "pointwise"}
+        "measure": "pointwise", "sweep": "none"}
 DROP = {"name": "a", "material": "water", "fraction": 1.0, "size": {"distribution": "single", "radius": "1 um"}}
 WHITE = {"type": "diffuse", "reflectance": 0.5}
 GLASS = {"type": "dielectric", "material": {"n": 1.5, "k": 0.0}, "roughness": 0.1}
@@ -196,7 +196,7 @@ def variants(values: dict):
         for step in path:
             here = here[step]
         yield path, []
-        if len(path) == 1 and path[0] in ("bakery", "name", "description", "seed", "measure"):
+        if len(path) == 1 and path[0] in ("bakery", "name", "description", "seed", "measure", "sweep"):
             continue  # the same in every base
         # FieldInfo takes the outermost Annotated apart
         for leaf in [*(part for part in field.metadata if isinstance(part, Leaf)), *leaves_of(field.annotation)]:

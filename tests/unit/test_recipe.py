@@ -398,6 +398,9 @@ def fits(value, schema, root) -> bool:
         known = schema.get("properties", {})
         if any(name not in value for name in schema.get("required", ())):
             return False
+        named = {name: part for name in value for pattern, part in schema.get("patternProperties", {}).items()
+                 if re.search(pattern, name)}
+        known = {**named, **known}
         if schema.get("additionalProperties") is False and value.keys() - known.keys():
             return False
         return all(fits(item, known.get(name, {}), root) for name, item in value.items())

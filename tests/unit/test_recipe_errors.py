@@ -23,8 +23,8 @@ particles:
 """
 MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
 TOP = (
-    "bakery, name, description, wavelengths, seed, tolerance, measure, particles, grains, medium, phase, packing, scatterometer, "
-    "effective_medium, multiple_scattering, beam or discrete"
+    "bakery, name, description, wavelengths, seed, tolerance, measure, sweep, particles, grains, medium, phase, packing, "
+    "scatterometer, effective_medium, multiple_scattering, beam or discrete"
 )
 
 

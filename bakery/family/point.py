@@ -1,0 +1,94 @@
+"""The asset of any place between the points of a family."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import bakery
+from bakery.errors import AssetError, UsageError
+from bakery.family.axes import Axis, file_name, in_words, points, settings, shown
+from bakery.family.tree import axes_of, members_of, tables_of
+from bakery.grammar.overrides import apply
+from bakery.grammar.text import Source, parse
+from bakery.physics.medium.between import hole, interpolated
+from bakery.stages.conform import FAMILY
+from bakery.stages.medium.stage import members_of as medium_of
+from bakery.store.hashes import HASH, seal
+from bakery.store.tree import Group, read_text, text
+
+
+class Place(NamedTuple):
+    """Values on the axes in SI units, and where they stand in words."""
+
+    values: tuple[float, ...]
+    words: str
+
+
+def place_of(root: Group, values: Sequence[float]) -> Place:
+    """A place within the axes; UsageError outside of them."""
+    axes = axes_of(root.members[FAMILY])
+    for axis, value in zip(axes, values, strict=True):
+        nodes = axis.first.values
+        room = 1e-9 * max(abs(nodes[0]), abs(nodes[-1]))
+        if not nodes[0] - room <= value <= nodes[-1] + room:
+            low, high = (shown(node, axis.first.units) for node in (nodes[0], nodes[-1]))
+            micro = f' ("{value:g} um"?)' if axis.first.units == "m" and nodes[0] <= 1e-6 * value <= nodes[-1] else ""
+            raise UsageError(f"{axis.first.name}: found {shown(value, axis.first.units)}; the family covers "
+                             + (f"{low} to {high}" if len(nodes) > 1 else f"{low} alone") + micro)
+    values = tuple(_at_point(axis.first.values, value) for axis, value in zip(axes, values, strict=True))
+    return Place(values, in_words(axes, values))
+
+
+def _at_point(nodes: Sequence[float], value: float) -> float:
+    """The value, or the point that it means but for rounding."""
+    node = min(nodes, key=lambda node: abs(node - value))
+    return node if abs(node - value) <= 1e-9 * max(abs(node), abs(value)) else float(value)
+
+
+def place_path(path: str, root: Group, place: Place) -> str:
+    """A path for the asset of a place, beside the family's: `clouds_radius_5e-06.h5`."""
+    family = Path(path)
+    return str(family.with_name(f"{family.stem}_{file_name(axes_of(root.members[FAMILY]), place.values)}"))
+
+
+def asset_at(root: Group, path: str, place: Place) -> Group:
+    """The tree of an asset with the interpolated group `medium`, as `bakery.store.read.read` would give it.
+
+    Raises AssetError where a point that the place needs has failed.
+    """
+    family = root.members[FAMILY]
+    axes, tables = axes_of(family), tables_of(family)
+    scaled = [axis.first.scaled(value) for axis, value in zip(axes, place.values, strict=True)]
+    gap = hole(tables, scaled)
+    if gap is not None:
+        number = int(np.ravel_multi_index(gap, tables.missing.shape))
+        at = list(points([axis.first.values for axis in axes]))[number]
+        raise AssetError(f"{path}: {place.words} needs the point {in_words(axes, at)}, which failed: "
+                         f"{members_of(family)[number].reason}")
+    optics = interpolated(tables, scaled, str(family.attributes["method"]))
+    content = str(root.attributes[HASH])
+    key = json.dumps([content, place.values])
+    known = family.attributes
+    medium = Group(medium_of(optics.sigma_s, optics.sigma_a, optics.theta, optics.elements), {
+        "stage": "medium", "stage_version": known["medium_version"], "input_hash": hashlib.sha256(key.encode()).hexdigest(),
+        "tolerance": known["tolerance"] + known["member_tolerance"],
+        "achieved_error": known.get("achieved_error", 0.0) + float(family["members/achieved"].data.max()),
+        "error_measure": "largest error of the members, and of the interpolation between them where that was measured"})
+    note = f"interpolated at {place.words} from the family {root.attributes['name']}, {known['method']}"
+    provenance = Group({"medium": Group({"notes": text(note, "remarks of the stage")})},
+                       {"interpolated_at": place.words, "family": path, "family_content_hash": content})
+    members = {"recipe": text(_recipe(read_text(root["recipe"]), axes, place), "the recipe that would bake this"),
+               "wavelength": root["wavelength"], "medium": medium, "provenance": provenance}
+    return seal(Group(members, {"name": root.attributes["name"], "bakery_version": bakery.__version__}))
+
+
+def _recipe(whole: str, axes: Sequence[Axis], place: Place) -> str:
+    """The family's recipe with the values of one place."""
+    source = Source("recipe", whole)
+    return apply(source, parse(source), settings(axes, place.values))[0]

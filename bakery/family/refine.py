@@ -1,0 +1,164 @@
+"""Where a family needs points: the error of its interpolation half-way between them, and what is added where it is too large.
+
+Media come from a function of their place, so nothing here knows how they are baked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bakery.family.axes import Axis, in_words, points
+from bakery.physics.medium.between import METHODS, Optics, Tables, difference, hole, interpolated, tabulated
+
+# Errors elsewhere are up to 1.1 times those half-way for clouds, 1.2 for Henyey-Greenstein lobes whose error is below 10 %
+ROOM = 0.8
+HALVINGS = 10  # of an interval that a recipe gives
+MOST = 10_000  # points in all
+STUCK = 0.7  # an error that two halvings leave above this share of itself is not one of interpolation
+UNKNOWN = math.inf  # error of an interval whose middle, or one of whose points, is not there
+
+
+@dataclass
+class Refined:
+    """Points on axes, and what is between them.
+
+    Attributes
+    ----------
+    axes : what is swept
+    values : of the points on each axis, in SI units
+    tables : of the media at the points
+    method : of interpolation, the one with the smaller error
+    errors : half-way between the points of each axis, infinite where it is not known; None where nothing was measured
+    limits : why no more points were added where the error is too large, in words
+    """
+
+    axes: Sequence[Axis]
+    values: list[list[float]]
+    tables: Tables
+    method: str = METHODS[0]
+    errors: list[np.ndarray | None] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)
+
+    @property
+    def error(self) -> float | None:
+        """Of the interpolation, where it is known: axes add up, and other places than middles may be worse by a quarter."""
+        if any(error is None and len(values) > 1 for error, values in zip(self.errors, self.values, strict=True)):
+            return None
+        return sum(float(error[np.isfinite(error)].max(initial=0.0)) for error in self.errors if error is not None) / ROOM
+
+
+def given(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics | None]) -> Refined:
+    """The points that a recipe gives, and nothing between them.
+
+    Parameters
+    ----------
+    medium : place in SI units -> the medium there, None where there is none
+    """
+    values = [list(axis.first.values) for axis in axes]
+    tables = _tables(axes, values, medium)
+    return Refined(axes, values, tables, _methods(tables)[0], [None] * len(axes))
+
+
+def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics | None], tolerance: float, integrated: bool,
+            told: Callable[[float | None], None]) -> Refined:
+    """The points of a recipe, and those in between that the tolerance takes.
+
+    Every middle between two neighbours on an axis, at each point of the other axes, is compared with what the points give there;
+    where the difference is too large the middle becomes a point, until no difference is.
+
+    Parameters
+    ----------
+    medium : as of `given`
+    tolerance : of the interpolation, which the axes share
+    integrated : whether phase functions are compared as a whole, see `between.difference`
+    told : takes the error so far
+    """
+    values = [list(axis.first.values) for axis in axes]
+    allowed = ROOM * tolerance / max(sum(len(each) > 1 for each in values), 1)
+    history: dict[tuple[int, float], list[float]] = {}  # (axis, where an interval begins) -> errors of those that it was cut from
+    while True:
+        tables = _tables(axes, values, medium)
+        method, errors = _measured(axes, values, tables, medium, integrated)
+        result = Refined(axes, values, tables, method, errors)
+        told(result.error)
+        cuts, result.limits = [], []
+        for axis, error in enumerate(errors):
+            for i in np.flatnonzero(error > allowed) if error is not None else ():
+                before = history.get((axis, values[axis][i]), [])
+                why = _why_not(float(error[i]), before)
+                if why:
+                    ends = " and ".join(in_words(axes[axis:axis + 1], [end]) for end in values[axis][i:i + 2])
+                    result.limits.append(f"between {ends} its error is {_words(error[i])}: {why}")
+                else:
+                    cuts.append((axis, int(i), [*before, float(error[i])]))
+        if cuts and _count(values, cuts) > MOST:
+            result.limits.append(f"{_count(values, cuts):,} points would be needed next; up to {MOST:,} are baked")
+            cuts = []
+        if not cuts:
+            return result
+        values = [list(each) for each in values]
+        for axis, i, before in reversed(cuts):
+            middle = _middle(axes[axis], values[axis], i)
+            history[axis, values[axis][i]] = history[axis, middle] = before
+            values[axis].insert(i + 1, middle)
+
+
+def _tables(axes, values, medium) -> Tables:
+    scaled = [np.array([axis.first.scaled(value) for value in each]) for axis, each in zip(axes, values, strict=True)]
+    return tabulated(scaled, [medium(point) for point in points(values)])
+
+
+def _methods(tables: Tables) -> tuple[str, ...]:
+    """Those that can be used: a monotone cubic looks beyond its cell, where a point may be missing."""
+    return ("linear",) if tables.missing.any() else METHODS
+
+
+def _measured(axes, values, tables: Tables, medium, integrated: bool) -> tuple[str, list[np.ndarray | None]]:
+    """The better method, and its errors half-way between the points of each axis."""
+    by_method = {}
+    middles = list(_middles(axes, values, tables, medium))
+    for method in _methods(tables):
+        errors = [np.zeros(len(each) - 1) if len(each) > 1 else None for each in values]
+        for axis, i, scaled, truth in middles:
+            found = UNKNOWN if truth is None else difference(interpolated(tables, scaled, method), truth, integrated)
+            errors[axis][i] = max(errors[axis][i], found)
+        by_method[method] = errors
+    best = min(by_method, key=lambda method: sum(error.max(initial=0.0) for error in by_method[method] if error is not None))
+    return best, by_method[best]
+
+
+def _middles(axes, values, tables: Tables, medium) -> Iterator[tuple[int, int, list[float], Optics | None]]:
+    """Axis, interval, coordinates and medium of every middle; None for the medium where there is none to compare."""
+    for axis, each in enumerate(values):
+        for i in range(len(each) - 1):
+            places = [[_middle(axes[axis], each, i)] if other == axis else nodes for other, nodes in enumerate(values)]
+            for place in points(places):
+                scaled = [one.first.scaled(value) for one, value in zip(axes, place, strict=True)]
+                yield axis, i, scaled, None if hole(tables, scaled) else medium(place)
+
+
+def _middle(axis: Axis, values: Sequence[float], i: int) -> float:
+    """The value half-way between two points, in the coordinate that is interpolated in."""
+    return axis.first.unscaled((axis.first.scaled(values[i]) + axis.first.scaled(values[i + 1])) / 2)
+
+
+def _why_not(error: float, before: Sequence[float]) -> str:
+    """Why an interval is not cut, in words; nothing where it is."""
+    if error == UNKNOWN:
+        return "a point there failed"
+    if len(before) >= 2 and error > STUCK * before[-2]:
+        return "more points do not help, so it is the members' own; a smaller tolerance of the recipe would"
+    return f"{HALVINGS} halvings were made; give more points there" if len(before) >= HALVINGS else ""
+
+
+def _words(error: float) -> str:
+    return "not known" if error == UNKNOWN else f"{error / ROOM:.2g}"
+
+
+def _count(values, cuts) -> int:
+    """Points after cuts."""
+    return int(np.prod([len(each) + sum(axis == cut for cut, *_ in cuts) for axis, each in enumerate(values)]))

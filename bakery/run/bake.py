@@ -1,0 +1,76 @@
+"""What a recipe bakes: one asset, or a family of them where it sweeps keys."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+from bakery.errors import StageError
+from bakery.plan import Plan
+from bakery.run import Baked, execute, overrides, prepare
+from bakery.run.cache import Cache
+from bakery.run.family import FamilyPlan, execute_family, prepare_family
+from bakery.run.progress import Progress
+
+
+def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
+            needs: Sequence = (), **options) -> Plan | FamilyPlan:
+    """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`."""
+    from bakery.recipe import swept
+
+    if swept(recipe, settings):
+        return prepare_family(recipe, output, settings=settings, **options)
+    return prepare(recipe, output, settings=settings, needs=needs, **options)
+
+
+def executed(plan: Plan | FamilyPlan, **options) -> Baked:
+    """What a plan bakes; arguments as of `bakery.run.execute`."""
+    return (execute_family if isinstance(plan, FamilyPlan) else execute)(plan, **options)
+
+
+def bake(
+    recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
+    quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
+    settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
+    cluster: str | None = None, force: bool = False, progress: Progress | None = None, overwrite: bool = False,
+) -> Path:
+    """Bake a recipe into one asset, or a family of them where it sweeps keys; what `bake RECIPE` does.
+
+    Parameters
+    ----------
+    recipe : path of the recipe
+    output : path of the asset, or of a folder with a closing slash; NAME.h5 in the current folder by default
+    stages : names of the only stages to bake (and what they need)
+    quality : draft, preview or final
+    tolerance, seed : override the recipe's
+    settings : other recipe values, dotted key -> text as in the recipe
+    jobs : number of threads; all processors by default
+    executor : any `concurrent.futures` executor that runs the blocks instead
+    cluster : address of a Dask scheduler
+    force : compute every stage again
+    progress : from `bakery.run.progress`; silent by default
+    overwrite : replace what stands at `output` also where it is no asset
+
+    Returns
+    -------
+    path : of the asset
+
+    Raises
+    ------
+    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
+        not meet its tolerance or another target, saying which
+
+    Examples
+    --------
+    >>> print(bakery.bake("fog.yaml", output="fog.h5"))
+    fog.h5
+    """
+    cache = Cache(say=progress.say if progress else lambda text: None)
+    plan = planned(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
+                   cache=cache, jobs=jobs, overwrite=overwrite, progress=progress)
+    baked = executed(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress)
+    if baked.missed:
+        raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))
+    return baked.output

@@ -1,0 +1,95 @@
+"""Families on the command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import bakery
+from tests.unit.test_families import LOBES
+
+SWEEP = "medium.mean_free_path=[1, 4] mm"
+
+
+@pytest.fixture(scope="module")
+def lobes(tmp_path_factory):
+    """A plain family of three."""
+    folder = tmp_path_factory.mktemp("lobes")
+    (folder / "lobes.yaml").write_text(LOBES)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BAKERY_CACHE", str(folder / "cache"))
+        bakery.bake(folder / "lobes.yaml", folder / "lobes.h5", settings={"sweep.refine": "false"})
+    return folder / "lobes.h5"
+
+
+def test_plan_and_bake(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.12]"))
+    status, out, err = call("plan", "lobes.yaml", "--sweep", SWEEP)
+    assert status == 0 and not err
+    assert "lobes.yaml -> lobes.h5, members in lobes/" in out and "mean_free_path 2 values, 1 mm to 4 mm" in out
+    assert "4 points, by the plans of 4" in out and "4 places between them at least" in out
+    report = json.loads(call("plan", "lobes.yaml", "--sweep", SWEEP, "--json")[1])[0]
+    assert report["points"] == 4 and report["axes"][0]["values"] == [0.001, 0.004] and report["axes"][0]["units"] == "m"
+    status, out, err = call("bake", "lobes.yaml", "--sweep", SWEEP, "--depfile", "lobes.d", "-v")
+    assert status == 0 and out == "lobes.h5\n" and "cubic between them, error" in err and "written" in err
+    assert (tmp_path / "lobes.d").read_text().startswith("lobes.h5: ")
+    names = sorted(path.name for path in (tmp_path / "lobes").iterdir())
+    assert names == [f"mean_free_path_{path}-g_{g}.h5" for path in ("0.001", "0.004") for g in ("0.1", "0.12")]
+    assert call("bake", "lobes.yaml", "--sweep", SWEEP) == (0, "lobes.h5\n", "lobes.h5 is up to date\n")
+    family = bakery.open("lobes.h5")
+    assert family.at(g=0.11, mean_free_path="2 mm").medium.sigma_t[0] == pytest.approx(500)
+    assert family.at(g=0.11, mean_free_path=2e-3).medium.sigma_t[0] == pytest.approx(500)
+
+
+@pytest.mark.parametrize("options, says", [
+    (["--sweep", "medium.phase.g"], "--sweep: found \"medium.phase.g\"; KEY=VALUE would do"),
+    (["--sweep", "medium.phase.gg=[0.1, 0.2]"], 'found the unknown key "gg"'),
+    (["--set", "multiple_scattering={}", "--sweep", "multiple_scattering.length=[1, 2]"], "changes nothing of the medium"),
+    (["-o", "fresh"], "name it fresh.h5"),
+])
+def test_wrong_calls(call, lobes, monkeypatch, options, says):
+    monkeypatch.chdir(lobes.parent)
+    status, out, err = call("plan", "lobes.yaml", *options)
+    assert status == 2 and says in err and not out
+
+
+def test_what_knows_one_asset_says_so(call, lobes, milk):
+    for words in (["trade", lobes.with_suffix(".yaml")], ["export", lobes, "--to", "csv"], ["report", lobes]):
+        status, out, err = call(*words)
+        assert status == 2 and not out and "family" in err
+    assert "here one is wanted" in call("trade", lobes.with_suffix(".yaml"))[2]
+    assert "--at g=… takes the asset of a place" in call("export", lobes, "--to", "csv")[2]
+    assert call("bake", milk, "-o", milk.with_suffix(".h5"))[0] == 0
+    assert "is one asset, not a family" in call("query", milk.with_suffix(".h5"), "medium/g", "--at", "g=0.5")[2]
+
+
+def test_query_inspect_and_export_a_place(call, lobes):
+    status, out, err = call("query", lobes, "medium/g", "--at", "g=0.5")
+    assert status == 0 and float(out.splitlines()[1].split()[1]) == pytest.approx(0.5, abs=1e-3)
+    status, out, err = call("query", lobes, "medium/g")
+    assert status == 2 and "--at says which" in err
+    status, out, err = call("inspect", lobes)
+    assert status == 0 and "a family of 3 assets, cubic between them, not measured" in out
+    assert "g: 0, 0.5, 0.8 (medium.phase.g)" in out
+    assert len(json.loads(call("inspect", lobes, "--json")[1])["family"]["members"]) == 3
+    status, out, err = call("export", lobes, "--to", "csv", "--at", "g=0.25")
+    assert status == 0 and str(lobes.with_name("lobes_g_0.25-csv")) in out
+
+
+def test_verify_names_a_damaged_member(call, tmp_path, lobes):
+    import shutil
+
+    shutil.copytree(lobes.parent, tmp_path / "own")
+    own = tmp_path / "own" / "lobes.h5"
+    (tmp_path / "own" / "lobes" / "g_0.5.h5").write_bytes(b"no asset")
+    status, out, err = call("verify", own)
+    assert status == 1 and "member g 0.5:" in out and "not a bakery asset" in out and "g 0.8" not in out
+
+
+def test_plot_and_diff(call, lobes, undrawn, tmp_path):
+    status, out, err = call("plot", lobes, "-o", tmp_path)
+    assert status == 0 and (tmp_path / "lobes_g.csv").read_text().startswith("g [1],point,sigma_t at 0.55 um")
+    assert "lobes_g_phase.png" in out
+    assert call("diff", lobes, lobes)[:2] == (0, f"equal: {lobes} and {lobes}\n")
