@@ -95,15 +95,16 @@ class Difference(NamedTuple):
         return max(self.rms**2 - self.noise**2, 0.0) ** 0.5
 
 
-def compared(scene, planned, full, folder, *, samples, seeds, size=None) -> Difference:
+def compared(scene, planned, full, folder, *, samples, seeds=SEEDS, size=None, block=1) -> Difference:
     """Difference of pictures from two lists of assets, of the bodies each.
 
-    samples : a pixel and seed;  size : (height, width), None: as the picture is
+    samples : a pixel and seed;  size : (height, width), None: as the picture is;  block : means over so many pixels squared count
     """
     pairs = [[_luminance(scene, assets, Path(folder) / f"{kind}_{seed}.exr", samples, size, seed)
               for kind, assets in (("planned", planned), ("full", full))] for seed in range(1, seeds + 1)]
     a, b = np.array(pairs, float).swapaxes(0, 1)
-    return difference(a, b)
+    return difference(*(picture.reshape(seeds, size[0] // block, block, size[1] // block, block).mean(axis=(2, 4))
+                        for picture in (a, b))) if block > 1 else difference(a, b)
 
 
 def difference(a, b) -> Difference:

@@ -56,9 +56,15 @@ def write(case: Case, folder):
 
 def _lamp(place, target, size, radiance):
     """A rectangle that shines towards the target."""
-    return f"""<shape type="rectangle"><transform name="to_world"><scale value="{size}"/><lookat origin="{place}" target="{target}"
-up="0.01, 0.02, 1"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+    return f"""<shape type="rectangle"><transform name="to_world"><scale value="{size}"/>
+<lookat origin="{place}" target="{target}" up="0.01, 0.02, 1"/></transform>
+<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
 <emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter></shape>"""
+
+
+def _sun(direction):
+    return f"""<emitter type="directional"><vector name="direction" value="{direction}"/>
+<rgb name="irradiance" value="1"/></emitter>"""
 
 
 def _sky(radiance):
@@ -74,6 +80,7 @@ def _body(file, size, index=None):
 
 _WALL = """<shape type="rectangle"><transform name="to_world"><scale value="40"/><lookat origin="0, 10, 0" target="0, 0, 0"
 up="0, 0, 1"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.3"/></bsdf></shape>"""
+_SCREEN = _WALL.replace('"40"', '"1.4"').replace("0, 10, 0", "-0.6785, 2, 0").replace("0, 0, 0", "-0.6785, 0, 0")
 _TABLE = """<shape type="rectangle"><transform name="to_world"><scale value="0.05"/><translate z="-0.01"/></transform>
 <bsdf type="diffuse"><rgb name="reflectance" value="0.3"/></bsdf></shape>"""
 _CAUSTIC = """<shape type="sphere"><transform name="to_world"><scale value="3"/><translate x="2" z="10"/></transform>
@@ -120,6 +127,7 @@ def _grains(mesh, unit):
 _AHEAD = ("0, 0, 0", "0, 1, 0")
 _AT_BALL = ("0, -19, 5", "0, 0, 0")
 _AT_HEAP = ("0, -0.06, 0.03", "0, 0, 0")
+_INTO_BOX = ("0.2, -0.4, 0.2", "0.2, 0.2, 0.2")
 _BIG = _lamp("3, 3, 13", "0, 0, 0", 8, 4)
 
 CASES = {
@@ -130,7 +138,7 @@ CASES = {
                          _WALL + _lamp("0, 9.9, -0.6", "0, 0, 0", 0.3, 100), _AHEAD, size=(31, 31)),
     "fog, a gap in the wall": Case(_medium(0.9, 0.9, "2 m", "beam: {}"), _fog("{type: uniform}"),
                                    _lamp("6.88, 19, 0", "6.88, 0, 0", 1.5, 40)
-                                   + _WALL.replace('"40"', '"1.4"').replace("0, 10, 0", "-0.6785, 2, 0").replace("0, 0, 0", "-0.6785, 0, 0"), _AHEAD, size=(300, 400)),
+                                   + _SCREEN, _AHEAD, size=(300, 400)),
     # ---- translucent bodies
     "lamp behind a body": Case(_medium(0.8, 0.9, "2 mm"), _BODIES, _body("ball", 5) + _lamp("0, 12, -3.2", "0, 0, 0", 0.5, 400),
                                _AT_BALL, 34),
@@ -138,19 +146,16 @@ CASES = {
     "lamp inside a shell": Case(_medium(0.8, 0.95, "0.2 mm"), _BODIES, _body("shell", 5)
                                 + '<shape type="sphere"><float name="radius" value="1"/><emitter type="area">'
                                   '<rgb name="radiance" value="50"/></emitter></shape>', _AT_BALL, 34),
-    "caustic on a body": Case(_medium(0.8, 0.9, "1 mm"), _BODIES, _body("ball", 5) + _CAUSTIC + _lamp("4, 0, 25", "2, 0, 8", 3, 60),
-                              _AT_BALL, 34),
+    "caustic on a body": Case(_medium(0.8, 0.9, "1 mm"), _BODIES, _body("ball", 5) + _CAUSTIC
+                              + _lamp("4, 0, 25", "2, 0, 8", 3, 60), _AT_BALL, 34),
     "body larger than tables": Case(_medium(0.8, 0.98, "0.03 mm"), _GLASS, _body("ball", 5, 1.4) + _BIG, _AT_BALL, 34),
     # ---- separate particles
-    "one bright particle": Case(_particles(2000, 100, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
+    "one bright particle": Case(_particles(2000, 10, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
                                 '<emitter type="point"><point name="position" x="0.2" y="-0.4" z="0.6"/>'
                                   '<rgb name="intensity" value="4"/></emitter>', ("0.2, -0.05, 0.2", "0.2, 0.2, 0.2")),
-    "beam towards the camera": Case(_particles(1e6, 30, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
-                                    '<emitter type="directional"><vector name="direction" x="0.12" y="-1" z="0"/>'
-                                                 '<rgb name="irradiance" value="1"/></emitter>', ("0.2, -0.4, 0.2", "0.2, 0.2, 0.2")),
-    "rainbow": Case(_particles(1e6, 30, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
-                    '<emitter type="directional"><vector name="direction" x="0.66" y="0.75" z="0"/>'
-                      '<rgb name="irradiance" value="1"/></emitter>', ("0.2, -0.4, 0.2", "0.2, 0.2, 0.2")),
+    "beam towards the camera": Case(_particles(1e6, 10, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
+                                    _sun("0.12, -1, 0"), _INTO_BOX),
+    "rainbow": Case(_particles(1e6, 10, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR, _sun("0.66, 0.75, 0"), _INTO_BOX),
     # ---- grains
     "one grain": Case(_BEADS.replace("SHAPE", "sphere"), _grains("ball", "1.2 mm"), _TABLE + _sky(0.3)
                       + _lamp("0, 0.05, 0.02", "0, 0, 0", 0.01, 20), ("0, -0.004, 0.002", "0, 0, 0")),
