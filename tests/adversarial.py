@@ -24,6 +24,7 @@ class Case(NamedTuple):
     fov : degrees
     size : (height, width)
     samples : a pixel and seed
+    block : pixels squared whose means count
     """
 
     recipe: str
@@ -33,6 +34,7 @@ class Case(NamedTuple):
     fov: float = 40
     size: tuple[int, int] = (12, 16)
     samples: int = 4
+    block: int = 1
 
 
 def write(case: Case, folder):
@@ -71,11 +73,9 @@ def _sky(radiance):
     return f'<emitter type="constant"><rgb name="radiance" value="{radiance}"/></emitter>'
 
 
-def _body(file, size, index=None):
-    boundary = '<bsdf type="null"/>' if index is None else \
-        f'<bsdf type="dielectric"><float name="int_ior" value="{index}"/><float name="ext_ior" value="1"/></bsdf>'
+def _body(file, size):
     return f"""<shape type="ply" id="body"><string name="filename" value="{file}.ply"/><transform name="to_world">
-<scale value="{size}"/></transform>{boundary}</shape>"""
+<scale value="{size}"/></transform><bsdf type="null"/></shape>"""
 
 
 _WALL = """<shape type="rectangle"><transform name="to_world"><scale value="40"/><lookat origin="0, 10, 0" target="0, 0, 0"
@@ -96,8 +96,7 @@ def _fog(density, samples=64):
            "filter: {outside: black, energy: lost}\n"
 
 
-_BODIES = "scene: {mitsuba: world.xml, unit: 1 mm}\ntranslucent: {bodies: [{shape: body}]}\n"
-_GLASS = "scene: {mitsuba: world.xml, unit: 1 mm}\ntranslucent: {bodies: [{shape: body, boundary: {index: 1.4}}]}\n"
+_BODIES = "tolerance: 10%\nscene: {mitsuba: world.xml, unit: 1 mm}\ntranslucent: {method: vrl+tables, bodies: [{shape: body}]}\n"
 
 
 def _particles(number, radius, box):
@@ -126,8 +125,8 @@ def _grains(mesh, unit):
 
 _AHEAD = ("0, 0, 0", "0, 1, 0")
 _AT_BALL = ("0, -19, 5", "0, 0, 0")
-_AT_HEAP = ("0, -0.06, 0.03", "0, 0, 0")
 _INTO_BOX = ("0.2, -0.4, 0.2", "0.2, 0.2, 0.2")
+_MEANS = (24, 32), 2, 4  # size, samples and block: tables choose beams, so that little noise is shared
 _BIG = _lamp("3, 3, 13", "0, 0, 0", 8, 4)
 
 CASES = {
@@ -141,14 +140,14 @@ CASES = {
                                    + _SCREEN, _AHEAD, size=(300, 400)),
     # ---- translucent bodies
     "lamp behind a body": Case(_medium(0.8, 0.9, "2 mm"), _BODIES, _body("ball", 5) + _lamp("0, 12, -3.2", "0, 0, 0", 0.5, 400),
-                               _AT_BALL, 34),
-    "thin shell": Case(_medium(0.8, 0.95, "1 mm"), _BODIES, _body("shell", 5) + _BIG, _AT_BALL, 34),
+                               _AT_BALL, 34, *_MEANS),
+    "thin shell": Case(_medium(0.8, 0.95, "1 mm"), _BODIES, _body("shell", 5) + _BIG, _AT_BALL, 34, *_MEANS),
     "lamp inside a shell": Case(_medium(0.8, 0.95, "0.2 mm"), _BODIES, _body("shell", 5)
                                 + '<shape type="sphere"><float name="radius" value="1"/><emitter type="area">'
-                                  '<rgb name="radiance" value="50"/></emitter></shape>', _AT_BALL, 34),
+                                  '<rgb name="radiance" value="50"/></emitter></shape>', _AT_BALL, 34, *_MEANS),
     "caustic on a body": Case(_medium(0.8, 0.9, "1 mm"), _BODIES, _body("ball", 5) + _CAUSTIC
-                              + _lamp("4, 0, 25", "2, 0, 8", 3, 60), _AT_BALL, 34),
-    "body larger than tables": Case(_medium(0.8, 0.98, "0.03 mm"), _GLASS, _body("ball", 5, 1.4) + _BIG, _AT_BALL, 34),
+                              + _lamp("4, 0, 25", "2, 0, 8", 14, 6), _AT_BALL, 34, (24, 32), 4, 4),
+    "body larger than tables": Case(_medium(0.8, 0.98, "0.045 mm"), _BODIES, _body("ball", 5) + _BIG, _AT_BALL, 34, *_MEANS),
     # ---- separate particles
     "one bright particle": Case(_particles(2000, 10, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
                                 '<emitter type="point"><point name="position" x="0.2" y="-0.4" z="0.6"/>'
