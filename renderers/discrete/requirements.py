@@ -18,9 +18,6 @@ _FEWER = 14.0
 # function: 5 % at one wavelength changes pictures of particles alone by 4.6 %, and a pixel by 10 %; half as much 3.6 and 6 %
 # (tests/adversarial.py).  Rings of L wavelengths fall on different angles: a root of L less
 _ALONE = 0.5
-# and means over 5 degrees say nothing of what fewer wavelengths change there: 11 % in lamp_in_dust, where they say 2.5 %, and not
-# quite half of the picture is light of particles
-_RINGS = 10.0
 _MOST, _LEAST = 0.3, 1e-3  # above 30 % nothing gets cheaper: classes have the fewest radii that they may have
 _BINS = 36  # of the scattering angle
 _EACH = math.sqrt(0.5)  # of the tables' share, for fewer wavelengths and for averages
@@ -31,8 +28,9 @@ def needs(about) -> list[Need]:
     settings = about.scene.values.discrete
     if about.recipe.particles is None:
         return [Need("discrete", True, "the renderer reads it")]
-    sharp = _sharp(about)
-    wanted = about.tables * (_ALONE * math.sqrt(len(about.medium.wavelength)) / sharp if sharp else _FEWER * _EACH)
+    sharp, fewer = _sharp(about), _wavelengths(about)
+    count = 3 if fewer else len(about.medium.wavelength)
+    wanted = about.tables * (_ALONE * math.sqrt(count) / sharp if sharp else _FEWER * _EACH)
     value = float(np.clip(wanted, _LEAST, _MOST))
     text, why = f"{100 * value:.3g}%", about.share + \
         (f"; {100 * sharp:.2g} % of it are particles in light from one direction" if sharp else "")
@@ -44,7 +42,7 @@ def needs(about) -> list[Need]:
     classes = [Knob("discrete.tolerance", value, text, why, larger=False), *_classes(settings)]
     lacking = "" if wanted >= _LEAST else f"averages of {100 * wanted:.2g} % are wanted; {100 * _LEAST:g} % is asked for, " \
                                           f"{_LEAST / wanted:.2g} times as much"
-    return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *_wavelengths(about, sharp))),
+    return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *fewer)),
             Need("medium", True, "the stage discrete is held against it"),
             Need("discrete", True, _apart(about), tuple(classes), lacking)]
 
@@ -73,12 +71,12 @@ def _sharp(about):
 # ---- wavelengths
 
 
-def _wavelengths(about, sharp) -> tuple[Knob, ...]:
+def _wavelengths(about) -> tuple[Knob, ...]:
     """Red, green and blue in place of more, where that changes the light that is scattered once by less than tables may."""
     waves = np.asarray(about.medium.wavelength)
     if len(waves) <= 3 or not waves.min() <= min(_RGB) <= max(_RGB) <= waves.max():
         return ()
-    change = _of_three(about.medium, 0.5 * about.pixel()) * max(_RINGS * sharp, 1.0)
+    change = _of_three(about.medium, 0.5 * about.pixel())
     if change > _EACH * about.tables:
         return ()
     return (Knob("wavelengths", 3, "rgb", f"three in place of {len(waves)} change light that is scattered once by "

@@ -100,7 +100,7 @@ def test_hard_scenes_lose_nothing(name, baked, tmp_path):
 
 
 def test_differences_beneath_noise():
-    """What both pictures share is no difference; what one has is, however noisy they are; noise that they do not share is noise."""
+    """What both pictures share is no difference; what one of them has is; noise that they do not share is noise."""
     rng = np.random.default_rng(1)
     a = 1 + rng.random((4, 12, 16))
     assert planned.difference(a, a) == (0.0,) * 5
