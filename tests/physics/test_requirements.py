@@ -68,7 +68,6 @@ def held(read, baked, folder, recipes, **how):
         assert cost(asked) <= cost(full)
     found = planned.compared(read, *zip(*(one for one, _ in assets), strict=True), folder, **how)
     tolerance = read.values.tolerance or budget.DEFAULT
-    print(found)
     assert found.noise < tolerance, found
     assert found.rms**2 <= (budget.TABLES * tolerance) ** 2 + NOISE * found.noise**2, found
     assert found.sure <= tolerance, found
