@@ -40,7 +40,7 @@ def share(world, medium, box, peak) -> float:
     pixel = _probes(*world.size)
     origin, direction = world.camera_rays(np.full(pixel.shape, 0.5), pixel)
     states = np.empty(len(pixel) * _DEPTHS, np.uint64)
-    wavefront.begin_streams(stream_key(0, "render.detail"), 0, states)
+    wavefront.begin_streams(stream_key(0, "render.seen"), 0, states)
     numbers = np.empty((len(states), 6))
     wavefront.draw(states, numbers)
     behind = _surfaces(world, origin, direction, numbers[:len(pixel)])
