@@ -44,6 +44,7 @@ STREAMS = {
     "render.splat": Stream(0x7273706C, ("pass",)),
     "render.aims": Stream(0x7261696D, ()),
     "render.detail": Stream(0x72646574, ()),
+    "render.seen": Stream(0x7273656E, ()),
     "render.translucent": Stream(0x7274726E, ("pass",)),
     "render.entries": Stream(0x72656E74, ("pass",)),
     "render.lamps": Stream(0x726C6D70, ("pass",)),

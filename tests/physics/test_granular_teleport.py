@@ -13,10 +13,11 @@ from benchmarks.figures_granular import walks
 from renderers.granular import material
 from renderers.granular.teleport import Teleports, flights
 from renderers.mitsuba.world import World
-from tests.conftest import slow
 from tests.physics.particles import SIGMAS, Sky, averaged, camera
 from tests.physics.test_aggregate import CUBE, bumpy, tile
 from tests.physics.test_granular_render import ALL_AROUND, COLOURS, GLASS, MATT, NOTHING, STEEL, STONE, Kind, grains, passes
+
+pytestmark = pytest.mark.slow  # kernels that no quicker test compiles
 
 LARGE = (1000.0 * (2 * CUBE[0] - 1), CUBE[1])
 
@@ -26,7 +27,6 @@ def place(found, world=None, **law):
     return Teleports(found, occupied, COLOURS, **law)
 
 
-@pytest.mark.slow
 def test_flights_are_the_tile_s():
     """Mean 4 V/S, the second moment of a tile of the walks at fraction 0.6 (0.944 to 0.2 %, ours to 0.4 %), or Dixmier's 1."""
     aggregate = grains([Kind(GLASS)], LARGE, tile(0.6, 500)).aggregate
@@ -36,14 +36,12 @@ def test_flights_are_the_tile_s():
         assert (law.void**2).mean() / (2 * law.void.mean() ** 2) == pytest.approx(wished, rel=0.02)
 
 
-@pytest.mark.slow
 def test_nothing_is_lost_at_smooth_grains():
     """In light from everywhere each single path brings 1."""
     found = place(grains([Kind(GLASS), Kind(GLASS, STONE), Kind(STEEL, STONE), Kind(STEEL, radius=0.7)], bumpy(9.0)))
     assert np.allclose(passes(Sky(above=1, below=1), found, ALL_AROUND, (24, 24), [0]), 1.0, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_matt_white_grains_in_light_from_everywhere():
     """Light samples, whose way is drawn, and directions of the path together count all light once."""
     found = place(grains([Kind(MATT), Kind(MATT, STONE), Kind(GLASS, STONE)], bumpy(6.0), tile(0.3, 40)))
@@ -52,7 +50,7 @@ def test_matt_white_grains_in_light_from_everywhere():
     assert error < 3e-3 and abs(mean - 1) < SIGMAS * error
 
 
-@pytest.mark.parametrize("size", [9.0, slow(2.0)])
+@pytest.mark.parametrize("size", [9.0, 2.0])
 def test_rays_pass_as_much_of_the_grains_as_the_mesh_holds(size):
     """Balls of the host's index only absorb.  Over a parallel beam the mean way in them is f V over its area, exactly: spheres
     are there whose centre is inside, however rays go through the surface of the mesh."""
@@ -69,7 +67,6 @@ def test_rays_pass_as_much_of_the_grains_as_the_mesh_holds(size):
     assert error < 0.02 * wished and abs(mean - wished) < SIGMAS * error
 
 
-@pytest.mark.slow
 def test_light_gets_as_far_as_independent_steps_take_it():
     """Mean flight from hit to hit (Eq. 3) and growth of the mean square displacement a hit, glass balls of radius 1 and 0.8."""
     spheres = tile(0.6, 200)
@@ -88,7 +85,6 @@ def test_light_gets_as_far_as_independent_steps_take_it():
             assert error < 0.016 * wished and abs(mean - wished) < SIGMAS * error
 
 
-@pytest.mark.slow
 def test_the_same_bytes_whatever_threads(monkeypatch):
     from renderers import threads
 
@@ -105,7 +101,6 @@ WHITE = """<scene version="3.0.0"><sensor type="perspective"/>
 <emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter></scene>"""
 
 
-@pytest.mark.slow
 def test_a_white_floor_through_the_grains(tmp_path):
     """A floor that reflects all light, in a white world: radiance 1 everywhere, whether light comes by samples or by paths."""
     (tmp_path / "white.xml").write_text(WHITE)
