@@ -13,16 +13,14 @@ from renderers.progressive import Part
 from renderers.translucent import beams, dipole, light, refraction, shells, smooth, thin, transport
 from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of, untabled
 from renderers.translucent.scene import READERS
+from renderers.translucent.thin import WALKS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
 EACH_EVENT = ("paths", "shells")  # methods that have no beams
-ENTRIES, WALKS, PICKS, _LEAST, _ALONE = 16384, 8192, 64, 4, 32
+ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
 TABLED = ("vrl+tables", "beams+tables")  # that take later events from the tables
 JOINED = ("beams+tables", "beams")  # that join beams with lines of sight where they pass close by
-# beams a square transport mean free path of the boundary, below which the shells' jumps take less time to equal error: of 0.05
-# (bust, marble) a fifth of the time, of 0.23 (head, skin) five times as much
-_DENSE = 0.1
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 _BESIDE = 3 << 30  # and of those that meet beams
@@ -54,21 +52,16 @@ def prepare(job, world, seed) -> Method:
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
                        settings.method)
     name, made = of(how, settings.method, settings.boundary, seed)
-    said = _reasons(assets, how.bodies, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
+    said = _reasons(assets, how.bodies, settings.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
     return Method(name, made, said)
 
 
 def of(how, name, boundary, seed):
     """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
     if name == "auto":
-        name = "paths" if not all(body.tables for body in how.bodies) else "shells" if _sparse(how) else "vrl+tables"
+        wide = all(thin.sparse(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies)
+        name = "shells" if wide else "vrl+tables" if all(body.tables for body in how.bodies) else "paths"
     return name, parts(shells.laid(how) if name == "shells" else how, name, boundary, seed)
-
-
-def _sparse(how):
-    """Whether beams of a pass are further apart, on the boundary of each body, than light in it forgets its direction."""
-    area = np.array([light.areas(body).sum() for body in how.bodies])
-    return bool(np.all(_DENSE * area * np.array([smooth.reduced(body.medium).max() for body in how.bodies]) ** 2 > WALKS))
 
 
 def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Transport:
@@ -107,8 +100,9 @@ def _body(shapes, name, asset, index, wrong, method):
     if index is not None and abs(index - shape.index) > 1e-3 * index:
         raise wrong("boundary.index", f"found {index:g}, and the BSDF of {name} has {shape.index:g}; the same would do")
     medium = medium_of(asset) if has_tables(asset) else untabled(asset)
-    tabled = has_tables(asset) or method in READERS or method == "auto" and np.max(thin.later(
-        thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) > thin.FEW
+    few = np.max(thin.later(thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) <= thin.FEW
+    tabled = has_tables(asset) or method in READERS \
+        or method == "auto" and not few and not thin.sparse(vertices, faces, smooth.reduced(medium))
     if tabled and not hasattr(asset.multiple, "segment"):
         raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
                              "in its recipe would do")
@@ -238,10 +232,12 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies, method):
+def _reasons(assets, bodies, asked, method):
     said, tabled = [], [asset for asset in assets if has_tables(asset)]
-    if method == "auto" and len(tabled) < len(assets):
+    if asked == "auto" and method == "paths":
         said.append("event by event, as an asset holds no tables of multiple scattering: few events do for thin bodies")
+    if asked == "auto" and method == "shells":
+        said.append("light jumps through empty spheres, as beams would be few on bodies this wide")
     if method == "dipole":
         said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as by diffusion under a plane, "
                     "too bright, more so where more is absorbed; noisy where places of light are further apart than it spreads")

@@ -31,6 +31,9 @@ def needs(about) -> list[Need]:
         return [medium, Need("multiple", False, f"method {method} looks up no tables")]
     if about.dark and method == "auto":
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
+    if method == "auto" and len(about.bodies) == len(about.scene.bodies) and all(
+            thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in _shapes(about)):
+        return [medium, Need("multiple", False, "bodies are so wide that light jumps through empty spheres in them")]
     depth, across = _sizes(about)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
@@ -39,6 +42,10 @@ def needs(about) -> list[Need]:
         return [medium, Need("multiple", False, said + ", and paths follow them")]
     knobs, lacking = _tolerance(about, later[worst])
     return [medium, Need("multiple", True, said, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
+
+
+def _reduced(medium):
+    return medium.sigma_t * (1 - medium.albedo * medium.g)
 
 
 def _percent(share) -> str:
