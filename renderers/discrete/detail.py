@@ -41,7 +41,7 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     states = np.empty(len(pixel), np.uint64)
     wavefront.begin_streams(stream_key(seed, "render.detail"), 0, states)
     origin, direction = world.camera_rays(np.full((len(pixel), 2), 0.5), pixel)
-    begin, end = _inside(medium.discs.region, origin, direction, world.trace(origin, direction, np.full(len(pixel), np.inf)))
+    begin, end = inside(medium.discs.region, origin, direction, world.trace(origin, direction, np.full(len(pixel), np.inf)))
     numbers = np.empty((len(pixel), 6))
     wavefront.draw(states, numbers)
     shading = world.shade(origin, direction, numbers, np.zeros(len(pixel)), np.ones(len(pixel), bool))
@@ -68,7 +68,7 @@ def _axis(camera):
     return across / np.linalg.norm(across) * np.sign(across @ camera.corner)
 
 
-def _inside(region, origin, direction, far):
+def inside(region, origin, direction, far):
     """Where rays enter and leave the region's box before `far`, (n,) m; begin >= end where they miss it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = (region.lo - origin) / direction, (region.hi - origin) / direction
@@ -94,7 +94,7 @@ def _along(world, medium, origin, direction, middle, thick, behind, solid, state
     wavefront.draw(own, numbers)
     sample = world.lights(point, numbers)
     light = np.maximum(sample.radiance.astype(float) @ medium.to_waves.T, 0.0)
-    a, b = _inside(region, point, sample.direction.astype(float), sample.distance)
+    a, b = inside(region, point, sample.direction.astype(float), sample.distance)
     column = np.cumsum(rho * thick, axis=1)
     way, out = np.cumsum(thick, axis=1) - thick / 2, np.maximum(b - a, 0.0)
     passed = np.exp(-medium.sigma_t * (column - rho * thick / 2).reshape(-1, 1) - medium.host * way.reshape(-1, 1))

@@ -7,12 +7,17 @@ import math
 import numpy as np
 
 from renderers import colour
+from renderers.discrete import seen
 from renderers.requirements import Knob, Need
 
 _RGB = (0.610, 0.550, 0.465)  # um, what `wavelengths: rgb` means
-# Tolerance of the classes' averages over the difference that it makes to a picture, pixel by pixel: 30 % makes 1.0 % in
-# lamp_in_dust (`python benchmarks/requirements.py lamp_in_dust --pictures`); a margin of two
+# Tolerance of the classes' averages over the difference that it makes to a picture in light that comes from many directions: 30 %
+# makes 1.0 % in lamp_in_dust (`python benchmarks/requirements.py lamp_in_dust --pictures`); a margin of two
 _FEWER = 14.0
+# In light from one direction a particle shows its class at a single angle, where rings of interference are as large as the phase
+# function: 5 % at one wavelength changes pictures of particles alone by 4.6 %, and a pixel by 10 %; half as much 3.6 and 6 %
+# (tests/adversarial.py).  Rings of L wavelengths fall on different angles: a root of L less
+_ALONE = 0.5
 _MOST, _LEAST = 0.3, 1e-3  # above 30 % nothing gets cheaper: classes have the fewest radii that they may have
 _BINS = 36  # of the scattering angle
 _EACH = math.sqrt(0.5)  # of the tables' share, for fewer wavelengths and for averages
@@ -23,17 +28,21 @@ def needs(about) -> list[Need]:
     settings = about.scene.values.discrete
     if about.recipe.particles is None:
         return [Need("discrete", True, "the renderer reads it")]
-    value = float(np.clip(_FEWER * _EACH * about.tables, _LEAST, _MOST))
-    text, why = f"{100 * value:.3g}%", about.share
+    sharp, fewer = _sharp(about), _wavelengths(about)
+    count = 3 if fewer else len(about.medium.wavelength)
+    wanted = about.tables * (_ALONE * math.sqrt(count) / sharp if sharp else _FEWER * _EACH)
+    value = float(np.clip(wanted, _LEAST, _MOST))
+    text, why = f"{100 * value:.3g}%", about.share + \
+        (f"; {100 * sharp:.2g} % of it are particles in light from one direction" if sharp else "")
     if about.dark:
         text, value, why = f"{100 * _MOST:g}%", _MOST, "nothing in the scene shines: its picture is black"
     tolerances = [Knob("tolerance", value, text, why, larger=False),
                   Knob("measure", "integrated", "integrated", "classes are held to the light as a whole",
                        words=("integrated", "pointwise"))]
     classes = [Knob("discrete.tolerance", value, text, why, larger=False), *_classes(settings)]
-    lacking = "" if _FEWER * _EACH * about.tables >= _LEAST else \
-        f"averages of {100 * _FEWER * _EACH * about.tables:.2g} % are wanted; {100 * _LEAST:g} % is asked for"
-    return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *_wavelengths(about))),
+    lacking = "" if wanted >= _LEAST else f"averages of {100 * wanted:.2g} % are wanted; {100 * _LEAST:g} % is asked for, " \
+                                          f"{_LEAST / wanted:.2g} times as much"
+    return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *fewer)),
             Need("medium", True, "the stage discrete is held against it"),
             Need("discrete", True, _apart(about), tuple(classes), lacking)]
 
@@ -42,6 +51,21 @@ def _classes(settings):
     """The continuous medium is the sum over the classes, however many."""
     if settings.method == "continuous":
         yield Knob("discrete.classes", 1, "1", "method continuous reads their sum")
+
+
+# ---- light
+
+
+def _sharp(about):
+    """Share of the picture's light that particles scatter which are seen one by one in a light narrower than a step of the
+    scattering angle; 0 where no light is, 1 where their box is not known."""
+    if about.dark or about.scene.values.discrete.method == "continuous":
+        return 0.0
+    box = _box(about)
+    angles = about.world.light_angles(about.world.camera.origin if box is None else np.mean(box, axis=0))
+    if np.min(angles) >= math.pi / _BINS:
+        return 0.0
+    return 1.0 if box is None else seen.share(about.world, about.medium, seen.Box(*box), 0.5 * about.pixel())
 
 
 # ---- wavelengths
@@ -86,14 +110,21 @@ def _apart(about):
     """
     if about.dark:
         return "nothing in the scene shines: its picture is black"
-    number = about.recipe.particles.number_density
-    where, box = about.scene.values.discrete.where, about.recipe.discrete and about.recipe.discrete.box
-    if number is None or not (box or hasattr(where, "box")):
+    number, box = about.recipe.particles.number_density, _box(about)
+    if number is None or box is None:
         return "the renderer reads it"
-    lo, hi = (np.array(where.box.lo), np.array(where.box.hi)) if hasattr(where, "box") else (np.zeros(3), 1e-6 * np.array(box))
+    lo, hi = box
     farthest = float(np.linalg.norm(np.maximum(abs(lo - about.world.camera.origin), abs(hi - about.world.camera.origin))))
     seen = number * about.pixel() ** 2 * farthest**3 / 3
     depth = float(np.max(about.medium.sigma_t)) * float((hi - lo).max())
     return f"a pixel sees {seen:.2g} particles up to {farthest:.3g} m, so that they " \
            f"{'can be told apart' if seen < 1 / (0.5 * about.tolerance) ** 2 else 'are told apart where they are near'}; " \
            f"optical depth {depth:.2g}"
+
+
+def _box(about):
+    """Corners (2, 3) m of the box that holds the particles; None where a file does."""
+    where, own = about.scene.values.discrete.where, about.recipe.discrete and about.recipe.discrete.box
+    if hasattr(where, "box"):
+        return np.array([where.box.lo, where.box.hi])
+    return np.array([[0, 0, 0], 1e-6 * np.array(own)]) if own and where is None else None

@@ -9,6 +9,7 @@ import pytest
 import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from tests import adversarial
 
 RECIPE = """\
 bakery: 1
@@ -139,3 +140,56 @@ def test_a_changed_scene_bakes_what_it_must(call, place):
     assert status == 0 and "multiple_scattering.tolerance: 0.1 -> 0.0" in out and "reuse  medium" in out
     (place / "s.yaml").write_text(SCENE.replace("bodies:", "method: paths, bodies:"))
     assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium"}
+
+
+HARD = {"discrete": "one bright particle", "granular": "thin layer of grains"}
+KNOB = {"discrete": "discrete.tolerance", "granular": "scatterometer.tolerance"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("renderer, tolerance, text, lacking", [
+    ("discrete", "50%", "13.3%", ""), ("discrete", "0.01%", "0.1%", "38 times as much"),
+    ("granular", "50%", "25%", ""), ("granular", "0.01%", "0.04%", "8 times as much")])
+def test_tolerances_at_the_ends_of_grains_and_particles(call, tmp_path, renderer, tolerance, text, lacking):
+    path = adversarial.write(adversarial.CASES[HARD[renderer]], tmp_path)
+    path.write_text(path.read_text().replace("tolerance: 10%", f"tolerance: {tolerance}"))
+    _, said, knobs, _ = needs(call, tmp_path / "material.yaml", "--scene", path)
+    stage = {"discrete": "discrete", "granular": "grains"}[renderer]
+    assert knobs[KNOB[renderer]] == text and lacking in said[stage]["lacking"] and bool(lacking) == bool(said[stage]["lacking"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("renderer, text", [("discrete", "30%"), ("granular", "50%")])
+def test_without_light_the_least_is_asked_for(call, tmp_path, renderer, text):
+    """An empty world: nothing shines, nothing is there but the material."""
+    path = adversarial.write(adversarial.CASES[HARD[renderer]]._replace(world=""), tmp_path)
+    _, _, knobs, _ = needs(call, tmp_path / "material.yaml", "--scene", path)
+    assert knobs[KNOB[renderer]] == text
+
+
+@pytest.mark.slow
+def test_fog_in_an_empty_world(call, tmp_path):
+    """Its depth is that of the way to `far`; the picture is black."""
+    path = adversarial.write(adversarial.CASES["fog, grazing"]._replace(world=""), tmp_path)
+    path.write_text(path.read_text().replace("type: height, scale: 4, base: -0.5 m, falloff: 0.1 m", "type: uniform"))
+    assert needs(call, tmp_path / "material.yaml", "--scene", path)[2]["beam.depth"] == "18.75"
+    status, out, err = call("render", path, "--json")
+    assert status == 0 and json.loads(out)["mean"] == [0, 0, 0], err
+
+
+@pytest.mark.slow
+def test_each_of_three_recipes_goes_by_its_own_bodies(call, tmp_path):
+    """Exact balls have no facets; the nearer of two heaps of boxes has more of them."""
+    near_by = adversarial.CASES["distant heap"]._replace(view=adversarial.CASES["one grain"].view, fov=40, size=(120, 160))
+    path = adversarial.write(near_by, tmp_path)
+    own = (tmp_path / "material.yaml").read_text()
+    for name, shape in (("balls", "sphere"), ("near", "box"), ("far", "box")):
+        text = own.replace("name: material", f"name: {name}").replace("type: box", f"type: {shape}")
+        (tmp_path / f"{name}.yaml").write_text(text)
+    bodies = [f"{{mesh: ball.ply, unit: {unit}, recipe: {name}.yaml}}"
+              for unit, name in (("1 m", "balls"), ("1.2 mm", "near"), ("10 m", "far"))]
+    path.write_text(path.read_text().replace("recipe: material.yaml\n", "").replace(
+        "{mesh: ball.ply, unit: 10 cm}", f"[{', '.join(bodies)}]"))
+    asked = [needs(call, tmp_path / f"{name}.yaml", "--scene", path)[2] for name in ("balls", "near", "far")]
+    assert "scatterometer.triangles" not in asked[0]
+    assert int(asked[1]["scatterometer.triangles"]) > int(asked[2]["scatterometer.triangles"]) == 1300
