@@ -71,6 +71,11 @@ def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
     return fitted
 
 
+def best_hg(theta, phase) -> float:
+    """g of the single HG lobe that misdirects least of a phase function; arguments as of `fits`, |g| <= 1 - 1e-8."""
+    return _Search(theta, phase).one_hg().g[0]
+
+
 def matched(theta, phase) -> Lobes | None:
     """Two HG lobes with the first three Legendre moments of a table; None where there are none.
 
