@@ -139,13 +139,13 @@ def _mitsuba(asset, stem: str, each_wavelength: bool):
 
 def _one_lobe(asset, stem: str, target: str):
     """What takes one Henyey-Greenstein lobe: pbrt, and OpenPBR in MaterialX and USD."""
-    from bakery.export.one_lobe import lines, one_lobe
+    from bakery.export.one_lobe import one_lobe
     from bakery.export.openpbr import materialx_text, surfaces, usd_text
     from bakery.export.pbrt import pbrt_text
     from renderers.colour import band_matrix, rgb_order
 
     lobe = one_lobe(asset.tree, asset.name)
-    said = lines(lobe)
+    said = _lobe_lines(lobe)
     if target == "pbrt":
         file, content = f"{stem}.pbrt", pbrt_text(asset.name, lobe)
     else:
@@ -154,6 +154,28 @@ def _one_lobe(asset, stem: str, target: str):
         if asset.wavelength.size > 1 and rgb_order(asset.wavelength) is None:
             said.append("Coefficients are means over a red, a green and a blue band of the asset's.")
     return {file: content}, lobe.as_dicts(), said, [f"{file}: {line}" for line in lobe.useless()]
+
+
+def _lobe_lines(lobe) -> list[str]:
+    """What one lobe loses, as a table and in words."""
+    from bakery.system.terminal import table
+
+    head = ("  lost against the asset", "misdirected", "error of g", "reduced scattering", "in the peak")
+    rows = [(f"  at {um:g} um", f"{100 * loss.misfit.misdirected:.2g} %", f"{round(loss.misfit.g, 4) + 0.0:+.4f}",
+             f"{100 * loss.reduced:+.2g} %", f"{100 * loss.misfit.peak:.3g} % instead of {100 * loss.misfit.peak_table:.3g} % "
+             f"in {math.degrees(loss.misfit.peak_angle):.3g} deg")
+            for um, loss in zip(lobe.um.tolist(), lobe.losses, strict=True)]
+    said = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {lobe.g:.4f}", *table([head, *rows])]
+    least = max(loss.misfit.misdirected for loss in lobe.best_losses)
+    if least < lobe.misdirected - 0.005:
+        off = max((1 + loss.reduced for loss in lobe.best_losses), key=lambda ratio: abs(math.log(ratio)))
+        said.append(f"g {lobe.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by {off:.2g}: "
+                    "only for media that scatter once.")
+    if lobe.delta:
+        said.append(f"unscattered (delta) transmission of grains, up to {100 * lobe.delta:.3g} % of what they scatter, is taken "
+                    "out of sigma_s and phase function: the same medium.")
+    return [*said, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
+            "Polarisation, tables of multiple scattering and errors stay in the asset."]
 
 
 def _loss(loss) -> tuple[str, ...]:

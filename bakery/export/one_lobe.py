@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import asdict, dataclass
 
@@ -42,7 +41,7 @@ class OneLobe:
     sigma_a, sigma_s : (L,) 1/m; without the unscattered (delta) transmission of grains, of which `delta` is the largest share
     g : 1, mean cosine of all wavelengths together, weighted by scattering; at most `STEEPEST`
     losses : L of them
-    best : that of the lobe which misdirects least of a single scattering of all wavelengths together
+    best : that of the lobe which misdirects least of a single scattering of all wavelengths together; at most `STEEPEST`
     best_losses : L of them, of that one
     """
 
@@ -97,7 +96,7 @@ def one_lobe(root: Group, name: str) -> OneLobe:
     rest = scattering_of(medium)
     share = rest.sigma_s / rest.sigma_s.sum() if rest.sigma_s.any() else np.full(len(rest.sigma_s), 1 / len(rest.sigma_s))
     own = mean_cosine(rest.theta, rest.phase)
-    g, best = (float(np.clip(x, -STEEPEST, STEEPEST)) for x in (share @ own, best_hg(rest.theta, share @ rest.phase)))
+    g, best = float(np.clip(share @ own, -STEEPEST, STEEPEST)), best_hg(rest.theta, share @ rest.phase, STEEPEST)
 
     def losses(value: float) -> tuple[Loss, ...]:
         lobe = Lobes((1.0,), (value,), (0.0,))
@@ -106,28 +105,6 @@ def one_lobe(root: Group, name: str) -> OneLobe:
 
     return OneLobe(root["wavelength"].data, medium["sigma_a"].data, rest.sigma_s, g, losses(g), best, losses(best),
                    float(rest.delta.max()))
-
-
-def lines(lobe: OneLobe) -> list[str]:
-    """What is lost, in words and as a table."""
-    from bakery.system.terminal import table
-
-    head = ("  lost against the asset", "misdirected", "error of g", "reduced scattering", "in the peak")
-    rows = [(f"  at {um:g} um", f"{100 * loss.misfit.misdirected:.2g} %", f"{round(loss.misfit.g, 4) + 0.0:+.4f}",
-             f"{100 * loss.reduced:+.2g} %", f"{100 * loss.misfit.peak:.3g} % instead of {100 * loss.misfit.peak_table:.3g} % "
-             f"in {math.degrees(loss.misfit.peak_angle):.3g} deg")
-            for um, loss in zip(lobe.um.tolist(), lobe.losses, strict=True)]
-    said = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {lobe.g:.4f}", *table([head, *rows])]
-    least = max(loss.misfit.misdirected for loss in lobe.best_losses)
-    if least < lobe.misdirected - 0.005:
-        off = max((1 + loss.reduced for loss in lobe.best_losses), key=lambda ratio: abs(math.log(ratio)))
-        said.append(f"g {lobe.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by {off:.2g}: "
-                    "only for media that scatter once.")
-    if lobe.delta:
-        said.append(f"unscattered (delta) transmission of grains, up to {100 * lobe.delta:.3g} % of what they scatter, is taken "
-                    "out of sigma_s and phase function: the same medium.")
-    return [*said, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
-            "Polarisation, tables of multiple scattering and errors stay in the asset."]
 
 
 def identifier(name: str) -> str:
