@@ -11,9 +11,10 @@ from bakery.cli import offers
 from bakery.cli.options import at_option, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError, UsageError
 
-LATER = ("pbrt",)
 FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for stock Mitsuba 3 (XML)",
            "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)",
+           "pbrt": "a medium for pbrt-v4", "materialx": "OpenPBR surfaces around the medium (.mtlx)",
+           "usd": "the same as USD materials (.usda)",
            "ply": "grains as meshes, tiles as points with radii", "obj": "grains as meshes",
            "xyz": "tiles as extended XYZ, for particle viewers"}
 
@@ -39,8 +40,7 @@ def command(asset, target, output, each_wavelength, place, overwrite, as_json):
     from bakery.store.put import put
 
     if target not in FORMATS:
-        status = "not available yet" if target in LATER else "no format of ours"
-        raise UsageError(f'--to: found "{target}", which is {status}; there is ' +
+        raise UsageError(f'--to: found "{target}", which is no format of ours; there is ' +
                          " and ".join(f"{name} ({text})" for name, text in FORMATS.items()))
     if each_wavelength and target != "mitsuba":
         raise UsageError(f"--each-wavelength: has no effect on {target}, whose tables hold every wavelength; leave it out")
@@ -51,6 +51,8 @@ def command(asset, target, output, each_wavelength, place, overwrite, as_json):
         files, losses, lines = _csv(opened)
     elif target == "hg":
         files, losses, lines, first = _hg(opened)
+    elif target in ("pbrt", "materialx", "usd"):
+        files, losses, lines, first = _one_lobe(opened, stem, target)
     elif target in ("ply", "obj", "xyz"):
         files, losses, lines = _forms(opened, target)
     else:
@@ -133,6 +135,47 @@ def _mitsuba(asset, stem: str, each_wavelength: bool):
               "forward peak cut: of the angles where the phase function is above half of its forward value."]
     first = [f"{stem}{part.name}.xml: nearly useless: {part.useless()}" for part in parts if part.useless()]
     return {f"{stem}{part.name}.xml": part.xml for part in parts}, [part.as_dict() for part in parts], lines, first
+
+
+def _one_lobe(asset, stem: str, target: str):
+    """What takes one Henyey-Greenstein lobe: pbrt, and OpenPBR in MaterialX and USD."""
+    from bakery.export.one_lobe import one_lobe
+    from bakery.export.openpbr import materialx_text, surfaces, usd_text
+    from bakery.export.pbrt import pbrt_text
+    from renderers.colour import band_matrix, rgb_order
+
+    lobe = one_lobe(asset.tree, asset.name)
+    said = _lobe_lines(lobe)
+    if target == "pbrt":
+        file, content = f"{stem}.pbrt", pbrt_text(asset.name, lobe)
+    else:
+        end, text = {"materialx": ("mtlx", materialx_text), "usd": ("usda", usd_text)}[target]
+        file, content = f"{stem}.{end}", text(asset.name, surfaces(lobe, band_matrix(asset.wavelength)), lobe.misdirected)
+        if asset.wavelength.size > 1 and rgb_order(asset.wavelength) is None:
+            said.append("Coefficients are means over a red, a green and a blue band of the asset's.")
+    return {file: content}, lobe.as_dicts(), said, [f"{file}: {line}" for line in lobe.useless()]
+
+
+def _lobe_lines(lobe) -> list[str]:
+    """What one lobe loses, as a table and in words."""
+    from bakery.system.terminal import table
+
+    head = ("  lost against the asset", "misdirected", "error of g", "reduced scattering", "in the peak")
+    rows = [(f"  at {um:g} um", f"{100 * loss.misfit.misdirected:.2g} %", f"{round(loss.misfit.g, 4) + 0.0:+.4f}",
+             f"{100 * loss.reduced:+.2g} %", f"{100 * loss.misfit.peak:.3g} % instead of {100 * loss.misfit.peak_table:.3g} % "
+             f"in {math.degrees(loss.misfit.peak_angle):.3g} deg")
+            for um, loss in zip(lobe.um.tolist(), lobe.losses, strict=True)]
+    said = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {lobe.g:.4f}", *table([head, *rows])]
+    least = max(loss.misfit.misdirected for loss in lobe.best_losses)
+    if least < lobe.misdirected - 0.005:
+        off = max((1 + loss.reduced for loss in lobe.best_losses), key=lambda ratio: abs(math.log(ratio)))
+        said.append(f"g {lobe.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by {off:.2g}: "
+                    "only for media that scatter once.")
+    if lobe.delta:
+        said.append(f"unscattered (delta) transmission of grains, up to {100 * lobe.delta:.3g} % of what they scatter, is taken "
+                    "out of sigma_s and phase function: the same medium.")
+    return [*said, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
+            "Polarisation, tables of multiple scattering and errors stay in the asset."]
 
 
 def _loss(loss) -> tuple[str, ...]:

@@ -396,7 +396,6 @@ def test_lobes_for_machines(call, root, tmp_path):
 
 
 @pytest.mark.parametrize(("args", "said"), [
-    (("--to", "pbrt"), "not available yet; there is csv"),
     (("--to", "vtk"), "no format of ours; there is csv"),
     (("--to", "csv", "--each-wavelength"), "has no effect on csv"),
     (("--to", "hg", "--each-wavelength"), "has no effect on hg"),

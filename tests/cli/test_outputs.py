@@ -147,7 +147,8 @@ def test_each_kind_is_told_from_the_others(tmp_path):
                 "PNG picture": b"\x89PNG\r\n\x1a\n", "EXR picture": b"\x76\x2f\x31\x01\x02", "PLY file": b"ply\nformat\xff\0",
                 "SVG drawing": b'<?xml version="1.0"?>\n<svg>', "CSV table": b"theta [rad]\n1\n", "JSON file": b"[{}]",
                 "OBJ file": b"# radii\no ice\nv 1 1 1\n", "XYZ file": b"12\nLattice\n", "recipe": b"# fog\nbakery: 1\n",
-                "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "text": b"whatever"}
+                "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "pbrt file": b"# fog\nMakeNamedMedium \"fog\"\n",
+                "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n", "text": b"whatever"}
     assert examples.keys() == KINDS.keys()
     for kind, data in examples.items():
         (tmp_path / "file").write_bytes(data)

@@ -71,6 +71,11 @@ def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
     return fitted
 
 
+def best_hg(theta, phase, steepest: float = 1 - NARROWEST) -> float:
+    """g of the single HG lobe with |g| <= steepest that misdirects least of a phase function; arguments as of `fits`."""
+    return _Search(theta, phase).one_hg(math.atanh(steepest)).g[0]
+
+
 def matched(theta, phase) -> Lobes | None:
     """Two HG lobes with the first three Legendre moments of a table; None where there are none.
 
@@ -112,10 +117,10 @@ class _Search:
         self.grid = np.linspace(-_STEEPEST, _STEEPEST, 2 * math.ceil(_STEEPEST / _SCAN) + 1)
         self.rows = np.array([draine(self.at, *_shape(u)) for u in self.grid])
 
-    def one_hg(self) -> Lobes:
-        """The best single HG lobe."""
+    def one_hg(self, steepest: float = _STEEPEST) -> Lobes:
+        """The best single HG lobe whose atanh g is at most so large."""
         return _single(_shape(_bounded(lambda u: self._misdirected(draine(self.at, *_shape(u))),
-                                       np.linspace(-_STEEPEST, _STEEPEST, 4 * len(self.grid) + 1))))
+                                       np.linspace(-steepest, steepest, 4 * len(self.grid) + 1))))
 
     def one_draine(self, known: Lobes) -> Lobes:
         """The best single lobe of Draine's; the `known` one where it is as good."""
