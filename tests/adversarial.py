@@ -127,6 +127,7 @@ _AHEAD = ("0, 0, 0", "0, 1, 0")
 _AT_BALL = ("0, -19, 5", "0, 0, 0")
 _INTO_BOX = ("0.2, -0.4, 0.2", "0.2, 0.2, 0.2")
 _MEANS = (24, 32), 2, 4  # size, samples and block: tables choose beams, so that little noise is shared
+_LONGER = (24, 32), 8, 4
 _BIG = _lamp("3, 3, 13", "0, 0, 0", 8, 4)
 
 CASES = {
@@ -141,13 +142,13 @@ CASES = {
     # ---- translucent bodies
     "lamp behind a body": Case(_medium(0.8, 0.9, "2 mm"), _BODIES, _body("ball", 5) + _lamp("0, 12, -3.2", "0, 0, 0", 0.5, 400),
                                _AT_BALL, 34, *_MEANS),
-    "thin shell": Case(_medium(0.8, 0.95, "1 mm"), _BODIES, _body("shell", 5) + _BIG, _AT_BALL, 34, *_MEANS),
+    "thin shell": Case(_medium(0.8, 0.95, "1 mm"), _BODIES, _body("shell", 5) + _BIG, _AT_BALL, 34, *_LONGER),
     "lamp inside a shell": Case(_medium(0.8, 0.95, "0.2 mm"), _BODIES, _body("shell", 5)
                                 + '<shape type="sphere"><float name="radius" value="1"/><emitter type="area">'
                                   '<rgb name="radiance" value="50"/></emitter></shape>', _AT_BALL, 34, *_MEANS),
     "caustic on a body": Case(_medium(0.8, 0.9, "1 mm"), _BODIES, _body("ball", 5) + _CAUSTIC
                               + _lamp("4, 0, 25", "2, 0, 8", 14, 6), _AT_BALL, 34, (24, 32), 4, 4),
-    "body larger than tables": Case(_medium(0.8, 0.98, "0.045 mm"), _BODIES, _body("ball", 5) + _BIG, _AT_BALL, 34, *_MEANS),
+    "body larger than tables": Case(_medium(0.8, 0.98, "0.045 mm"), _BODIES, _body("ball", 5) + _BIG, _AT_BALL, 34, *_LONGER),
     # ---- separate particles
     "one bright particle": Case(_particles(2000, 10, "[0.4 m, 0.4 m, 0.4 m]"), _IN_AIR,
                                 '<emitter type="point"><point name="position" x="0.2" y="-0.4" z="0.6"/>'
