@@ -47,7 +47,7 @@ def seen(transport, rays) -> Seen:
     """
     height, width = transport.world.size
     body, point, normal = np.full(len(rays), -1), rays.origin.copy(), np.zeros((len(rays), 3))
-    for _ in range(_PANES if transport.panes else 1):
+    for _ in range(_PANES):
         _, far, place = located(transport.geometry, rays)
         owner = np.where(place >= 0, transport.geometry.owner[place], -1)
         free = ~(transport.world.trace(rays.origin, rays.direction, far * (1 - 1e-4)) < np.inf)
@@ -56,9 +56,9 @@ def seen(transport, rays) -> Seen:
         facing = np.zeros((len(rays), 3))
         run(_geometry.normals, len(rays), transport.geometry, place, facing)
         normal[at[met]] = facing[met]
-        rays = _beyond_glass(transport.world, rays.of(~free))
-        if not len(rays):
+        if not transport.panes or free.all():
             break
+        rays = _beyond_glass(transport.world, rays.of(~free))
     reach = np.array([min(_REACH / np.min(reduced(one.medium)), _THIN * chord(one.vertices, one.faces))
                       for one in transport.bodies])
     return Seen(body.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
@@ -67,8 +67,6 @@ def seen(transport, rays) -> Seen:
 
 def _beyond_glass(world, rays):
     """Rays that go on through smooth glass, as it refracts them."""
-    if not len(rays):
-        return rays
     numbers = np.zeros((len(rays), LOBE + 3))
     numbers[:, LOBE] = 1.0
     shading = world.shade(rays.origin, rays.direction, numbers, rays.density, rays.single)
