@@ -136,7 +136,10 @@ def main(args: list[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except (OSError, ValueError):
+        except OSError:
+            # full or closed: what it holds is given up, or Python tries again at exit and puts its own status, 120, for ours
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        except ValueError:
             pass
     if status in (INTERRUPTED, TERMINATED):
         os._exit(status)  # threads may be inside a kernel; what they compute is not wanted any more

@@ -174,8 +174,10 @@ def test_quiet_and_closed_output(call, milk, tmp_path):
     pipe = subprocess.run(f"{sys.executable} -m bakery plan {milk} --verbose | head -c 1", shell=True, text=True,
                           capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60)
     assert "Traceback" not in pipe.stderr
+    # buffered, as it is for users: Python would try once more at exit and give a status of its own
+    buffered = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""}
     full = subprocess.run(f"{sys.executable} -m bakery {milk} -o {tmp_path}/b.h5 --force 2>/dev/full", shell=True, timeout=60,
-                          env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+                          env=buffered, capture_output=True, text=True)
     assert full.returncode == 0
 
 
