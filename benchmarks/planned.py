@@ -34,14 +34,21 @@ def recipes_of(scene, folder) -> list[Path]:
 
 
 def wanted(scene, recipe, cache=None) -> Asked:
-    """What a scene asks for of a recipe."""
-    return asked(recipe, {}, lambda values, medium: requirements.of_scene(scene, values, medium), cache)
+    """What a scene asks for of a recipe, and the share of the tolerance's square by which it does."""
+    shares = []
+
+    def require(*about):
+        found = requirements.of_scene(scene, *about)
+        shares.append(found.share)
+        return found
+
+    return asked(recipe, {}, require, cache), shares[0]
 
 
 def whole(scene, recipe, cache=None) -> Asked:
     """All stages that the renderer may read, with the recipe's knobs."""
     needs = tuple(requirements.Need(stage, True, "") for stage in scene.rules.NEEDS)
-    return asked(recipe, {}, lambda values, medium: requirements.Required(needs), cache)
+    return asked(recipe, {}, lambda *about: requirements.Required(needs), cache)
 
 
 def finer(recipe, settings, needs, times=FINER) -> dict[str, str]:
@@ -57,19 +64,20 @@ def finer(recipe, settings, needs, times=FINER) -> dict[str, str]:
 
 
 class Plans(NamedTuple):
-    """Of the planned asset and of the full one (`bakery.run.prepare`)."""
+    """Of the planned asset and of the full one (`bakery.run.prepare`), and the tables' share (`renderers.budget`)."""
 
     planned: object
     full: object
+    share: float
 
 
 def plans(scene, recipe, folder, *, times=FINER, cache=None, **options) -> Plans:
     """Plans of both assets of a recipe, to be written to a folder."""
-    asks, full = wanted(scene, recipe, cache), whole(scene, recipe, cache)
+    (asks, share), full = wanted(scene, recipe, cache), whole(scene, recipe, cache)
     settings = {"planned": asks.settings, "full": finer(recipe, full.settings, asks.needs, times)}
     stages = {"planned": asks.stages, "full": full.stages}
     return Plans(*(prepare(recipe, Path(folder) / f"{Path(recipe).stem}_{kind}.h5", settings=settings[kind], stages=stages[kind],
-                           force=True, cache=cache, **options) for kind in ("planned", "full")))
+                           force=True, cache=cache, **options) for kind in ("planned", "full")), share)
 
 
 class Difference(NamedTuple):

@@ -41,7 +41,7 @@ def both(scene, recipe, folder):
     """Seconds of the requirements, of the planned bake and of the whole one."""
     cache = Cache(Path(folder) / "requirements")
     begin = time.process_time()
-    wanted = planned.wanted(scene, recipe, cache)
+    wanted, _ = planned.wanted(scene, recipe, cache)
     asking = time.process_time() - begin
     for remark in wanted.remarks:
         print(f"    {remark}")

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from bakery.run.ensure import ensured
-from renderers import requirements
+from renderers import budget, requirements
 from renderers.scene import Scene, beside
 
 
@@ -28,15 +28,24 @@ def baked(scene: Scene, progress=None) -> Scene:
     if scene.assets:
         return scene
     named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
-    found = {}
+    found, shares = {}, [0.0]
     for one in named:
         if (key := (one.asset, one.recipe)) in found:
             continue
         recipe, place = _recipe(scene, one)
-        found[key] = place if recipe is None else Path(ensured(
-            recipe, place, require=lambda values, medium: requirements.of_scene(scene, values, medium), progress=progress).output)
+        if recipe is None:
+            found[key] = place
+            shares.append(budget.HALF)
+            continue
+
+        def require(*about):
+            required = requirements.of_scene(scene, *about)
+            shares.append(required.share)
+            return required
+
+        found[key] = Path(ensured(recipe, place, require=require, progress=progress).output)
     paths = tuple(found[one.asset, one.recipe] for one in named)
-    return dataclasses.replace(scene, asset=paths[0], assets=paths)
+    return dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(shares))
 
 
 def _recipe(scene, one):

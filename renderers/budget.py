@@ -1,13 +1,100 @@
 """How the tolerance of a picture is shared out.
 
 The tolerance is the relative root mean square error of linear radiance.  Errors of different origin do not know of each other, so
-they add up in squares: half of the square goes to noise, which is what takes time in a render; a quarter to approximations of the
-renderer (the continuous medium in place of particles, smoothing); a quarter to the tables of the asset.
+they add up in squares: approximations of the renderer have what their method states; what they leave is shared between the
+tables of the asset and noise.  Finer tables take longer to bake, less noise longer to render; of some splits the one that takes
+least in all is chosen.  The time of tables is that of the plan; that of noise goes by what such pictures take a pixel, measured
+once and for all: a clock must not decide what is baked, or two machines would bake different assets of one scene.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 DEFAULT = 0.05  # tolerance of scenes that say none
-NOISE, APPROXIMATIONS, TABLES = math.sqrt(0.5), 0.5, 0.5  # shares of the tolerance; squares add up to 1
+# Squares of the error of tables over what approximations leave.  Tables never have more than half: a scene that names a ready
+# asset is rendered as if they had half, whatever it was baked for
+HALF = 0.5
+SHARES = HALF, 1 / 4, 1 / 8, 1 / 16, 1 / 32
+# Error of one pixel over the root mean square error of all, by tables: 2.8 in the rainbow of tests/adversarial.py, 1.1 in others
+_GATHERED = 3.0
+
+
+class Split(NamedTuple):
+    """Errors that parts of a picture may have, relative to its mean (of `measure: pixels`, to a pixel, see docs/requirements.md).
+
+    Attributes
+    ----------
+    tolerance : of the picture
+    approximations : of the renderer's method
+    tables : of the asset
+    noise : standard error
+    share : of the tables, in squares, of what approximations leave
+    why : of the tables' share, in words; "" where nothing was compared
+    """
+
+    tolerance: float
+    approximations: float
+    tables: float
+    noise: float
+    share: float = HALF
+    why: str = ""
+
+
+def of(scene, share: float | None = None) -> Split:
+    """The split of a scene where tables have a share of what approximations leave; all that a noise leaves which it gives.
+
+    Parameters
+    ----------
+    scene : `renderers.scene.Scene`
+    share : 1, of squares; that which its assets were baked for if None.  Without meaning where the scene gives the noise
+
+    Notes
+    -----
+    Where the method's own error is above the tolerance, the rest is shared out as if there were none.
+    """
+    values, share = scene.values, scene.share if share is None else share
+    tolerance, noise = values.tolerance or DEFAULT, values.stop.noise
+    approximations = scene.rules.approximations(values, tolerance)
+    left = tolerance**2 - approximations**2
+    left = left if left > 0 else tolerance**2
+    if noise is None:
+        tables, noise = math.sqrt(share * left), math.sqrt((1 - share) * left)
+    else:
+        rest = left - noise**2
+        tables = math.sqrt(rest if rest > SHARES[-1] * left else HALF * left)
+    return Split(tolerance, approximations, tables, noise, share)
+
+
+def of_tables(chosen: Split, values) -> float:
+    """What tables may change the whole picture by: where each pixel counts, less, as their errors gather in few of them."""
+    return chosen.tables / (_GATHERED if values.measure == "pixels" else 1.0)
+
+
+def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float]) -> Split:
+    """The split that takes least time, of `SHARES`.
+
+    Parameters
+    ----------
+    scene : `renderers.scene.Scene`
+    pixels : of the picture
+    pace : s, of one core, that one pixel takes to a relative variance of 1
+    seconds : what baking takes with a split, of one core
+    """
+    limit = scene.values.stop.time or math.inf
+
+    def rendering(split):
+        return min(pixels * pace / split.noise**2, limit)
+
+    splits = [of(scene, share) for share in reversed(SHARES)]
+    if scene.values.stop.noise is not None or rendering(splits[0]) == limit:
+        return splits[-1]
+    best, least = None, math.inf
+    for one in splits:
+        # to know what a bake takes takes a while: not asked where noise alone takes as long
+        if rendering(one) < least and (took := seconds(one) + rendering(one)) <= least:
+            best, least = one, took
+    return best._replace(why=f"baking takes about {least - rendering(best):.2g} s and noise {rendering(best):.2g} s of a core "
+                             "then, of five splits the least")

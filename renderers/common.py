@@ -130,6 +130,9 @@ class Common(Section):
     tolerance: Share | None = Field(
         None, description="Of the picture: relative root mean square error of linear radiance; the renderer's own if absent."
     )
+    measure: word("picture", "pixels") = Field(
+        "picture", description="What the tolerance is of: the picture as a whole, or 99 of 100 pixels each by itself."
+    )
     scene: Surfaces | None = Field(None, description="Surfaces, lights and camera.")
     camera: Camera | None = Field(None, description="Where the picture is taken from, instead of the Mitsuba scene's sensor.")
     film: Film = Field(Film.model_construct(width=None, height=None, wavelengths="asset"), description="Pixels, wavelengths.")

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Interrupted, UsageError
-from renderers import budget, colour
+from renderers import colour
 from renderers.mitsuba import bitmaps
 from renderers.running import rgb_layers
 
@@ -49,23 +49,26 @@ class Stop:
     noise : root mean square standard error of the luminance over its mean
     time : s, after which no pass ends that was begun before, but for the first two of each part
     samples : a pixel, in each part
+    pixels : the noise is that of pixels, `Estimate.pixel_noise`
     """
 
     noise: float | None = None
     time: float | None = None
     samples: int | None = None
+    pixels: bool = False
 
     @classmethod
-    def of(cls, tolerance, *, noise=None, time=None, samples=None, quality=None):
-        """What a scene asks for: its `stop`, noise by its `tolerance` unless it says, for `draft`, `preview` or `final`.
+    def of(cls, split, measure="picture", *, time=None, samples=None, quality=None):
+        """What a scene asks for: the noise of its `renderers.budget.Split`, by its `measure`, and its `stop`, for `draft`,
+        `preview` or `final`.
 
         Raises UsageError where there is no such quality.
         """
         if (quality or "final") not in QUALITY:
             raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
         coarser = QUALITY[quality or "final"]
-        return cls(coarser * (budget.NOISE * tolerance if noise is None else noise), time and time / coarser**2,
-                   samples and max(1, round(samples / coarser**2)))
+        return cls(coarser * split.noise, time and time / coarser**2, samples and max(1, round(samples / coarser**2)),
+                   measure == "pixels")
 
 
 class Part(NamedTuple):
@@ -173,6 +176,16 @@ class Estimate:
         return float(np.sqrt(np.mean(variance[..., 3])) / max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30))
 
     @property
+    def pixel_noise(self):
+        """Standard error of a pixel's luminance over the larger of it and the picture's mean, which 99 of 100 pixels keep;
+        None before the second pass of each part."""
+        variance = self.variance
+        if variance is None:
+            return None
+        level = self.rgb @ colour.LUMINANCE
+        return float(np.percentile(np.sqrt(variance[..., 3]) / np.maximum(level, max(np.mean(level), 1e-30)), 99))
+
+    @property
     def samples(self):
         """A pixel, in the part that has fewest."""
         return min(part.samples * self.means[part.name].count for part in self.parts)
@@ -194,7 +207,7 @@ class Estimate:
         with _interruptions() as arrived:
             while True:
                 spent = time.monotonic() - begin
-                part, noise = self._next(stop), self.noise
+                part, noise = self._next(stop), self.pixel_noise if stop.pixels else self.noise
                 self.stopped_by = "interruption" if arrived else self._over(stop, part, noise, spent)
                 if progress:
                     progress(1.0 if self.stopped_by else self._fraction(stop, noise, spent), noise)
@@ -261,9 +274,9 @@ class Estimate:
 
         Returns
         -------
-        report : of `Render.finish`, with `passes` by part, `stopped_by`, and `mean_error`, standard error of `mean`, None where a
-            part has one pass; `parts` by name: `passes`, `noise` (its share of the picture's, in squares), `seconds` (of the
-            quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have the same)
+        report : of `Render.finish`, with `pixel_noise`, `passes` by part, `stopped_by`, and `mean_error`, standard error of
+            `mean`, None where a part has one pass; `parts` by name: `passes`, `noise` (its share of the picture's, in squares),
+            `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have the same)
 
         Raises
         ------
@@ -278,7 +291,8 @@ class Estimate:
         reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
-                            noise=self.noise, passes={name: mean.count for name, mean in self.means.items()},
+                            noise=self.noise, pixel_noise=self.pixel_noise,
+                            passes={name: mean.count for name, mean in self.means.items()},
                             parts={name: self._part(mean) for name, mean in self.means.items()},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
                             reasons=reasons, **more)

@@ -78,11 +78,13 @@ class Required(NamedTuple):
     Attributes
     ----------
     needs : of each stage that a scene speaks of
-    remarks : scenes that could not be measured, and why
+    remarks : scenes that could not be measured, and why; tolerances that are out of reach
+    share : of the tolerance's square that tables may take, see `renderers.budget`; of one scene
     """
 
     needs: tuple[Need, ...]
     remarks: tuple[str, ...] = ()
+    share: float = budget.HALF
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -103,20 +105,35 @@ class About:
     scene : `renderers.scene.Scene`; its assets need not be there
     recipe : checked values of the recipe
     bodies : of the scene that the recipe is the material of, positions in `scene.bodies`
-    tolerance : of the picture
-    tables : share of it that tables of the asset may take
+    split : `renderers.budget.Split` of the tolerance; a rule is asked with several
     """
 
     def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None):
-        self.scene, self.recipe, self._medium = scene, recipe, medium
-        self.tolerance = scene.values.tolerance or budget.DEFAULT
-        self.tables = budget.TABLES * self.tolerance
+        self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
+        self.split = budget.of(scene, budget.HALF)
         self.bodies = _bodies(scene, recipe) if bodies is None else list(bodies)
+
+    @property
+    def tolerance(self) -> float:
+        """Of the picture."""
+        return self.split.tolerance
+
+    @property
+    def tables(self) -> float:
+        """What tables of the asset may change the picture by."""
+        return budget.of_tables(self.split, self.scene.values)
+
+    def measured(self, measure: Callable):
+        """What a function of this measures of scene and recipe, once: nothing that goes by the tolerance."""
+        if measure not in self._measured:
+            self._measured[measure] = measure(self)
+        return self._measured[measure]
 
     @property
     def share(self) -> str:
         """What tables may take, in words."""
-        return f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
+        said = f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
+        return f"{said}: {self.split.why}" if self.split.why else said
 
     @cached_property
     def medium(self):
@@ -146,7 +163,7 @@ class About:
         return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
 
 
-def of(paths: Sequence, recipe, medium: Callable, settings: Mapping[str, str] | None = None) -> Required:
+def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: Mapping[str, str] | None = None) -> Required:
     """What the union of some scenes needs of a recipe.
 
     Parameters
@@ -154,34 +171,53 @@ def of(paths: Sequence, recipe, medium: Callable, settings: Mapping[str, str] | 
     paths : of scenes (YAML, or Mitsuba's XML)
     recipe : checked values of the recipe (`bakery.recipe`)
     medium : () -> its medium by a draft bake, see `About.medium`; called where a rule asks for it
+    seconds : (Required) -> what a bake of it takes, of one core
     settings : overrides of the scenes' values, dotted key -> text
 
     Raises
     ------
     UsageError, RecipeError : a path is no scene, or names no renderer
     """
-    found = [_of_scene(Path(path), recipe, medium, settings or {}) for path in paths]
+    found = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
     return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks))
 
 
-def of_scene(scene, recipe, medium: Callable) -> Required:
+def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
     """The same of one scene that is read already."""
     about = About(scene, recipe, medium)
     try:
-        return Required(tuple(_rules(scene)(about)), tuple(_noisy(about)))
+        return _shared_out(about, _rules(scene), seconds)
     except BakeryError as fault:
         return _unmeasured(scene.rules.NEEDS, scene.path, fault)
 
 
-def _noisy(about):
-    """A scene whose noise is all of its tolerance, or more."""
-    noise = about.scene.values.stop.noise
-    if noise is not None and noise > about.tolerance:
-        yield f"{about.scene.path}: noise of {100 * noise:.3g} % (stop.noise) leaves the tolerance of " \
-              f"{100 * about.tolerance:.3g} % out of reach, {noise / about.tolerance:.2g} times as much"
+def _shared_out(about, rules, seconds) -> Required:
+    """The needs by the split that takes least.
+
+    A scene that names an asset is rendered as if its tables had half: whoever baked them, the renderer does not ask.
+    """
+    def needs(split):
+        about.split = split
+        return Required(tuple(rules(about)), tuple(_out_of_reach(about)), split.share)
+
+    scene = about.scene
+    pace, named = getattr(scene.rules, "PACE", None), [one.asset for one in (scene.values, *scene.bodies)]
+    if pace is None or any(named) or about.dark:
+        return needs(about.split)
+    height, width = about.world.size
+    return needs(budget.cheapest(scene, height * width, pace, lambda split: seconds(needs(split))))
 
 
-def _of_scene(path, recipe, medium, settings) -> Required:
+def _out_of_reach(about):
+    """What noise and approximations alone leave no room for."""
+    scene, split = about.scene, about.split
+    for said, error in (("noise (stop.noise)", scene.values.stop.noise), ("approximations of the method", split.approximations)):
+        if error is not None and error > split.tolerance:
+            yield f"{scene.path}: {said} of {100 * error:.3g} % leave the tolerance of {100 * split.tolerance:.3g} % out of " \
+                  f"reach, {error / split.tolerance:.2g} times as much"
+
+
+def _of_scene(path, recipe, medium, seconds, settings) -> Required:
     stages = scenes.needs(path)
     if path.suffix.lower() not in scenes.SUFFIXES:
         return Required(tuple(Need(stage, True, "bakery's plugins for Mitsuba read it") for stage in stages))
@@ -189,7 +225,7 @@ def _of_scene(path, recipe, medium, settings) -> Required:
         scene = scenes.load(path, settings, assets=False)
     except BakeryError as fault:
         return _unmeasured(stages, path, fault)
-    return of_scene(scene, recipe, medium)
+    return of_scene(scene, recipe, medium, seconds)
 
 
 def _unmeasured(stages, path, fault) -> Required:

@@ -10,8 +10,10 @@ may say stands in `renderers.common`.  One of its sections names the renderer (`
   `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
   `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the dotted key that chooses the method, and the names
   that it may have; `POINTS`, `EXACT` and `KEPT`, methods as `bake compare` takes them: those that `bake trade` tries, those
-  without an error of their own, and those that keep within a scene's tolerance by themselves; `problems(root, values)`, what has
-  to hold between keys.
+  without an error of their own, and those that keep within a scene's tolerance by themselves; `approximations(values,
+  tolerance)`, the error that the chosen method states, relative to the picture's mean; `PACE`, seconds of a core that a pixel
+  takes to a relative variance of 1, None where the renderer has no noise; `problems(root, values)`, what has to hold between
+  keys.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from bakery.errors import Problem, RecipeError, UsageError
 from bakery.grammar import fields, files, overrides, text
 from bakery.grammar.problems import distinct, places, translate
 from bakery.grammar.text import Mapping, Node, Sequence
-from renderers import common
+from renderers import budget, common
 from renderers.common import FORMAT, Common, names_at, node_at, value_at
 from renderers.inputs import files_of
 
@@ -55,6 +57,7 @@ class Scene:
     overrides : dotted key -> text
     asset : path of the material; None where `renderers.assets` has still to bake a recipe, or bodies have their own
     assets : of the materials of all bodies, in their order; of the one material; () before `renderers.assets` has seen to them
+    share : of the tolerance's square that their tables may take, see `renderers.budget`
     """
 
     path: Path
@@ -65,6 +68,7 @@ class Scene:
     asset: Path | None
     places: MappingType[str, str] = dataclasses.field(repr=False)
     assets: tuple[Path, ...] = ()
+    share: float = budget.HALF
 
     @property
     def bodies(self) -> list:

@@ -1,7 +1,8 @@
 """The asset of a recipe that something else names: baked where it is missing or out of date, with what is asked of it.
 
-What is asked is a function of (checked recipe, () -> its medium by a draft bake) that gives what `renderers.requirements.of`
-gives: `needs`, `stages`, `settings`, `remarks`.  Nothing here knows of scenes.
+What is asked is a function of (checked recipe, () -> its medium by a draft bake, seconds) that gives what
+`renderers.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`; seconds is a function of the same that says how long
+a bake of it would take.  Nothing here knows of scenes.
 """
 
 from __future__ import annotations
@@ -51,13 +52,21 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
     from bakery.recipe import load
 
     values, cache = load(recipe, dict(settings)).unswept(), cache or Cache()
-    required = require(values, lambda: draft.medium(values, settings, cache, progress))
     own = [stage.name for stage in chosen(values)]
-    added = [name for name in required.stages if name not in own]
-    sections = {sections_for(name)[0][0]: "{}" for name in added}
-    # knobs of stages upstream stand in sections of their own, or at the top
-    knobs = {key: text for key, text in required.settings.items() if not _said(key, settings)}
-    every, whole = sections | knobs | dict(settings), sections | dict(settings)
+
+    def overrides(required):
+        added = [name for name in required.stages if name not in own]
+        sections = {sections_for(name)[0][0]: "{}" for name in added}
+        # knobs of stages upstream stand in sections of their own, or at the top
+        knobs = {key: text for key, text in required.settings.items() if not _said(key, settings)}
+        return added, sections | knobs | dict(settings), sections | dict(settings)
+
+    def seconds(required):
+        every = load(recipe, overrides(required)[1])
+        return sum(stage.cost(every).seconds for stage in chosen(every, required.stages))
+
+    required = require(values, lambda: draft.medium(values, settings, cache, progress), seconds)
+    added, every, whole = overrides(required)
     kept = {stage.name for stage in chosen(load(recipe, every), required.stages)} if required.stages else set(own)
     leaves = load(recipe, whole).leaves
     more = any(knob.demand(knob.value) > knob.demand(leaves.get(knob.key)) for one in required.needs if one.needed

@@ -53,15 +53,15 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                   size=size or (None if surfaces else _SIZE), variant=variant)
     if world.camera is None:
         raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    tolerance = values.tolerance or budget.DEFAULT
+    shares = budget.of(scene)
     job.part_over("scene")
-    method = methods.prepare(job, world, budget.APPROXIMATIONS * tolerance, seed)
+    method = methods.prepare(job, world, shares.approximations, seed)
     job.part_over("medium")
     estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
                                        "size": list(world.size)})
     if resume:
         estimate.resume(job.pair[1])
-    stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
+    stop = Stop.of(shares, values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     layers = {}

@@ -28,7 +28,7 @@ def needs(about) -> list[Need]:
     settings = about.scene.values.discrete
     if about.recipe.particles is None:
         return [Need("discrete", True, "the renderer reads it")]
-    sharp, fewer = _sharp(about), _wavelengths(about)
+    sharp, fewer = about.measured(_sharp), _wavelengths(about)
     count = 3 if fewer else len(about.medium.wavelength)
     wanted = about.tables * (_ALONE * math.sqrt(count) / sharp if sharp else _FEWER * _EACH)
     value = float(np.clip(wanted, _LEAST, _MOST))
@@ -76,11 +76,15 @@ def _wavelengths(about) -> tuple[Knob, ...]:
     waves = np.asarray(about.medium.wavelength)
     if len(waves) <= 3 or not waves.min() <= min(_RGB) <= max(_RGB) <= waves.max():
         return ()
-    change = _of_three(about.medium, 0.5 * about.pixel())
+    change = about.measured(_of_white)
     if change > _EACH * about.tables:
         return ()
     return (Knob("wavelengths", 3, "rgb", f"three in place of {len(waves)} change light that is scattered once by "
                  f"{100 * change:.2g} %, and they may take {100 * _EACH * about.tables:.2g} %"),)
+
+
+def _of_white(about):
+    return _of_three(about.medium, 0.5 * about.pixel())
 
 
 def _of_three(medium, peak):

@@ -33,7 +33,9 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     Notes
     -----
-    The EXR holds R, G, B, the picture without fog as `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
+    Noise of a picture from Mitsuba is that of two halves of its passes, each of which is filtered; of files it is not known.
+    The EXR holds R, G, B, that noise as `noise.R` … (standard error, a mean over some pixels), the picture without fog as
+    `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it is fogged anew in no time.
     """
     import numpy as np
@@ -41,7 +43,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     from bakery.errors import UsageError
     from renderers import colour
     from renderers.fog import filter as screen_filter
-    from renderers.fog import kernels
+    from renderers.fog import kernels, noise
     from renderers.running import Render, rgb_layers
 
     job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
@@ -69,10 +71,15 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     outside, energy = ("black", "lost") if ambient.any() else ("edge", "kept")
     outside, energy = values.filter.outside or outside, values.filter.energy or energy
     angle = picture.camera.angle(height, width)
-    result = screen_filter.fogged(picture.rgb - ambient, distance, angle, column, lever, medium, energy=energy, outside=outside,
-                                  cut_off=values.filter.cut_off, threads=threads,
-                                  progress=job.progress(0.5, 0.9))
-    through = np.exp(-depth)
+
+    view, through = (angle, distance, column, lever), np.exp(-depth)
+
+    def fogged(rgb, angle, distance, column, lever, progress=None):
+        return screen_filter.fogged(rgb, distance, angle, column, lever, medium, energy=energy, outside=outside,
+                                    cut_off=values.filter.cut_off, threads=threads, progress=progress)
+
+    result = fogged(picture.rgb - ambient, *view, job.progress(0.5, 0.9))
+    unsure = None if picture.unsure is None else noise.filtered(picture.unsure, through, view, fogged)
     if ambient.any():
         # where nearer things absorb less than a pixel's own path the sum is too small: no less than the unscattered light
         result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
@@ -89,9 +96,11 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     depths = {name: [float(f(depth[..., c])) for c in range(3)]
               for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
     beside = "ambient light" if ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[outside]
-    return job.finish(result, layers=rgb_layers("clear.", picture.rgb) | {"distance": picture.distance},
+    layers = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}
+    return job.finish(result, layers=layers if unsure is None else layers | noise.layers(unsure),
                       method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture"],
-                      samples=picture.made.get("samples"), noise=picture.made.get("noise"), picture=picture.made,
+                      samples=picture.made.get("samples"), picture=picture.made,
+                      noise=None if unsure is None else noise.relative(unsure, total),
                       without_surface=int(sky.sum()), distance=[float(distance.min()), float(distance.max())],
                       optical_depth=depths, **share)
 
@@ -106,8 +115,9 @@ def describe(report) -> list[str]:
         f"{picture['variant']} ({picture['reason']})"
     sky = f"; {report['without_surface']:,} pixels without a surface" if report["without_surface"] else ""
     red, green, blue = (" / ".join(f"{depth[name][c]:.3g}" for name in depth) for c in range(3))
+    seen = "" if report["noise"] is None else [f"noise {100 * report['noise']:.2g} %"]
     return running.describe(report, [
-        f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}",
+        f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}", *seen,
         f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
         f"scattered: {100 * report['share_scattered']:.3g} % of the light"
         + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else "")])
@@ -136,12 +146,16 @@ def _density(scene, threads):
 
 def _picture(scene, quality, variant, seed, progress):
     from bakery.errors import UsageError
+    from renderers import budget
     from renderers.fog import picture
 
     section, camera = scene.values.picture, scene.values.camera
     if hasattr(section, "mitsuba"):
-        return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, unit=section.unit, variant=variant,
-                                    quality=quality or "final", seed=seed or 0, progress=progress)
+        stop = scene.values.stop
+        noise = budget.of(scene).noise if scene.values.tolerance or stop.noise else None
+        return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, noise=noise, time=stop.time,
+                                    unit=section.unit, variant=variant, quality=quality or "final", seed=seed or 0,
+                                    progress=progress)
     if not (quality is None and variant is None and seed is None):
         raise UsageError(f"{scene.path}: found a quality, variant or seed, which are those of Mitsuba scenes; none would do, "
                          "as this picture comes from files")

@@ -17,6 +17,7 @@ from renderers.camera import Camera, length
 
 _BYTES = 1000.0  # a pixel, of all that rendering holds at once
 _ALPHA = 1 - 1e-6
+_MOST = 1 << 20  # samples a pixel, where noise ends a picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +30,15 @@ class Picture:
     distance : (H, W) m along the rays through the middles of the pixels; inf where there is no surface
     camera : Camera
     made : dict, how, for the report
+    unsure : (H, W, 3), half the difference of two halves of the passes, whose square is in the mean the variance of `rgb`; None
+        of files
     """
 
     rgb: np.ndarray
     distance: np.ndarray
     camera: Camera
     made: dict = field(default_factory=dict)
+    unsure: np.ndarray | None = None
 
 
 # ---- from files
@@ -185,13 +189,16 @@ def _refuse_too_large(path, height, width):
 # ---- from a Mitsuba scene
 
 
-def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None, seed=0, progress=None):
+def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality="final", variant=None, seed=0, progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
     Parameters
     ----------
     path : Mitsuba XML, without fog; its first sensor is a perspective camera
-    samples : a pixel; what the scene asks for if None.  `quality` takes a share of them
+    samples : a pixel, at most; `quality` takes a share of them.  If None as many as the noise takes, or where that is None what
+        the scene asks for
+    noise : relative, at which to stop; several times as much by `quality`
+    time : s, after which no pass is begun
     unit : m, of the scene's lengths
     quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
 
@@ -210,10 +217,13 @@ def from_mitsuba(path, *, samples=None, unit=1.0, quality="final", variant=None,
     width, height = (int(n) for n in first.film().crop_size())
     _refuse_too_large(path, height, width)
     camera = sensor.camera_of(first, path, width, height)
-    samples = max(1, round(QUALITY[quality] * (samples or first.sampler().sample_count())))
-    picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed, progress=progress)
+    asked = first.sampler().sample_count()
+    samples = max(1, round(QUALITY[quality] * (samples or (asked if noise is None else _MOST))))
+    picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
+                            tolerance=0.0 if noise is None else noise / QUALITY[quality] ** 0.5, time_limit=time,
+                            progress=progress)
     distance = sensor.distances(scene, first, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
-            "noise": picture.noise}
-    return Picture(picture.rgb, distance * unit, camera, made)
+            "noise": picture.noise, "stopped_by": picture.stopped_by}
+    return Picture(picture.rgb, distance * unit, camera, made, 0.5 * (picture.halves[0] - picture.halves[1]))

@@ -24,7 +24,7 @@ _MOST = 0.01
 
 def needs(about) -> list[Need]:
     """Requirements of the stages optics, medium and beam; see `renderers.requirements`."""
-    column = _columns(about)
+    column = about.measured(_columns)
     depth = column * about.medium.sigma_t.max()
     deepest, median = float(depth.max()), float(np.median(depth))
     said = f"optical depth {deepest:.3g} at the farthest of {len(depth):,} rays, {median:.2g} in the middle of them"

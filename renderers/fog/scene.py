@@ -23,11 +23,17 @@ EXACT, KEPT = ("flux",), ()
 POINTS = (*EXACT, "flux:cut_off=8", "flux:picture.samples=64", "flux:picture.samples=16", *KERNELS[1:])
 BODIES = ""  # lists of bodies: none
 UNUSED = {
-    "tolerance": "none: the filter's errors are stated in docs/screen.md",
+    "measure": "none: the noise is that of the picture as a whole",
     "scene": "picture: {mitsuba: …}",
     "film": "none: it takes the size of the picture",
-    "stop": "picture: {samples: …}, of a Mitsuba scene",
+    "stop.samples": "picture: {samples: …}, of a Mitsuba scene",
 }
+PACE = None  # the noise is Mitsuba's
+
+
+def approximations(values: Common, tolerance: float) -> float:
+    """The filter's errors (docs/screen.md) go by the picture, and are in no tolerance."""
+    return 0.0
 
 
 # ---- the picture
@@ -155,6 +161,8 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         yield owner(camera).problem("found a camera beside a Mitsuba scene", "expected none: the scene's sensor is the camera")
     if isinstance(picture, Mapping) and "mitsuba" not in picture and camera is None:
         yield owner(picture).problem("missing", "expected camera: {origin: …, target: …, fov: …}, of this picture", key="camera")
+    if isinstance(picture, Mapping) and "mitsuba" not in picture and "stop" in root:
+        yield root.names["stop"].problem("found when to stop beside a picture from files", "expected none: it is not rendered")
     yield from direction_problems(root, values, "fog.density.up")
     yield from _grid(root, values)
     lights = node_at(root, "fog.light")

@@ -51,7 +51,6 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                   size=size or (None if surfaces else _SIZE), variant=variant)
     if world.camera is None:
         raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    tolerance = values.tolerance or budget.DEFAULT
     job.part_over("scene")
     method = methods.prepare(job, world, seed)
     job.part_over("grains")
@@ -59,7 +58,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                                        "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
-    stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
+    stop = Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     more = methods.depth_of_switch(estimate.means.values())

@@ -59,7 +59,7 @@ def _triangles(about, method):
     """
     if all(grain.shape.type == "sphere" for grain in about.recipe.grains.components):
         return (), "grains are exact balls"
-    pixels = _pixels(about)
+    pixels = about.measured(_pixels)
     if method == "vpt" or about.dark:
         number, why = _COARSE, "no grain is seen, and statistics are within 0.1 %"
     else:

@@ -47,7 +47,6 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     world = World(scene.file(surfaces.mitsuba), surfaces.unit, view=values.camera, size=size, variant=variant)
     if world.camera is None:
         raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    tolerance = values.tolerance or budget.DEFAULT
     job.part_over("scene")
     method = methods.prepare(job, world, seed)
     job.part_over("bodies")
@@ -55,7 +54,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
                                        "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
-    stop = Stop.of(tolerance, noise=values.stop.noise, time=values.stop.time, samples=values.stop.samples, quality=quality)
+    stop = Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     bias = methods.bias(estimate.means.values(), estimate.rgb)

@@ -32,9 +32,9 @@ def needs(about) -> list[Need]:
     if about.dark and method == "auto":
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
     if method == "auto" and len(about.bodies) == len(about.scene.bodies) and all(
-            thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in _shapes(about)):
+            thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in about.measured(_shapes)):
         return [medium, Need("multiple", False, "bodies are so wide that light jumps through empty spheres in them")]
-    depth, across = _sizes(about)
+    depth, across = about.measured(_sizes)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
     said = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
@@ -71,14 +71,14 @@ def _shapes(about):
 def _sizes(about):
     """Optical depth (L,) of the mean chord of the largest body, and of the longest way through any, the diagonal of its box."""
     chords, longest = [], []
-    for shape in _shapes(about):
+    for shape in about.measured(_shapes):
         chords.append(thin.chord(shape.vertices, shape.faces))
         longest.append(float(np.linalg.norm(shape.box[1] - shape.box[0])))
     return max(chords) * about.medium.sigma_t, max(longest) * about.medium.sigma_t
 
 
 def _index(about) -> float:
-    return max(max(index, 1 / index) for index in (shape.index or 1.0 for shape in _shapes(about)))
+    return max(max(index, 1 / index) for index in (shape.index or 1.0 for shape in about.measured(_shapes)))
 
 
 # ---- knobs
@@ -102,7 +102,7 @@ def _orders(about, depth) -> tuple[Knob, ...]:
     the body; and what of the light of one and two events is in the peak, f (1 - (albedo p')^2), unless every light is wider than
     the cap, so that from within it the same light comes.  f is the share above the phase function's value at the cap's end.
     """
-    medium, widest = about.medium, _narrowest_light(about)
+    medium, widest = about.medium, about.measured(_narrowest_light)
     few = np.max(1 - thin.again(depth, medium.albedo, _index(about)))
     for orders in _ORDERS:
         angle = _cap(about, orders)
@@ -126,7 +126,7 @@ def _cap(about, orders) -> float:
 
 
 def _narrowest_light(about) -> float:
-    middle = np.mean([shape.box.mean(axis=0) for shape in _shapes(about)], axis=0)
+    middle = np.mean([shape.box.mean(axis=0) for shape in about.measured(_shapes)], axis=0)
     return float(np.min(about.world.light_angles(middle)))
 
 

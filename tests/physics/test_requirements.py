@@ -65,12 +65,13 @@ def baked(tmp_path_factory):
 def held(read, baked, folder, recipes, **how):
     """What has to hold of a scene."""
     assets = baked(read, recipes)
-    for _, (asked, full) in assets:
-        assert cost(asked) <= cost(full)
+    for _, plans in assets:
+        assert cost(plans.planned) <= cost(plans.full)
     found = planned.compared(read, *zip(*(one for one, _ in assets), strict=True), folder, **how)
     tolerance = read.values.tolerance or budget.DEFAULT
     assert found.noise < tolerance, found
-    assert found.rms**2 <= (budget.TABLES * tolerance) ** 2 + NOISE * found.noise**2, found
+    tables = budget.of(read, max(plans.share for _, plans in assets)).tables
+    assert found.rms**2 <= tables**2 + NOISE * found.noise**2, found
     assert found.sure <= tolerance, found
     return assets, found
 

@@ -45,10 +45,10 @@ BAKES = "renderers/assets.py", "bakery.run.ensure"  # where the recipe of a scen
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "progress": set(), "grids": set(),
           "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
-          "scene": {"common", "inputs"}, "budget": set(), "requirements": {"budget", "mitsuba", "scene"},
-          "assets": {"requirements", "scene"},
+          "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "mitsuba", "scene"},
+          "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"budget", "colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"},
+          "progressive": {"colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"},
           "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
           "comparison": {"assets", "images", "pace", "progressive", "scene"}}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import Interrupted, UsageError
-from renderers import colour, images, progressive
+from renderers import budget, colour, images, progressive
 from renderers.mitsuba import bitmaps
 from renderers.progressive import Estimate, Part, Stop, fingerprint
 from renderers.running import rgb_layers
@@ -196,11 +196,12 @@ def test_what_stops_first(monkeypatch):
 
 
 def test_stops_by_quality():
-    assert Stop.of(0.02) == Stop(pytest.approx(0.02 / 2**0.5), None, None)
-    assert Stop.of(0.02, noise=0.01, time=60.0, samples=1024, quality="preview") == Stop(0.02, 15.0, 256)
-    assert Stop.of(0.02, samples=4, quality="draft").samples == 1
+    split = budget.Split(0.02, 0.0, 0.01, 0.01)
+    assert Stop.of(split) == Stop(0.01, None, None) and Stop.of(split, "pixels").pixels
+    assert Stop.of(split, time=60.0, samples=1024, quality="preview") == Stop(0.02, 15.0, 256)
+    assert Stop.of(split, samples=4, quality="draft").samples == 1
     with pytest.raises(UsageError, match="'best': one of draft, preview, final would do"):
-        Stop.of(0.02, quality="best")
+        Stop.of(split, quality="best")
 
 
 @pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -29,8 +29,38 @@ def measure(value):
     return Knob("measure", value, value, "all", words=("integrated", "pointwise"))
 
 
-def test_shares_add_up_in_squares():
-    assert abs(budget.NOISE**2 + budget.APPROXIMATIONS**2 + budget.TABLES**2 - 1) < 1e-15
+def scene_of(stated=0.0, tolerance=0.1, **stop):
+    stop = SimpleNamespace(**({"noise": None, "time": None} | stop))
+    return SimpleNamespace(values=SimpleNamespace(tolerance=tolerance, stop=stop, measure="picture"), share=budget.HALF,
+                           rules=SimpleNamespace(approximations=lambda values, tolerance: stated))
+
+
+@pytest.mark.parametrize("scene", [scene_of(), scene_of(0.06), scene_of(noise=0.03), scene_of(0.05, noise=0.03),
+                                   scene_of(tolerance=None)])
+@pytest.mark.parametrize("share", budget.SHARES)
+def test_shares_add_up_in_squares(scene, share):
+    split = budget.of(scene, share)
+    assert split.noise**2 + split.approximations**2 + split.tables**2 == pytest.approx(split.tolerance**2, rel=1e-12)
+
+
+def test_what_is_out_of_reach_is_shared_out_as_if_it_were_not():
+    assert budget.of(scene_of(0.2)).tables == pytest.approx(0.1 / 2**0.5)  # the method alone is off by more
+    assert budget.of(scene_of(noise=0.2)) == (0.1, 0.0, pytest.approx(0.1 / 2**0.5), 0.2, 0.5, "")
+
+
+@pytest.mark.parametrize(("baking", "expected"), [(1e-3, 1 / 32), (8.0, 1 / 4), (1e6, 1 / 2)])
+def test_the_cheapest_split_wins(baking, expected):
+    """Tables that take c/error^2 to bake and noise that takes as much to render: against all other shares, by hand."""
+    def seconds(split):
+        return baking * 1e-2 / split.tables**2
+
+    scene, pixels, pace = scene_of(), 10_000, 5e-5
+    found = budget.cheapest(scene, pixels, pace, seconds)
+    splits = [budget.of(scene, share) for share in budget.SHARES]
+    times = {one.share: seconds(one) + pixels * pace / one.noise**2 for one in splits}
+    assert found.share == min(times, key=times.get) == expected and found.why
+    # where time ends the picture anyway, finer tables are in vain
+    assert budget.cheapest(scene_of(time=1.0), pixels, pace, seconds).share == budget.HALF
 
 
 def test_the_union_asks_for_most():
