@@ -276,7 +276,8 @@ class Estimate:
         -------
         report : of `Render.finish`, with `pixel_noise`, `passes` by part, `stopped_by`, and `mean_error`, standard error of
             `mean`, None where a part has one pass; `parts` by name: `passes`, `noise` (its share of the picture's, in squares),
-            `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have the same)
+            `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have
+            the same)
 
         Raises
         ------

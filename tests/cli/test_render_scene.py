@@ -175,7 +175,7 @@ def test_a_scene_takes_its_own_samples_unless_told(call, place):
 
 
 def test_the_noise_of_a_foggy_picture(call, place):
-    """As stated, and as pictures of other seeds scatter.  Seeds are given: it came out equal to 1.0 %, of standard errors of 5 %."""
+    """As stated, and as pictures of other seeds scatter.  Seeds are given: it came out equal to 1 %, of errors of 5 %."""
     (place / "m.yaml").write_text(SCENE[:SCENE.index("camera:")] + "picture: {mitsuba: street.xml, far: 100 m}\n"
                                   "fog: {density: {type: uniform}}\n")
     stated, pictures = [], []
