@@ -58,7 +58,7 @@ def pictures(scene, recipes, folder, options) -> planned.Difference:
     assets = {}
     for recipe in dict.fromkeys(recipes):
         plans = planned.plans(scene, recipe, folder, times=options.finer, jobs=1)
-        assets[recipe] = [execute(plan, jobs=1).output for plan in plans]
+        assets[recipe] = [execute(plan, jobs=1).output for plan in plans[:2]]
     size = None
     if "film" not in scene.rules.UNUSED:
         height, width = requirements.About(scene, None, None, bodies=[0]).world.size

@@ -81,7 +81,7 @@ def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float])
     scene : `renderers.scene.Scene`
     pixels : of the picture
     pace : s, of one core, that one pixel takes to a relative variance of 1
-    seconds : what baking takes with a split, of one core
+    seconds : what baking takes with a split, of one core; inf where no tables are as good
     """
     limit = scene.values.stop.time or math.inf
 
@@ -96,5 +96,7 @@ def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float])
         # to know what a bake takes takes a while: not asked where noise alone takes as long
         if rendering(one) < least and (took := seconds(one) + rendering(one)) <= least:
             best, least = one, took
+    if math.isinf(least):
+        return splits[-1]
     return best._replace(why=f"baking takes about {least - rendering(best):.2g} s and noise {rendering(best):.2g} s of a core "
                              "then, of five splits the least")

@@ -205,7 +205,12 @@ def _shared_out(about, rules, seconds) -> Required:
     if pace is None or any(named) or about.dark:
         return needs(about.split)
     height, width = about.world.size
-    return needs(budget.cheapest(scene, height * width, pace, lambda split: seconds(needs(split))))
+
+    def baking(split):
+        required = needs(split)
+        return math.inf if any(one.lacking for one in required.needs) else seconds(required)
+
+    return needs(budget.cheapest(scene, height * width, pace, baking))
 
 
 def _out_of_reach(about):

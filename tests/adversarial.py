@@ -99,14 +99,17 @@ def _fog(density, samples=64):
 _BODIES = "tolerance: 10%\nscene: {mitsuba: world.xml, unit: 1 mm}\ntranslucent: {method: vrl+tables, bodies: [{shape: body}]}\n"
 
 
-def _particles(number, radius, box):
+def _drops(number, radius):
     return f"""particles:
   host: air
   number_density: {number} /m^3
   components: [{{name: drops, material: water, size: {{distribution: lognormal, radius: {radius} um, sigma: 1.4,
     min: {0.2 * radius:g} um, max: {4 * radius:g} um}}}}]
-discrete: {{box: {box}}}
 """
+
+
+def _particles(number, radius, box):
+    return _drops(number, radius) + f"discrete: {{box: {box}}}\n"
 
 
 _IN_AIR = "tolerance: 10%\nscene: {mitsuba: world.xml}\ndiscrete: {}\n"
@@ -139,6 +142,8 @@ CASES = {
     "fog, a gap in the wall": Case(_medium(0.9, 0.9, "2 m", "beam: {}"), _fog("{type: uniform}"),
                                    _lamp("6.88, 19, 0", "6.88, 0, 0", 1.5, 40)
                                    + _SCREEN, _AHEAD, size=(300, 400)),
+    "fog of droplets, light behind": Case(_drops(3e9, 5) + "beam: {}\n", _fog("{type: uniform}"),
+                                          _WALL + _lamp("0, 9.9, 0", "0, 0, 0", 0.2, 400), _AHEAD, size=(31, 31)),
     # ---- translucent bodies
     "lamp behind a body": Case(_medium(0.8, 0.9, "2 mm"), _BODIES, _body("ball", 5) + _lamp("0, 12, -3.2", "0, 0, 0", 0.5, 400),
                                _AT_BALL, 34, *_MEANS),

@@ -53,9 +53,9 @@ def baked(tmp_path_factory):
         found = []
         for recipe in planned.recipes_of(read, folder):
             plans = planned.plans(read, recipe, tmp_path_factory.mktemp("assets"))
-            key = (recipe, *(one.steps[-1].input_hash for one in plans))
+            key = (recipe, *(one.steps[-1].input_hash for one in plans[:2]))
             if key not in done:
-                done[key] = [execute(plan).output for plan in plans], plans
+                done[key] = [execute(plan).output for plan in plans[:2]], plans
             found.append(done[key])
         return found
 

@@ -59,6 +59,9 @@ def test_the_cheapest_split_wins(baking, expected):
     splits = [budget.of(scene, share) for share in budget.SHARES]
     times = {one.share: seconds(one) + pixels * pace / one.noise**2 for one in splits}
     assert found.share == min(times, key=times.get) == expected and found.why
+    # tables of less than half of the rest are out of reach, or any
+    assert budget.cheapest(scene, pixels, pace, lambda one: seconds(one) if one.share > 0.2 else np.inf).share >= 1 / 4
+    assert budget.cheapest(scene, pixels, pace, lambda one: np.inf).share == budget.HALF
     # where time ends the picture anyway, finer tables are in vain
     assert budget.cheapest(scene_of(time=1.0), pixels, pace, seconds).share == budget.HALF
 
