@@ -17,7 +17,7 @@ DEFAULT = 0.05  # tolerance of scenes that say none
 # Squares of the error of tables over what approximations leave.  Tables never have more than half: a scene that names a ready
 # asset is rendered as if they had half, whatever it was baked for
 HALF = 0.5
-SHARES = HALF, 1 / 4, 1 / 8, 1 / 16, 1 / 32
+SHARES = HALF, 1 / 4, 1 / 8
 # Error of one pixel over the root mean square error of all, by tables: 2.8 in the rainbow of tests/adversarial.py, 1.1 in others
 _GATHERED = 3.0
 
@@ -99,4 +99,4 @@ def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float])
     if math.isinf(least):
         return splits[-1]
     return best._replace(why=f"baking takes about {least - rendering(best):.2g} s and noise {rendering(best):.2g} s of a core "
-                             "then, of five splits the least")
+                             "then, of three splits the least")

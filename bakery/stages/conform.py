@@ -25,7 +25,7 @@ ROOT_ATTRIBUTES = {"format": str, "format_version": int, "name": str, "bakery_ve
 PROVENANCE = {"seconds": float, "peak_memory": float, "workers": int, "bakery_version": str, "finished": str}
 SHARED = "LA"  # letters that are one length in the whole asset
 # of an axis, by its letter
-LONGEST = {"L": 4096, "A": 1_000_000, "R": 100_000, "S": 4096, "F": 5_000_000, "V": 5_000_000, "N": 1 << 31}
+LONGEST = {"L": 4096, "A": 1_000_000, "R": (1 << 20) + 1, "S": 4096, "F": 5_000_000, "V": 5_000_000, "N": 1 << 31}
 OTHERS = 1_000_000
 EMPTY = "NK"  # letters of axes that may be empty: the tables of a medium that scatters nothing
 FAMILY = "family"  # group of the file of a family, which is held to `bakery.family.tree`

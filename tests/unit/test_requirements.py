@@ -48,7 +48,7 @@ def test_what_is_out_of_reach_is_shared_out_as_if_it_were_not():
     assert budget.of(scene_of(noise=0.2)) == (0.1, 0.0, pytest.approx(0.1 / 2**0.5), 0.2, 0.5, "")
 
 
-@pytest.mark.parametrize(("baking", "expected"), [(1e-3, 1 / 32), (8.0, 1 / 4), (1e6, 1 / 2)])
+@pytest.mark.parametrize(("baking", "expected"), [(1e-3, 1 / 8), (8.0, 1 / 4), (1e6, 1 / 2)])
 def test_the_cheapest_split_wins(baking, expected):
     """Tables that take c/error^2 to bake and noise that takes as much to render: against all other shares, by hand."""
     def seconds(split):
