@@ -42,7 +42,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     from renderers import budget
     from renderers.discrete import methods
     from renderers.mitsuba.world import World
-    from renderers.progressive import Estimate, Stop, fingerprint
+    from renderers.progressive import Estimate, Stop, fingerprint, made_of
     from renderers.running import Render
 
     job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
@@ -57,7 +57,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     job.part_over("scene")
     method = methods.prepare(job, world, shares.approximations, seed)
     job.part_over("medium")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
+    estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
                                        "size": list(world.size)})
     if resume:
         estimate.resume(job.pair[1])
@@ -69,14 +69,6 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
         layers = {"detail": np.minimum(method.depth, 1e30),
                   "method": np.where(method.depth == 0, 0.0, np.where(np.isinf(method.depth), 1.0, 2.0))}
     return estimate.finish(job, layers=layers, method=values.discrete.method, reasons=method.reasons, **method.figures)
-
-
-def _made_of(scene):
-    """What passes depend on: the scene's values, but for what stops them, and its files, but for the asset's."""
-    values = scene.values
-    apart = {scene.path, *(scene.file(name) for name in (values.asset, values.recipe) if name)}
-    # no warnings: they are about tuples in place of lists
-    return values.model_dump(mode="json", exclude={"stop"}, warnings=False), *(one for one in scene.inputs if one not in apart)
 
 
 def describe(report) -> list[str]:

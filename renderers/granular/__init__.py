@@ -40,7 +40,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     from renderers import budget
     from renderers.granular import methods
     from renderers.mitsuba.world import World
-    from renderers.progressive import Estimate, Stop, fingerprint
+    from renderers.progressive import Estimate, Stop, fingerprint, made_of
     from renderers.running import Render
 
     job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
@@ -54,7 +54,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     job.part_over("scene")
     method = methods.prepare(job, world, seed)
     job.part_over("grains")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*_made_of(scene)), "seed": seed, "size": list(world.size),
+    estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
                                        "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
@@ -63,14 +63,6 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     job.part_over("passes")
     more = methods.depth_of_switch(estimate.means.values())
     return estimate.finish(job, layers=more, method=values.granular.method, reasons=method.reasons, **method.figures)
-
-
-def _made_of(scene):
-    """What passes depend on: the scene's values, but for what stops them, and its files, but for the asset's."""
-    values = scene.values
-    apart = {scene.path, *(scene.file(name) for one in (values, *scene.bodies) for name in (one.asset, one.recipe) if name)}
-    # no warnings: they are about tuples in place of lists
-    return values.model_dump(mode="json", exclude={"stop"}, warnings=False), *(one for one in scene.inputs if one not in apart)
 
 
 def describe(report) -> list[str]:
