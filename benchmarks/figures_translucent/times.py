@@ -63,10 +63,11 @@ def draw(numbers):
         reference = numbers[scene]["paths"][0]
         for k, method in enumerate(methods):
             found, _, trace = numbers[scene][method]
+            colour = f"C{k}" if k < 10 else "black"
             value, least, _ = stand.bias(found, reference) if method != "paths" else (0.0, 0.0, 0.0)
-            ax.plot(t, np.hypot(np.sqrt(found.seconds / t), 100 * value * (least > 0)), color=f"C{k % 10}", label=method,
+            ax.plot(t, np.hypot(np.sqrt(found.seconds / t), 100 * value * (least > 0)), color=colour, label=method,
                     linestyle="--" if ", " in method else "-")
-            ax.plot(*np.transpose([(spent, 100 * noise) for spent, noise in trace]), ".", color=f"C{k % 10}")
+            ax.plot(*np.transpose([(spent, 100 * noise) for spent, noise in trace]), ".", color=colour)
         ax.set(xscale="log", yscale="log", xlabel="processor time, s", title=scene)
     ax.legend(fontsize=6)
     curves.axes[0].set_ylabel("error, %")
@@ -78,5 +79,5 @@ def draw(numbers):
             ax.set(xticks=[], yticks=[])
             ax.grid(False)
     for method, ax in zip(methods, axes[0]):
-        ax.set_title(method.replace(", ", ",\n"), fontsize=7)
+        ax.set_title(method.replace("+", "+\n").replace(", ", ",\n"), fontsize=7)
     return figure
