@@ -1,8 +1,8 @@
 """What an entry of a shared cache costs against a bake: python -m benchmarks.shared_cache [RECIPE …]
 
-A server of objects (moto's, `pip install ".[store]" "moto[server]"`) on this machine; each line is `bake RECIPE` as a process of its
-own, one thread, kernels compiled before: without a store and with an empty cache; with an empty store; with a full store and an
-empty cache in front of it; with a full cache.  Seconds by the clock, the least of three, and of the processor, imports included.
+A server of objects (moto's, `pip install ".[store]" "moto[server]"`) on this machine; each line is `bake RECIPE` as a process of
+its own, one thread, kernels compiled before: without a store and with an empty cache; with an empty store; with a full store and
+an empty cache in front of it; with a full cache.  Seconds by the clock, the least of three, and of the processor, with imports.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TIMES = 3
 def bake(recipe: str, home: Path, address: str, endpoint: str) -> tuple[float, float]:
     """Seconds by the clock and of the processor."""
     used, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    command = [sys.executable, "-m", "bakery", str(HERE / "recipes" / f"{recipe}.yaml"), "-o", str(home / "out.h5"), "--jobs", "1"]
+    command = [sys.executable, "-m", "bakery", HERE / "recipes" / f"{recipe}.yaml", "-o", home / "out.h5", "--jobs", "1"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                    env={**os.environ, "PYTHONPATH": str(HERE), **environment(home, address, endpoint)})
     wall, now = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
