@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol
@@ -38,6 +37,9 @@ def is_shared(place: str) -> bool:
 
 class _Place(Protocol):
     """Where entries lie by name; each call raises what the system or a library raises, FileNotFoundError for a missing entry."""
+
+    def load(self) -> None:
+        """Get ready what the others need of this machine."""
 
     def size(self, name: str) -> int: ...
 
@@ -67,6 +69,7 @@ class Shared:
         self.address = address.rstrip("/")
         self._open = self._writable = True
         self._lost = 0.0
+        self._lock = threading.Lock()  # of several threads of a run one warns
 
     def has(self, name: str) -> bool:
         """Whether there is an entry, without a look inside."""
@@ -88,8 +91,11 @@ class Shared:
         if error is None:
             return
         if isinstance(error, OSError) and error.errno in _FULL or isinstance(error, PermissionError):
-            self._writable = False
-            self._say(f"cache: {self.address}: can be read, not written ({_reason(error)}); what is baked stays in {self._local}")
+            with self._lock:
+                first, self._writable = self._writable, False
+            if first:
+                self._say(f"cache: {self.address}: can be read, not written ({_reason(error)}); what is baked stays in "
+                          f"{self._local}")
         else:
             self._close(error)
 
@@ -117,10 +123,11 @@ class Shared:
 
     def _asked(self, function: Callable, size: int = 0) -> Future:
         """The finished call of a function, by a thread that is left behind where it takes too long."""
-        answer, begun = Future(), time.monotonic()
+        loaded, answer, allowed = threading.Event(), Future(), size / RATE
         # a daemon: neither a disk that hangs nor a server that is silent keeps the process from ending
-        threading.Thread(target=_answer, args=(answer, function), daemon=True).start()
-        allowed = size / RATE
+        threading.Thread(target=_answer, args=(self._place.load, loaded, function, answer), daemon=True).start()
+        loaded.wait()  # importing may take long where the disk is slow, and says nothing of the store
+        begun = time.monotonic()
         try:
             answer.exception(ANSWER + allowed)
         except TimeoutError:
@@ -128,13 +135,14 @@ class Shared:
             late.set_exception(_NoAnswer(f"no answer within {ANSWER + allowed:.0f} s"))
             return late
         self._lost += max(0.0, time.monotonic() - begun - allowed - PROMPT)
-        if self._lost > LOST and self._open:
+        if self._lost > LOST:
             self._close(_NoAnswer(f"its answers are slow, {self._lost:.0f} s so far"))
         return answer
 
     def _close(self, error: BaseException) -> None:
-        if self._open:
-            self._open = False
+        with self._lock:
+            first, self._open = self._open, False
+        if first:
             self._say(f"cache: {self.address}: {_reason(error)}; going on with {self._local} alone")
 
 
@@ -142,8 +150,12 @@ class _NoAnswer(Exception):
     """A store took too long."""
 
 
-def _answer(answer: Future, function: Callable) -> None:
+def _answer(load: Callable, loaded: threading.Event, function: Callable, answer: Future) -> None:
     try:
+        try:
+            load()
+        finally:
+            loaded.set()
         answer.set_result(function())
     except BaseException as error:  # a library's own kinds too: they are told by whoever waits, in a line
         answer.set_exception(error)
@@ -178,6 +190,9 @@ class Folder:
 
     def __init__(self, folder: Path):
         self._folder, self._swept = folder, False
+
+    def load(self) -> None:
+        pass
 
     def size(self, name: str) -> int:
         self._look()
@@ -233,14 +248,14 @@ class Objects:
     """Entries as objects of a store, through fsspec: one upload puts an object in its place whole or not at all."""
 
     def __init__(self, scheme: str, root: str):
-        self._scheme, self._root = scheme, root
+        self._scheme, self._root, self._store = scheme, root, None
 
-    @cached_property
-    def _store(self):
+    def load(self) -> None:
         import fsspec
 
-        # what others write must be seen: nothing is remembered of listings, or of another run's connection
-        return fsspec.filesystem(self._scheme, use_listings_cache=False, skip_instance_cache=True)
+        if self._store is None:
+            # what others write must be seen: nothing is remembered of listings, or of another run's connection
+            self._store = fsspec.filesystem(self._scheme, use_listings_cache=False, skip_instance_cache=True)
 
     def size(self, name: str) -> int:
         return self._store.info(f"{self._root}/{name}")["size"]

@@ -6,8 +6,9 @@ import os
 import re
 from pathlib import Path
 
-# of Linux's file systems those whose files other machines may write; autofs is one that is mounted when it is looked at
-NETWORK = {"9p", "afs", "autofs", "beegfs", "ceph", "cifs", "gpfs", "lustre", "nfs", "nfs4", "orangefs", "panfs", "smb3", "smbfs",
+# of Linux's file systems those whose files other machines may write; autofs is one that is mounted when it is looked at.  Not 9p:
+# virtual machines have their own disks by it
+NETWORK = {"afs", "autofs", "beegfs", "ceph", "cifs", "gpfs", "lustre", "nfs", "nfs4", "orangefs", "panfs", "smb3", "smbfs",
            "wekafs", "fuse.ceph", "fuse.glusterfs", "fuse.juicefs", "fuse.s3fs", "fuse.sshfs"}
 _MOUNTS = Path("/proc/self/mounts")
 

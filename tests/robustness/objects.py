@@ -54,10 +54,10 @@ class Server:
         with urllib.request.urlopen(urllib.request.Request(f"{self.endpoint}/{path}", data, headers, method=method)) as answer:
             return answer.read()
 
-    def read_only(self, closed: bool) -> None:
-        """Refuse every upload, or no more."""
-        rule = {"Effect": "Deny", "Principal": "*", "Action": "s3:PutObject", "Resource": f"arn:aws:s3:::{BUCKET}/*"}
-        if closed:
+    def deny(self, *actions: str) -> None:
+        """Refuse what `s3:` actions stand for, from now on; without any nothing is refused."""
+        rule = {"Effect": "Deny", "Principal": "*", "Action": list(actions), "Resource": f"arn:aws:s3:::{BUCKET}/*"}
+        if actions:
             self.call("PUT", f"{BUCKET}?policy", json.dumps({"Version": "2012-10-17", "Statement": [rule]}).encode())
         else:
             self.call("DELETE", f"{BUCKET}?policy")

@@ -88,6 +88,9 @@ class Faulty:
     def __init__(self, size=None, write=None, wait=None):
         self.calls, self._size, self._write, self._wait = [], size, write, wait
 
+    def load(self):
+        pass
+
     def size(self, name):
         self.calls.append("size")
         if self._wait:
@@ -148,6 +151,19 @@ def test_a_store_that_cannot_be_written_is_read(store, tmp_path, error):
         assert cache.fetch("a.h5") == b"abc"
     assert said == [f"cache: s3://b/p: can be read, not written (Access Denied); what is baked stays in {tmp_path}"]
     assert place.calls == ["write", "size", "read", "size", "read"]
+
+
+def test_of_many_threads_one_warns(store, monkeypatch):
+    monkeypatch.setattr(shared, "ANSWER", 0.05)
+    place = Faulty(wait=threading.Event())
+    cache, said = store(place)
+    threads = [threading.Thread(target=cache.has, args=("a.h5",)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    place._wait.set()
+    assert len(said) == 1
 
 
 def test_a_store_that_is_silent_is_waited_for_once(store, monkeypatch):
