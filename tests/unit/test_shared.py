@@ -52,6 +52,19 @@ def test_machines_share_entries(machine, tmp_path):
     assert not said_a and not said_b
 
 
+@pytest.mark.parametrize("chosen, network, where, behind", [
+    ("", True, "own/bakery", None), ("{}/net", False, "net", None), ("{}/net", True, "own/bakery", "{}/net"),
+    ("{}/own/bakery", True, "own/bakery", None), ("file://{}/net/", False, "own/bakery", "file://{}/net"),
+])
+def test_where_the_cache_is(tmp_path, monkeypatch, chosen, network, where, behind):
+    monkeypatch.setenv("BAKERY_CACHE", chosen.format(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
+    monkeypatch.setattr(shared, "is_network", lambda path: network)
+    cache = Cache()
+    assert cache.where == tmp_path / where
+    assert (cache.shared and cache.shared.address) == (behind and behind.format(tmp_path))
+
+
 @pytest.mark.parametrize("damage", ["bit", "cut", "name"])
 def test_a_damaged_entry_is_no_entry(machine, tmp_path, damage):
     a, _ = machine("a")
