@@ -78,6 +78,7 @@ class Cache:
         self.shared = Shared(address, self.where, say) if address else None
         self._say = say
         self._writable = True
+        self._instead = "fetched or computed again" if self.shared else "computed again"
 
     def path(self, name: str, key: str) -> Path:
         """The file of an entry."""
@@ -105,7 +106,7 @@ class Cache:
             self._set_aside(path, error)
             return None
         except (StoreError, OSError) as error:
-            self._say(f"cache: {path.name} could not be read ({error}); computed again")
+            self._say(f"cache: {path.name} could not be read ({error}); {self._instead}")
             return None
         try:
             os.utime(path)  # the least recently used entries are the first that `cache prune` takes
@@ -132,9 +133,9 @@ class Cache:
         reason = str(error).removeprefix(f"{path}: ")
         try:
             os.replace(path, path.with_suffix(BAD))
-            self._say(f"cache: {path.name}: {reason}; moved aside and computed again")
+            self._say(f"cache: {path.name}: {reason}; moved aside and {self._instead}")
         except OSError:
-            self._say(f"cache: {path.name}: {reason}; computed again")
+            self._say(f"cache: {path.name}: {reason}; {self._instead}")
 
     def put(self, name: str, key: str, group: Group, provenance: Group) -> None:
         """Keep a finished stage; a failure is one warning, not the end of the bake."""

@@ -48,7 +48,10 @@ def test_machines_share_entries(machine, tmp_path):
     assert len(a.entries()) == len(b.entries()) == 1 and b.where == tmp_path / "b" / "bakery"
     (tmp_path / "net" / a.path("dig", KEY).name).unlink()
     assert b.get("dig", KEY), "what was fetched stays"
-    assert len(b.clear()) == 1 and not b.has("dig", KEY) and a.has("dig", KEY)
+    a.put("dig", KEY, *entry(1.0))
+    b.path("dig", KEY).write_bytes(b"damaged")
+    assert b.get("dig", KEY) and said_b.pop().endswith("moved aside and fetched or computed again")
+    assert len(b.clear()) == 2 and b.has("dig", KEY)
     assert not said_a and not said_b
 
 
