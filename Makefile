@@ -36,7 +36,7 @@ bake: $(VENV)/.ready
 test: $(VENV)/.ready-test
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m "not slow and not soak" $(PYTEST)
 
-test-slow: $(VENV)/.ready-test
+test-slow: $(VENV)/.ready-slow
 	$(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m slow $(PYTEST)
 
 soak: $(VENV)/.ready-test
@@ -63,6 +63,11 @@ $(VENV)/.ready-test: pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm,test]'
 	$(BIN)/python -m compileall -qq -j 0 -x '/tests/' $(VENV)/lib || true
 	@touch $(VENV)/.ready $@
+
+# what only slow tests need: the other extras, and a server of objects
+$(VENV)/.ready-slow: $(VENV)/.ready-test
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange]' 'moto[server]>=5.1'
+	@touch $@
 
 $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.txt

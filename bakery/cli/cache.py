@@ -1,39 +1,69 @@
-"""`bake cache info|prune|clear`: the cache of finished stages."""
+"""`bake cache info|prune|clear`: the cache of finished stages.
+
+What machines share is looked at, never tidied: others may need what this one does not.
+"""
 
 from __future__ import annotations
 
 import click
 
 from bakery.cli.options import json_option, print_json
-from bakery.errors import UsageError
-from bakery.system.terminal import say
+from bakery.errors import StoreError, UsageError
+from bakery.system.terminal import clean, remark, say
 
 
 @click.group(name="cache", short_help="look at and tidy the cache of finished stages")
 def command():
-    """Look at and tidy the cache of finished stages (BAKERY_CACHE, else the user's cache folder)."""
+    """Look at and tidy the cache of finished stages (BAKERY_CACHE, else the user's cache folder).
+
+    Where BAKERY_CACHE names a folder on a network disk or an object store, that is shared, and the user's cache folder is in
+    front of it.
+    """
 
 
 @command.command()
 @json_option
 def info(as_json):
-    """Where the cache is and what it holds."""
+    """Where the cache is and what it holds, what is shared too."""
     from bakery.run.cache import Cache
-    from bakery.system.resources import in_words
 
     cache = Cache()
-    entries = cache.entries()
-    size = sum(entry[1] for entry in entries)
-    by_stage: dict[str, list[int]] = {}
-    for path, bytes_, _ in entries:
-        by_stage.setdefault(path.name.rsplit("-", 1)[0], []).append(bytes_)
+    own = _counted((path.name, size) for path, size, _ in cache.entries())
+    shared = {} if cache.shared is None else {"shared": {"address": cache.shared.address, **_answered(cache.shared)}}
     if as_json:
-        print_json({"folder": str(cache.where), "entries": len(entries), "bytes": size,
-                    "stages": {name: {"entries": len(sizes), "bytes": sum(sizes)} for name, sizes in by_stage.items()}})
+        print_json({"folder": str(cache.where), **own, **shared})
         return
-    say(f"{cache.where}: {len(entries)} entries, {in_words(size)}")
-    for name, sizes in sorted(by_stage.items()):
-        say(f"  {name:<8} {len(sizes)} entries, {in_words(sum(sizes))}")
+    _show(str(cache.where), own)
+    if shared:
+        address = shared["shared"].pop("address")
+        _show(f"shared: {address}", shared["shared"])
+
+
+def _answered(shared) -> dict:
+    """What a shared cache holds, or what is wrong with it."""
+    try:
+        return _counted(shared.entries())
+    except StoreError as error:
+        return {"problem": str(error).removeprefix(f"{shared.address}: ")}
+
+
+def _counted(entries) -> dict:
+    stages: dict[str, list[int]] = {}
+    for name, size in entries:
+        stages.setdefault(name.rsplit("-", 1)[0], []).append(size)
+    return {"entries": sum(map(len, stages.values())), "bytes": sum(map(sum, stages.values())),
+            "stages": {name: {"entries": len(sizes), "bytes": sum(sizes)} for name, sizes in sorted(stages.items())}}
+
+
+def _show(place: str, held: dict) -> None:
+    from bakery.system.resources import in_words
+
+    if "problem" in held:
+        say(f"{place}: {held['problem']}")
+        return
+    say(f"{place}: {held['entries']} entries, {in_words(held['bytes'])}")
+    for name, stage in held["stages"].items():
+        say(f"  {clean(name):<8} {stage['entries']} entries, {in_words(stage['bytes'])}")
 
 
 @command.command()
@@ -42,22 +72,26 @@ def info(as_json):
 @click.option("--max-age", metavar="DAYS", type=click.FloatRange(0), help="Remove what was not used for so many days.")
 @json_option
 def prune(max_size, max_age, as_json):
-    """Remove the entries that were not used for longest, and what was set aside as damaged."""
+    """Remove the entries that were not used for longest, and what was set aside as damaged; of this machine only."""
     from bakery.run.cache import Cache
 
-    _tell(Cache().prune(_bytes(max_size), None if max_age is None else 86400 * max_age), as_json)
+    cache = Cache()
+    _tell(cache, cache.prune(_bytes(max_size), None if max_age is None else 86400 * max_age), as_json)
 
 
 @command.command()
 @json_option
 def clear(as_json):
-    """Remove every entry."""
+    """Remove every entry of this machine."""
     from bakery.run.cache import Cache
 
-    _tell(Cache().clear(), as_json)
+    cache = Cache()
+    _tell(cache, cache.clear(), as_json)
 
 
-def _tell(removed, as_json: bool) -> None:
+def _tell(cache, removed, as_json: bool) -> None:
+    if cache.shared:
+        remark(f"{cache.where} was tidied; {cache.shared.address} is shared and stays as it is")
     if as_json:
         print_json({"removed": [path.name for path in removed]})
     else:

@@ -2,6 +2,7 @@
 
 An entry is written whole or not at all, carries its own key and hashes, and is checked when it is read; a bad one is moved aside
 and computed again.  Nothing here is needed: a cache that cannot be written costs one warning and the time to compute again.
+Where machines share entries (`bakery.run.shared`), this folder is the local layer in front of them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bakery.errors import AssetError, StoreError, UsageError
+from bakery.run.shared import Shared, is_shared
 from bakery.store.tree import Group
 
 ENTRY, BAD = ".h5", ".bad"
@@ -26,14 +28,15 @@ SMALL = 0.3  # modelled seconds up to which a bake says nothing of the machine
 OWN = 0.5  # weight of the model among bakes
 
 
-def folder() -> Path:
-    """Where the cache is: the environment's BAKERY_CACHE, else the user's cache folder."""
+def places() -> tuple[Path, str | None]:
+    """The folder of the cache, the user's own by default, and the address of what is shared behind it; BAKERY_CACHE is either."""
     chosen = os.environ.get("BAKERY_CACHE")
-    if chosen:
-        return Path(chosen).absolute()
+    if chosen and not is_shared(chosen):
+        return Path(chosen).absolute(), None
     from platformdirs import user_cache_path
 
-    return user_cache_path("bakery")
+    own = user_cache_path("bakery")
+    return own, None if chosen and Path(chosen).absolute() == own else chosen or None
 
 
 def _median(votes: list[tuple[float, float]]) -> float:
@@ -46,19 +49,36 @@ def _median(votes: list[tuple[float, float]]) -> float:
     raise ValueError("no votes")
 
 
+def _checked(shown: str, data: bytes, name: str, key: str) -> tuple[Group, Group]:
+    """The group and the provenance of an entry; AssetError unless it is undamaged and that of the key."""
+    from bakery.store.read import parse
+
+    root = parse(shown, data)
+    group, provenance = root.members.get(name), root.members.get("provenance")
+    if not isinstance(group, Group) or not isinstance(provenance, Group) or group.attributes.get("input_hash") != key:
+        raise AssetError(f"{shown}: the entry holds other inputs than its name says")
+    return group, provenance
+
+
 class Cache:
     """Finished stages by (name, input hash).
 
     Parameters
     ----------
-    where : the folder; made when the first entry is written
+    where : the folder, made when the first entry is written, of a cache that is not shared; BAKERY_CACHE by default
     say : takes remarks for the user
+
+    Raises
+    ------
+    UsageError : BAKERY_CACHE names what is no place for a cache
     """
 
     def __init__(self, where: Path | None = None, say: Callable[[str], None] = lambda text: None):
-        self.where = where or folder()
+        self.where, address = (where, None) if where else places()
+        self.shared = Shared(address, self.where, say) if address else None
         self._say = say
         self._writable = True
+        self._instead = "fetched or computed again" if self.shared else "computed again"
 
     def path(self, name: str, key: str) -> Path:
         """The file of an entry."""
@@ -66,50 +86,78 @@ class Cache:
 
     def has(self, name: str, key: str) -> bool:
         """Whether there is an entry, without a look inside."""
-        return self.path(name, key).is_file()
+        path = self.path(name, key)
+        return path.is_file() or (self.shared is not None and self.shared.has(path.name))
 
     def get(self, name: str, key: str) -> tuple[Group, Group] | None:
-        """The stage's group and its provenance, or None.  A damaged or misnamed entry is moved aside."""
-        from bakery.store.read import read
+        """The stage's group and its provenance, or None.  A damaged or misnamed entry is told and counts as none."""
+        return self._own(name, key) or (self._others(name, key) if self.shared else None)
+
+    def _own(self, name: str, key: str) -> tuple[Group, Group] | None:
+        """An entry of the folder."""
+        from bakery.store.read import read_bytes
 
         path = self.path(name, key)
         if not path.is_file():
             return None
         try:
-            root = read(path)
-            group = root.members.get(name)
-            if not isinstance(group, Group) or group.attributes.get("input_hash") != key:
-                raise AssetError(f"{path}: the entry holds other inputs than its name says")
+            entry = _checked(os.fspath(path), read_bytes(os.fspath(path)), name, key)
         except AssetError as error:
             self._set_aside(path, error)
             return None
         except (StoreError, OSError) as error:
-            self._say(f"cache: {path.name} could not be read ({error}); computed again")
+            self._say(f"cache: {path.name} could not be read ({error}); {self._instead}")
             return None
         try:
             os.utime(path)  # the least recently used entries are the first that `cache prune` takes
         except OSError:
             pass
-        return group, root.members["provenance"]
+        return entry
+
+    def _others(self, name: str, key: str) -> tuple[Group, Group] | None:
+        """An entry of the machines that share; a copy stays in the folder."""
+        path = self.path(name, key)
+        data = self.shared.fetch(path.name)
+        if data is None:
+            return None
+        shown = f"{self.shared.address}/{path.name}"
+        try:
+            entry = _checked(shown, data, name, key)
+        except AssetError as error:
+            self._say(f"cache: {error}; computed again and replaced")
+            return None
+        self._keep(path, data)
+        return entry
 
     def _set_aside(self, path: Path, error: AssetError) -> None:
         reason = str(error).removeprefix(f"{path}: ")
         try:
             os.replace(path, path.with_suffix(BAD))
-            self._say(f"cache: {path.name}: {reason}; moved aside and computed again")
+            self._say(f"cache: {path.name}: {reason}; moved aside and {self._instead}")
         except OSError:
-            self._say(f"cache: {path.name}: {reason}; computed again")
+            self._say(f"cache: {path.name}: {reason}; {self._instead}")
 
     def put(self, name: str, key: str, group: Group, provenance: Group) -> None:
         """Keep a finished stage; a failure is one warning, not the end of the bake."""
-        from bakery.store.write import write
+        from bakery.store.hashes import seal
+        from bakery.store.image import image
+
+        if not self._writable and not self.shared:
+            return
+        data = image(seal(Group({name: group, "provenance": provenance}, {"name": name})))
+        self._keep(self.path(name, key), data)
+        if self.shared:
+            self.shared.keep(self.path(name, key).name, data)
+
+    def _keep(self, path: Path, data: bytes) -> None:
+        """Put the bytes of an entry into the folder."""
+        from bakery.store.write import place
 
         if not self._writable:
             return
-        root = Group({name: group, "provenance": provenance}, {"name": name})
         try:
             self.where.mkdir(parents=True, exist_ok=True)
-            write(self.path(name, key), root)
+            place(path, data)
         except (StoreError, OSError, UsageError) as error:
             self._writable = False
             self._say(f"cache: not written ({error}); the bake goes on without it")

@@ -16,14 +16,21 @@ from bakery.store.image import image
 from bakery.store.read import parse, slurp
 from bakery.store.tree import Group, text
 
-__all__ = ["check_target", "free_space", "sweep", "text", "write"]
+__all__ = ["check_target", "free_space", "place", "sweep", "text", "write"]
 
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part", re.DOTALL)
 
 
 def write(path: str | os.PathLike, root: Group, *, check: Callable[[Group], Iterable[str]] | None = None,
           files: Files = FILES) -> None:
-    """Write an asset; its content hashes are filled in.
+    """Write an asset; its content hashes are filled in.  See `place`."""
+    check_target(path)
+    place(path, image(seal(root)), check=check, files=files)
+
+
+def place(path: str | os.PathLike, data: bytes, *, check: Callable[[Group], Iterable[str]] | None = None,
+          files: Files = FILES) -> None:
+    """Write the bytes of an asset.
 
     The file is built beside its final place, read back from the disk, its hashes recomputed, `check(root)` asked for broken
     rules, and only then renamed.  Readers that have the old file open keep it.  Of two writers at once the last one wins.
@@ -36,7 +43,6 @@ def write(path: str | os.PathLike, root: Group, *, check: Callable[[Group], Iter
     shown = os.fspath(path)
     check_target(shown)
     target = os.path.realpath(shown)  # a symbolic link stays, the file that it names is replaced
-    data = image(seal(root))
     try:
         with _part(target, files) as (fd, part):
             _write_all(files, fd, memoryview(data))

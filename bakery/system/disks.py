@@ -1,0 +1,34 @@
+"""On which kind of disk a folder lies."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+# of Linux's file systems those whose files other machines may write; autofs is one that is mounted when it is looked at.  Not 9p:
+# virtual machines have their own disks by it
+NETWORK = {"afs", "autofs", "beegfs", "ceph", "cifs", "gpfs", "lustre", "nfs", "nfs4", "orangefs", "panfs", "smb3", "smbfs",
+           "wekafs", "fuse.ceph", "fuse.glusterfs", "fuse.juicefs", "fuse.s3fs", "fuse.sshfs"}
+_MOUNTS = Path("/proc/self/mounts")
+
+
+def is_network(path: str | os.PathLike, mounts: Path = _MOUNTS) -> bool:
+    """Whether a path, which need not exist, lies on a disk of the network; False where the system does not say."""
+    try:
+        lines = os.fsdecode(mounts.read_bytes()).splitlines()
+    except OSError:
+        return False
+    # of two that are mounted at one place the later one is seen
+    folders = {_unescaped(place): kind for _, place, kind, *_ in map(str.split, lines)}
+    # as written first: that touches no disk, and one that hangs is mostly named without links
+    return any(_kind(place, folders) in NETWORK for place in (os.path.abspath(path), os.path.realpath(path)))
+
+
+def _kind(path: str, folders: dict[str, str]) -> str | None:
+    above = next((str(place) for place in (Path(path), *Path(path).parents) if str(place) in folders), None)
+    return folders.get(above)
+
+
+def _unescaped(text: str) -> str:
+    return re.sub(r"\\([0-7]{3})", lambda match: chr(int(match[1], 8)), text)
