@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.export.one_lobe import OneLobe, identifier
+from bakery.export.mixture import identifier
+from bakery.export.one_lobe import OneLobe
 
 
 def pbrt_text(name: str, lobe: OneLobe) -> str:
@@ -21,6 +22,7 @@ def pbrt_text(name: str, lobe: OneLobe) -> str:
     (`PiecewiseLinearSpectrum::FromInterleaved`), as Bakery does.  Its single precision takes 9 digits.
     """
     medium = identifier(name)
+    remarks = "\n".join(f"# {line}" for line in lobe.remarks())
     return f"""# A baked medium for pbrt-v4.  In a scene, before its shapes:
 #   Include "..."
 #   AttributeBegin
@@ -30,8 +32,7 @@ def pbrt_text(name: str, lobe: OneLobe) -> str:
 #   AttributeEnd
 # sigma_a and sigma_s are in 1/m, wavelengths in nm: the scene's unit is the metre.  For another, set scale to its length
 # in metres.
-# One Henyey-Greenstein lobe stands for the phase functions: up to {100 * lobe.misdirected:.2g} % of the light
-# goes to another angle.
+{remarks}
 MakeNamedMedium "{medium}"
     "string type" "homogeneous"
     "spectrum sigma_a" [ {_spectrum(lobe.um, lobe.sigma_a)} ]

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bakery.export.one_lobe import identifier
+from bakery.export.mixture import identifier
 from bakery.export.openpbr import observed_colour
 from bakery.physics.medium.lobe_fits import best_hg
 from bakery.physics.medium.phase import evaluate, normalised
