@@ -16,6 +16,7 @@ from bakery.physics.medium.phase import cumulative, evaluate, mean_cosine, norma
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from renderers.colour import band_matrix
+from tests import pbrt
 from tests.conftest import ROOT
 from tests.samples import small_asset, with_member
 
@@ -97,11 +98,10 @@ def test_a_forward_peak_may_count_as_unscattered(call, root, tmp_path):
         assert lost["misdirected"] < 0.02 and lost["unscattered"] == pytest.approx(share, abs=0.005)
         assert math.radians(2) <= lost["within"] < math.radians(2.5) and abs(lost["reduced"]) < 0.01
     text = (tmp_path / "peak.pbrt").read_text()
-    pairs = text.split('"spectrum sigma_s" [')[1].split("]")[0].split()
-    kept = [1 - lost["unscattered"] for lost in folded]
-    assert np.allclose(np.array(pairs[1::2], float), (SIGMA_S * kept)[::-1], rtol=1e-8)
-    absorbed = text.split('"spectrum sigma_a" [')[1].split("]")[0].split()
-    assert np.allclose(np.array(absorbed[1::2], float), SIGMA_A[::-1], rtol=1e-8)
+    ((_, _, given),) = pbrt.directives(text)
+    kept, nm = [1 - lost["unscattered"] for lost in folded], 1e3 * tree["wavelength"].data
+    assert np.allclose(pbrt.spectrum(given["sigma_s"], nm), SIGMA_S * kept, rtol=2e-7)
+    assert np.allclose(pbrt.spectrum(given["sigma_a"], nm), SIGMA_A, rtol=2e-7)
     said = call(*args, "--unscattered-within", "2deg")[2]
     assert "and counts as unscattered: sigma_s and sigma_t are smaller" in said and "would misdirect" not in said
     assert "# Up to 50 %" in text or "# Up to 49 %" in text
