@@ -43,7 +43,8 @@ def blender_text(name: str, medium: Mixture, bands) -> str:
     lobes = "".join(f"    ({_colour(weight * sigma_s)}, {g:.9g}, {alpha:.9g}),\n"
                     for weight, g, alpha in zip(medium.lobes.weight, medium.lobes.g, medium.lobes.alpha, strict=True))
     remarks, plain = "\n".join(f"# {line}" for line in medium.remarks()), identifier(name)
-    return f'''# A baked medium for Cycles in Blender 5.  Run it in Blender's text editor, or as
+    return f'''# A baked medium for Cycles in Blender 5.
+# Run it in Blender's text editor, or as
 #   blender scene.blend --python ...
 # It makes the material "{plain}", or makes it anew, and changes nothing else.  It is for closed meshes and has no surface.
 # Light that is scattered more than once needs Render > Light Paths > Max Bounces > Volume, which is 0 at first.
