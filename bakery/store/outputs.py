@@ -42,7 +42,7 @@ KINDS = {
     "pbrt file": _text(r"^MakeNamedMedium "),
     "MaterialX document": _text(r"<materialx\b"),
     "USD layer": lambda head: head.startswith(b"#usda "),
-    "Blender script": _text(r"^import bpy$"),
+    "Blender script": _text(r"\A# A baked medium for Cycles "),
     "recipe": _text(r"^bakery\s*:"),
     "text": _text(r""),
 }

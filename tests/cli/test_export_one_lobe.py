@@ -227,7 +227,7 @@ def test_usd_reads_it(exported, root):
     assert_is(root, found["volume"], found["subsurface"])
 
 
-@pytest.mark.parametrize("target", ["pbrt", "materialx", "usd"])
+@pytest.mark.parametrize("target", ["pbrt", "materialx", "usd", pytest.param("blender", marks=pytest.mark.slow)])
 def test_media_that_nothing_happens_in(call, root, target, tmp_path):
     """No collisions, and only absorption: numbers, and none of them infinite."""
     for name, absorption in (("empty", 0.0), ("black", 3.0)):
