@@ -170,13 +170,7 @@ def _lobes(asset, stem: str, target: str, within: float):
 
     fitted = cycles_medium if target == "blender" else one_lobe
     medium, bands = fitted(asset.tree, asset.name, within), band_matrix(asset.wavelength)
-    said = _lobe_lines(medium)
-    if not within and medium.misdirected > WORTH:
-        other = fitted(asset.tree, asset.name, PEAK)
-        if other.misdirected < medium.misdirected - WORTH:
-            said.append(f"--unscattered-within {math.degrees(PEAK):g}deg would misdirect {100 * other.misdirected:.2g} %: up to "
-                        f"{100 * other.unscattered:.2g} % of the scattered light, deflected by less, would count as unscattered "
-                        "and be taken out of sigma_s and sigma_t.")
+    said = _lobe_lines(medium, None if within or medium.misdirected < WORTH else fitted(asset.tree, asset.name, PEAK))
     if target == "pbrt":
         file, content = f"{stem}.pbrt", pbrt_text(asset.name, medium)
     elif target == "blender":
@@ -189,8 +183,8 @@ def _lobes(asset, stem: str, target: str, within: float):
     return {file: content}, medium.as_dicts(), said, [f"{file}: {line}" for line in medium.useless()]
 
 
-def _lobe_lines(medium) -> list[str]:
-    """What lobes lose, as a table and in words."""
+def _lobe_lines(medium, folded) -> list[str]:
+    """What lobes lose, as a table and in words; `folded` is the medium without its forward peak, if that was tried."""
     from bakery.export.one_lobe import OneLobe
     from bakery.system.terminal import table
 
@@ -218,6 +212,10 @@ def _lobe_lines(medium) -> list[str]:
         said.append(f"forward peak: up to {100 * medium.unscattered:.2g} % of the scattered light is deflected by less than "
                     f"{math.degrees(medium.within):.3g} deg and counts as unscattered: sigma_s and sigma_t are smaller by it, "
                     "and what is seen through the medium is brighter and sharper.")
+    if folded and folded.misdirected < medium.misdirected - WORTH:
+        said.append(f"--unscattered-within {math.degrees(PEAK):g}deg would misdirect {100 * folded.misdirected:.2g} %: up to "
+                    f"{100 * folded.unscattered:.2g} % of the scattered light, deflected by less, would count as unscattered "
+                    "and be taken out of sigma_s and sigma_t.")
     return [*said, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
             "Polarisation, tables of multiple scattering and errors stay in the asset."]
 
