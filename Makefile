@@ -10,6 +10,7 @@ help:
 	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
 	@echo "make test      set up, run the tests"
 	@echo "make test-slow the tests that make test leaves out because quicker ones see most of what they see"
+	@echo "make test-blender  renders an exported material in Blender (package bpy, 1 GB, an environment of its own)"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make pictures  bake and draw what the docs show"
 	@echo "make scenes    bake and render the scenes of assets/scenes"
@@ -38,6 +39,15 @@ test: $(VENV)/.ready-test
 
 test-slow: $(VENV)/.ready-slow
 	$(BIN)/python -m pytest -q -n $(JOBS) --dist worksteal -m slow $(PYTEST)
+
+# bpy has wheels for one version of Python, and wants a NumPy that Bakery does not: tests start it as a process
+BLENDER := .venv-blender
+BLENDER_PYTHON ?= python3.11
+.PHONY: test-blender
+test-blender: $(VENV)/.ready-test
+	test -x $(BLENDER)/bin/python || $(BLENDER_PYTHON) -m venv $(BLENDER)
+	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check 'bpy>=5.0,<5.1'
+	BAKERY_BLENDER=$(CURDIR)/$(BLENDER)/bin/python $(BIN)/python -m pytest -q tests/cli/test_export_blender.py
 
 soak: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -q -m soak --timeout 3600 $(PYTEST)

@@ -15,8 +15,12 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
            "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)",
            "pbrt": "a medium for pbrt-v4", "materialx": "OpenPBR surfaces around the medium (.mtlx)",
            "usd": "the same as USD materials (.usda)",
+           "blender": "a script that makes a material for Cycles, HG + Draine (.py)",
            "ply": "grains as meshes, tiles as points with radii", "obj": "grains as meshes",
            "xyz": "tiles as extended XYZ, for particle viewers"}
+LOBES = ("pbrt", "materialx", "usd", "blender")  # media of the same lobes at all wavelengths
+PEAK = math.radians(2)  # --unscattered-within is tried with it, and
+WORTH = 0.05  # of the light: what it must save to be named
 
 
 @click.command(name="export", short_help="hand an asset to other software")
@@ -27,10 +31,12 @@ FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for
               help="Folder of the files.  Default: NAME-FORMAT beside the asset.")
 @click.option("--each-wavelength", is_flag=True,
               help="mitsuba: one file a wavelength, instead of one in colour with a mean table.")
+@click.option("--unscattered-within", "within", metavar="ANGLE",
+              help="pbrt, materialx, usd, blender: count the forward peak within this angle, such as 1deg, as unscattered light.")
 @at_option
 @overwrite_option
 @json_option
-def command(asset, target, output, each_wavelength, place, overwrite, as_json):
+def command(asset, target, output, each_wavelength, within, place, overwrite, as_json):
     """Write ASSET for other software.
 
     Prints the files on standard output; on standard error what was lost on the way, and first what makes a file nearly useless.
@@ -44,6 +50,9 @@ def command(asset, target, output, each_wavelength, place, overwrite, as_json):
                          " and ".join(f"{name} ({text})" for name, text in FORMATS.items()))
     if each_wavelength and target != "mitsuba":
         raise UsageError(f"--each-wavelength: has no effect on {target}, whose tables hold every wavelength; leave it out")
+    if within is not None and target not in LOBES:
+        raise UsageError(f"--unscattered-within: has no effect on {target}; it is for {', '.join(LOBES)}")
+    angle = _angle(within) if within is not None else 0.0
     opened = one_asset(asset, place)
     stem = Path(opened.path).stem
     first: list[str] = []
@@ -51,8 +60,8 @@ def command(asset, target, output, each_wavelength, place, overwrite, as_json):
         files, losses, lines = _csv(opened)
     elif target == "hg":
         files, losses, lines, first = _hg(opened)
-    elif target in ("pbrt", "materialx", "usd"):
-        files, losses, lines, first = _one_lobe(opened, stem, target)
+    elif target in LOBES:
+        files, losses, lines, first = _lobes(opened, stem, target, angle)
     elif target in ("ply", "obj", "xyz"):
         files, losses, lines = _forms(opened, target)
     else:
@@ -137,43 +146,76 @@ def _mitsuba(asset, stem: str, each_wavelength: bool):
     return {f"{stem}{part.name}.xml": part.xml for part in parts}, [part.as_dict() for part in parts], lines, first
 
 
-def _one_lobe(asset, stem: str, target: str):
-    """What takes one Henyey-Greenstein lobe: pbrt, and OpenPBR in MaterialX and USD."""
+def _angle(text: str) -> float:
+    """`1deg` in rad."""
+    from bakery.export.mixture import WIDEST
+    from bakery.grammar.units import ANGLE, Wrong, parse
+
+    try:
+        value = parse(text, ANGLE)
+    except Wrong as wrong:
+        raise UsageError(f"--unscattered-within: {wrong.found}; {wrong.expected}") from None
+    if not 0 < value <= WIDEST:
+        raise UsageError(f'--unscattered-within: found "{text}"; angles above 0 to {math.degrees(WIDEST):g}deg would do')
+    return value
+
+
+def _lobes(asset, stem: str, target: str, within: float):
+    """What takes lobes: one of Henyey and Greenstein's in pbrt and OpenPBR (MaterialX, USD), two in Blender."""
+    from bakery.export.blender import blender_text, cycles_medium
     from bakery.export.one_lobe import one_lobe
     from bakery.export.openpbr import materialx_text, surfaces, usd_text
     from bakery.export.pbrt import pbrt_text
     from renderers.colour import band_matrix, rgb_order
 
-    lobe = one_lobe(asset.tree, asset.name)
-    said = _lobe_lines(lobe)
+    fitted = cycles_medium if target == "blender" else one_lobe
+    medium, bands = fitted(asset.tree, asset.name, within), band_matrix(asset.wavelength)
+    said = _lobe_lines(medium, None if within or medium.misdirected < WORTH else fitted(asset.tree, asset.name, PEAK))
     if target == "pbrt":
-        file, content = f"{stem}.pbrt", pbrt_text(asset.name, lobe)
+        file, content = f"{stem}.pbrt", pbrt_text(asset.name, medium)
+    elif target == "blender":
+        file, content = f"{stem}.py", blender_text(asset.name, medium, bands)
     else:
         end, text = {"materialx": ("mtlx", materialx_text), "usd": ("usda", usd_text)}[target]
-        file, content = f"{stem}.{end}", text(asset.name, surfaces(lobe, band_matrix(asset.wavelength)), lobe.misdirected)
-        if asset.wavelength.size > 1 and rgb_order(asset.wavelength) is None:
-            said.append("Coefficients are means over a red, a green and a blue band of the asset's.")
-    return {file: content}, lobe.as_dicts(), said, [f"{file}: {line}" for line in lobe.useless()]
+        file, content = f"{stem}.{end}", text(asset.name, surfaces(medium, bands), medium.remarks())
+    if target != "pbrt" and asset.wavelength.size > 1 and rgb_order(asset.wavelength) is None:
+        said.append("Coefficients are means over a red, a green and a blue band of the asset's.")
+    return {file: content}, medium.as_dicts(), said, [f"{file}: {line}" for line in medium.useless()]
 
 
-def _lobe_lines(lobe) -> list[str]:
-    """What one lobe loses, as a table and in words."""
+def _lobe_lines(medium, folded) -> list[str]:
+    """What lobes lose, as a table and in words; `folded` is the medium without its forward peak, if that was tried."""
+    from bakery.export.one_lobe import OneLobe
     from bakery.system.terminal import table
 
     head = ("  lost against the asset", "misdirected", "error of g", "reduced scattering", "in the peak")
-    rows = [(f"  at {um:g} um", f"{100 * loss.misfit.misdirected:.2g} %", f"{round(loss.misfit.g, 4) + 0.0:+.4f}",
+    rows = [(f"  at {um:g} um", f"{100 * loss.misdirected:.2g} %", f"{round(loss.misfit.g, 4) + 0.0:+.4f}",
              f"{100 * loss.reduced:+.2g} %", f"{100 * loss.misfit.peak:.3g} % instead of {100 * loss.misfit.peak_table:.3g} % "
              f"in {math.degrees(loss.misfit.peak_angle):.3g} deg")
-            for um, loss in zip(lobe.um.tolist(), lobe.losses, strict=True)]
-    said = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {lobe.g:.4f}", *table([head, *rows])]
-    least = max(loss.misfit.misdirected for loss in lobe.best_losses)
-    if least < lobe.misdirected - 0.005:
-        off = max((1 + loss.reduced for loss in lobe.best_losses), key=lambda ratio: abs(math.log(ratio)))
-        said.append(f"g {lobe.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by {off:.2g}: "
-                    "only for media that scatter once.")
-    if lobe.delta:
-        said.append(f"unscattered (delta) transmission of grains, up to {100 * lobe.delta:.3g} % of what they scatter, is taken "
-                    "out of sigma_s and phase function: the same medium.")
+            for um, loss in zip(medium.um.tolist(), medium.losses, strict=True)]
+    lobes = " + ".join(f"{weight:.3f} of {'Draine' if alpha else 'Henyey-Greenstein'} with g {g:.4f}"
+                       + (f" and alpha {alpha:.3g}" if alpha else "")
+                       for weight, g, alpha in zip(medium.lobes.weight, medium.lobes.g, medium.lobes.alpha, strict=True))
+    one = len(medium.lobes.g) == 1 and not any(medium.lobes.alpha)
+    said = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {medium.lobes.g[0]:.4f}" if one else
+            f"phase function for all wavelengths: {lobes}", *table([head, *rows])]
+    if isinstance(medium, OneLobe):
+        least = max(loss.misdirected for loss in medium.best_losses)
+        if least < medium.misdirected - 0.005:
+            off = max((1 + loss.reduced for loss in medium.best_losses), key=lambda ratio: abs(math.log(ratio)))
+            said.append(f"g {medium.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by "
+                        f"{off:.2g}: only for media that scatter once.")
+    if medium.delta:
+        said.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta:.3g} % of what they scatter, is "
+                    "taken out of sigma_s and phase function: the same medium.")
+    if medium.within:
+        said.append(f"forward peak: up to {100 * medium.unscattered:.2g} % of the scattered light is deflected by less than "
+                    f"{math.degrees(medium.within):.3g} deg and counts as unscattered: sigma_s and sigma_t are smaller by it, "
+                    "and what is seen through the medium is brighter and sharper.")
+    if folded and folded.misdirected < medium.misdirected - WORTH:
+        said.append(f"--unscattered-within {math.degrees(PEAK):g}deg would misdirect {100 * folded.misdirected:.2g} %: up to "
+                    f"{100 * folded.unscattered:.2g} % of the scattered light, deflected by less, would count as unscattered "
+                    "and be taken out of sigma_s and sigma_t.")
     return [*said, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
             "Polarisation, tables of multiple scattering and errors stay in the asset."]
 

@@ -1,8 +1,8 @@
 """Export to other software, with a report of what is lost.
 
 `mitsuba` writes a scene fragment with a phase function on a regular grid, `csv` writes tables, `hg` fits the lobes that renderers
-without tables take, `pbrt` and `openpbr` (MaterialX, USD) write media with one lobe, `tiles` and `grains` packed spheres and
-meshes.
+without tables take, `pbrt` and `openpbr` (MaterialX, USD) write media with one lobe, `blender` with two (`mixture` is what they
+share), `tiles` and `grains` packed spheres and meshes.
 """
 
 from __future__ import annotations

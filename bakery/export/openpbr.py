@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.export.one_lobe import OneLobe, identifier
+from bakery.export.mixture import identifier
+from bakery.export.one_lobe import OneLobe
 
 Value = float | tuple[float, ...]
 
@@ -66,14 +67,14 @@ def _colour(values) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-def materialx_text(name: str, found: dict[str, dict[str, Value]], misdirected: float) -> str:
+def materialx_text(name: str, found: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A MaterialX 1.39 document with one material for each kind of surface.
 
     Parameters
     ----------
     name : of the medium; materials are NAME_volume and NAME_subsurface
     found : of `surfaces`
-    misdirected : 1, share of the light that the lobe sends to another angle
+    remarks : lines for a comment, of `OneLobe.remarks`
     """
     plain = identifier(name)
     nodes = "".join(f"""  <open_pbr_surface name="{plain}_{kind}_surface" type="surfaceshader">
@@ -84,13 +85,13 @@ def materialx_text(name: str, found: dict[str, dict[str, Value]], misdirected: f
 """ for kind, inputs in found.items())
     return f"""<?xml version="1.0" encoding="utf-8"?>
 <!-- A baked medium in surfaces of OpenPBR.
-{_about(f"{plain}_", misdirected)} -->
+{_about(f"{plain}_", remarks)} -->
 <materialx version="1.39" colorspace="lin_rec709">
 {nodes}</materialx>
 """
 
 
-def usd_text(name: str, found: dict[str, dict[str, Value]], misdirected: float) -> str:
+def usd_text(name: str, found: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A USD layer (text) with one `Material` for each kind of surface under /NAME, whose shaders are MaterialX's.
 
     Parameters
@@ -116,7 +117,7 @@ def usd_text(name: str, found: dict[str, dict[str, Value]], misdirected: float) 
 (
     defaultPrim = "{plain}"
     doc = \"\"\"A baked medium in surfaces of OpenPBR.
-{_about(f"/{plain}/", misdirected)}\"\"\"
+{_about(f"/{plain}/", remarks)}\"\"\"
     metersPerUnit = 1
     upAxis = "Y"
 )
@@ -127,13 +128,13 @@ def Scope "{plain}"
 """
 
 
-def _about(prefix: str, misdirected: float) -> str:
+def _about(prefix: str, remarks: list[str]) -> str:
+    said = "\n".join(f"     {line}" for line in remarks)
     return f"""     {prefix}volume: for bodies that one can see into; coefficients by transmission_color, _depth and _scatter.
      {prefix}subsurface: for thick bodies; mean free path and colour of a half-space.
      Colours are linear sRGB.  Lengths are in metres: in a scene of another unit divide transmission_depth and
      subsurface_radius by its length in metres.  specular_ior is 1: the medium has no surface of its own.
-     One Henyey-Greenstein lobe stands for the phase functions: up to {100 * misdirected:.2g} % of the light
-     goes to another angle."""
+{said}"""
 
 
 def _mtlx_input(key: str, value: Value) -> str:

@@ -42,12 +42,14 @@ KINDS = {
     "pbrt file": _text(r"^MakeNamedMedium "),
     "MaterialX document": _text(r"<materialx\b"),
     "USD layer": lambda head: head.startswith(b"#usda "),
+    "Blender script": _text(r"\A# A baked medium for Cycles "),
     "recipe": _text(r"^bakery\s*:"),
     "text": _text(r""),
 }
 _BY_SUFFIX = {".html": PAGE, ".png": "PNG picture", ".exr": "EXR picture", ".svg": "SVG drawing", ".csv": "CSV table",
               ".json": "JSON file", ".ply": "PLY file", ".obj": "OBJ file", ".xyz": "XYZ file", ".xml": "Mitsuba scene",
-              ".pbrt": "pbrt file", ".mtlx": "MaterialX document", ".usda": "USD layer", ".yaml": "recipe", ".txt": "text"}
+              ".pbrt": "pbrt file", ".mtlx": "MaterialX document", ".usda": "USD layer",
+              ".py": "Blender script", ".yaml": "recipe", ".txt": "text"}
 
 
 def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str]], inputs: Iterable[str | os.PathLike] = (),

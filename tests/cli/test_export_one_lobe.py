@@ -10,12 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bakery.export.one_lobe import identifier
+from bakery.export.mixture import identifier
 from bakery.export.openpbr import observed_colour
 from bakery.physics.medium.lobe_fits import best_hg
 from bakery.physics.medium.phase import evaluate, normalised
 from bakery.store.tree import Dataset
 from bakery.store.write import write
+from tests import pbrt
 from tests.samples import small_asset, with_member
 
 NO_MATERIALX = "the package MaterialX is not installed (extra `exchange`)"
@@ -47,62 +48,28 @@ def mean_g(tree) -> float:
 
 # ---- pbrt
 
-TOKEN = re.compile(r'#[^\n]*|"((?:[^"\\\n]|\\[bfnrt\\\'"])*)"|([\[\]])|([^\s"\[\]#]+)|\s+')
-
-
-def pbrt_directives(text: str) -> list:
-    """pbrt's own grammar: comments, words, strings, brackets; a directive has a name, then parameters "type name" value(s)."""
-    tokens, at = [], 0
-    while at < len(text):
-        found = TOKEN.match(text, at)
-        assert found, f"no token at {text[at:at + 20]!r}"
-        quoted, bracket, word = found.groups()
-        tokens += [(kind, token) for kind, token in (("string", quoted), (bracket, bracket), ("word", word)) if token is not None]
-        at = found.end()
-    tokens.append(("end", ""))
-    position, directives = 0, []
-    while tokens[position][0] != "end":
-        (kind, directive), (name_kind, name) = tokens[position:position + 2]
-        assert (kind, name_kind) == ("word", "string")
-        position, parameters = position + 2, {}
-        while tokens[position][0] == "string":
-            declared, key = tokens[position][1].split()
-            position += 1
-            values = []
-            if tokens[position][0] == "[":
-                position += 1
-                while tokens[position][0] != "]":
-                    values.append(tokens[position])
-                    position += 1
-            else:
-                values.append(tokens[position])
-            position += 1
-            assert key not in parameters and {kind for kind, _ in values} == {"string" if declared == "string" else "word"}
-            parameters[key] = (declared, [value if kind == "string" else float(value) for kind, value in values])
-        directives.append((directive, name, parameters))
-    return directives
-
-
-def spectrum(parameter, um):
-    """As pbrt reads it: pairs by ascending wavelength, linear between, constant outside."""
-    declared, values = parameter
-    nm = values[::2]
-    assert declared == "spectrum" and len(values) % 2 == 0 and all(np.diff(nm) > 0)
-    return np.interp(1e3 * np.asarray(um), nm, values[1::2])
+NM = np.arange(360, 831)  # what pbrt samples
 
 
 def test_pbrt_reads_the_medium(call, fog, root, tmp_path):
     status, out, err = call("export", fog, "--to", "pbrt", "-o", tmp_path, "--json")
     report = json.loads(out)
     assert status == 0 and not err and report["warnings"] == [] and report["files"] == [str(tmp_path / "fog.pbrt")]
-    ((directive, name, found),) = pbrt_directives((tmp_path / "fog.pbrt").read_text())
-    assert (directive, name, found["type"]) == ("MakeNamedMedium", "fog", ("string", ["homogeneous"]))
-    um, medium = root["wavelength"].data, root["medium"]
-    assert set(found) == {"type", "sigma_a", "sigma_s", "g", "scale"} and found["scale"] == ("float", [1.0])
-    assert np.allclose(spectrum(found["sigma_a"], um), medium["sigma_a"].data, rtol=1e-8, atol=0)
-    assert np.allclose(spectrum(found["sigma_s"], um), medium["sigma_s"].data, rtol=1e-8, atol=0)
+    text = (tmp_path / "fog.pbrt").read_text()
+    ((directive, names, given),) = pbrt.directives(text)
+    assert (directive, names) == ("MakeNamedMedium", ["fog"])
+    found, um, medium = pbrt.homogeneous(given), root["wavelength"].data, root["medium"]
+    assert set(found) == {"sigma_a", "sigma_s", "g", "scale"} and found["scale"] == ("float", [1.0])
+    for name in ("sigma_a", "sigma_s"):
+        # as Bakery has them, the first and the last value beyond the asset's wavelengths
+        expected = np.interp(NM, 1e3 * um[::-1], medium[name].data[::-1])
+        assert np.allclose(pbrt.spectrum(found[name], NM), expected, rtol=2e-7, atol=0)
     g = found["g"][1][0]
-    assert found["g"][0] == "float" and g == pytest.approx(mean_g(root), abs=1e-8)
+    assert found["g"][0] == "float" and g == pytest.approx(mean_g(root), abs=1e-7)
+    # how it is used, as its comment says
+    scene = pbrt.directives("\n".join(line[3:] for line in text.splitlines() if line.startswith("#   ")))
+    assert [directive for directive, *_ in scene] == ["Include", "AttributeBegin", "MediumInterface", "Material", "Shape",
+                                                      "AttributeEnd"] and scene[2][1] == ["fog", ""]
     theta = np.union1d(np.geomspace(1e-6, math.pi, 20000), np.linspace(0, math.pi, 20000))
     for i, lost in enumerate(report["lost"]):
         own = evaluate(medium["theta"].data, medium["phase"].data[i], theta)
@@ -111,6 +78,46 @@ def test_pbrt_reads_the_medium(call, fog, root, tmp_path):
         assert lost["reduced"] == pytest.approx((1 - g) / (1 - medium["g"].data[i]) - 1, abs=1e-6)
     said = call("export", fog, "--to", "pbrt", "-o", tmp_path)[2]
     assert "misdirected" in said and "at 0.465 um" in said
+
+
+@pytest.mark.parametrize("text", [
+    'MakeNamedMedium fog', 'MakeMedium "fog"', 'MakeNamedMedium "fog', 'MakeNamedMedium "f\\og"',
+    'MakeNamedMedium "fog" "float" 1',
+    'MakeNamedMedium "fog" "float g" [ 1', 'MakeNamedMedium "fog" "float g" nan', 'MakeNamedMedium "fog" "float g" 1#',
+    'MakeNamedMedium "fog" "float g" "1"', 'MakeNamedMedium "fog" "real g" 1', 'MakeNamedMedium "fog" "float g" []',
+    'MakeNamedMedium "fog" "float g" 1_0', 'MakeNamedMedium "fog" "string type" [ "a" 1 ]'])
+def test_the_grammar_refuses_what_pbrt_refuses(text):
+    with pytest.raises(pbrt.Refused):
+        pbrt.directives(text)
+
+
+@pytest.mark.parametrize("text", [
+    '"string type" "fog"', '"string type" "homogeneous" "float h" 1', '"string type" "homogeneous" "float sigma_a" 1',
+    '"string type" "homogeneous" "float g" [ 1 2 ]'])
+def test_a_medium_refuses_what_pbrt_refuses(text):
+    ((_, _, given),) = pbrt.directives(f'MakeNamedMedium "fog" {text} # comment "here"')
+    with pytest.raises(pbrt.Refused):
+        pbrt.homogeneous(given)
+
+
+def test_pbrt_takes_nothing_beyond_the_pairs_and_refuses_their_disorder():
+    assert pbrt.spectrum(("spectrum", [400.0, 1.0, 500.0, 3.0]), [399, 450, 501]).tolist() == [0, 2, 0]
+    for pairs in ([400.0, 1.0, 400.0, 1.0], [500.0, 1.0, 400.0, 1.0], [400.0, 1.0, 500.0]):
+        with pytest.raises(pbrt.Refused):
+            pbrt.spectrum(("spectrum", pairs), [450])
+
+
+def test_one_wavelength_in_pbrt(call, root, tmp_path):
+    """The medium at every wavelength that pbrt samples."""
+    one = with_member(root, "wavelength", Dataset(np.array([0.9]), "um", "wavelength"))
+    for name, member in root["medium"].members.items():
+        if member.data.shape[0] == 2:
+            one = with_member(one, f"medium/{name}", Dataset(member.data[:1], member.units, name))
+    write(tmp_path / "one.h5", with_member(one, "optics", None))
+    assert call("export", tmp_path / "one.h5", "--to", "pbrt")[0] == 0
+    ((_, _, given),) = pbrt.directives((tmp_path / "one-pbrt" / "one.pbrt").read_text())
+    sigma_s = pbrt.spectrum(pbrt.homogeneous(given)["sigma_s"], NM)
+    assert np.allclose(sigma_s, root["medium/sigma_s"].data[0], rtol=2e-7, atol=0)
 
 
 def test_a_lobe_of_little_use_is_said_first(call, root, tmp_path):
@@ -220,7 +227,7 @@ def test_usd_reads_it(exported, root):
     assert_is(root, found["volume"], found["subsurface"])
 
 
-@pytest.mark.parametrize("target", ["pbrt", "materialx", "usd"])
+@pytest.mark.parametrize("target", ["pbrt", "materialx", "usd", pytest.param("blender", marks=pytest.mark.slow)])
 def test_media_that_nothing_happens_in(call, root, target, tmp_path):
     """No collisions, and only absorption: numbers, and none of them infinite."""
     for name, absorption in (("empty", 0.0), ("black", 3.0)):

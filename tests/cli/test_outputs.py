@@ -148,7 +148,8 @@ def test_each_kind_is_told_from_the_others(tmp_path):
                 "SVG drawing": b'<?xml version="1.0"?>\n<svg>', "CSV table": b"theta [rad]\n1\n", "JSON file": b"[{}]",
                 "OBJ file": b"# radii\no ice\nv 1 1 1\n", "XYZ file": b"12\nLattice\n", "recipe": b"# fog\nbakery: 1\n",
                 "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "pbrt file": b"# fog\nMakeNamedMedium \"fog\"\n",
-                "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n", "text": b"whatever"}
+                "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n",
+                "Blender script": b"# A baked medium for Cycles in Blender 5.\n", "text": b"whatever"}
     assert examples.keys() == KINDS.keys()
     for kind, data in examples.items():
         (tmp_path / "file").write_bytes(data)

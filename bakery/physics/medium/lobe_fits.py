@@ -22,7 +22,6 @@ NARROWEST = 1e-8  # 1 - |g|
 LARGEST = 30.0
 GAIN = 1e-4  # of the light: what a further parameter must save; tables are not known better than that
 CELLS = 4000  # of a table that the search looks at; what is reported is measured on all
-_STEEPEST = math.atanh(1 - NARROWEST)
 _FLATTEST = math.log1p(LARGEST)
 _SCAN = 0.4  # step of atanh g
 _STARTS = 3
@@ -73,7 +72,15 @@ def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
 
 def best_hg(theta, phase, steepest: float = 1 - NARROWEST) -> float:
     """g of the single HG lobe with |g| <= steepest that misdirects least of a phase function; arguments as of `fits`."""
-    return _Search(theta, phase).one_hg(math.atanh(steepest)).g[0]
+    return _Search(theta, phase, steepest).one_hg().g[0]
+
+
+def hg_draine(theta, phase, steepest: float = 1 - NARROWEST) -> Lobes:
+    """The fit hg_draine_g of `fits` alone, for a program that takes |g| <= steepest; arguments as of `fits`."""
+    search = _Search(theta, phase, steepest)
+    g = float(np.clip(mean_cosine(theta, phase), -steepest, steepest))
+    same = Lobes((1.0,), (g,), (0.0,))
+    return search.two_draine([same, search.two([same], g)], g)
 
 
 def matched(theta, phase) -> Lobes | None:
@@ -111,41 +118,42 @@ def matched(theta, phase) -> Lobes | None:
 class _Search:
     """One table, sampled for the search; the shape of a lobe is atanh g and, for Draine's, log(1 + alpha)."""
 
-    def __init__(self, theta, phase):
+    def __init__(self, theta, phase, steepest: float = 1 - NARROWEST):
+        self.steepest = math.atanh(steepest)
         self.at, self.solid = quadrature(theta, CELLS)
         self.table = evaluate(theta, phase, self.at)
-        self.grid = np.linspace(-_STEEPEST, _STEEPEST, 2 * math.ceil(_STEEPEST / _SCAN) + 1)
-        self.rows = np.array([draine(self.at, *_shape(u)) for u in self.grid])
+        self.grid = np.linspace(-self.steepest, self.steepest, 2 * math.ceil(self.steepest / _SCAN) + 1)
+        self.rows = np.array([draine(self.at, *self._shape(u)) for u in self.grid])
 
-    def one_hg(self, steepest: float = _STEEPEST) -> Lobes:
-        """The best single HG lobe whose atanh g is at most so large."""
-        return _single(_shape(_bounded(lambda u: self._misdirected(draine(self.at, *_shape(u))),
-                                       np.linspace(-steepest, steepest, 4 * len(self.grid) + 1))))
+    def one_hg(self) -> Lobes:
+        """The best single HG lobe."""
+        return _single(self._shape(_bounded(lambda u: self._misdirected(draine(self.at, *self._shape(u))),
+                                            np.linspace(-self.steepest, self.steepest, 4 * len(self.grid) + 1))))
 
     def one_draine(self, known: Lobes) -> Lobes:
         """The best single lobe of Draine's; the `known` one where it is as good."""
         def loss(point):
-            return self._misdirected(draine(self.at, *_shape(*point)))
+            return self._misdirected(draine(self.at, *self._shape(*point)))
 
         starts = [(loss(point), point) for point in ((u, a) for u in self.grid for a in _ALPHAS)]
         point, least = _refined(loss, starts)
-        return _single(_shape(*point)) if least < self._misdirected(known(self.at)) - GAIN else known
+        return _single(self._shape(*point)) if least < self._misdirected(known(self.at)) - GAIN else known
 
     def two(self, known, g) -> Lobes:
         """The best pair of HG lobes, with the mean cosine g if one is given; never worse than the `known` ones."""
         starts = []
         for i, u in enumerate(self.grid[1:], 1):
-            _, loss = self._mixtures(self.rows[i], self.rows[:i], _shape(u), [_shape(v) for v in self.grid[:i]], g)
+            _, loss = self._mixtures(self.rows[i], self.rows[:i], self._shape(u), [self._shape(v) for v in self.grid[:i]], g)
             starts += [(value, (u, v)) for v, value in zip(self.grid, loss.tolist(), strict=False)]
         return self._pair(starts, known, g)
 
     def two_draine(self, known, g) -> Lobes:
         """The best pair of an HG and a Draine lobe, likewise."""
         starts, coarse = [], self.grid[::2]
-        shapes = [_shape(u) for u in coarse]
+        shapes = [self._shape(u) for u in coarse]
         for a in _ALPHAS:
             for u in coarse:
-                _, loss = self._mixtures(draine(self.at, *_shape(u, a)), self.rows[::2], _shape(u, a), shapes, g)
+                _, loss = self._mixtures(draine(self.at, *self._shape(u, a)), self.rows[::2], self._shape(u, a), shapes, g)
                 starts += [(value, (v, u, a)) for v, value in zip(coarse, loss.tolist(), strict=True)]
         for lobes in known:
             if len(lobes.g) == 2:  # the pair of HG lobes, the second as Draine's, and the first
@@ -162,6 +170,10 @@ class _Search:
 
         return size(_bounded(lambda log: self._misdirected(published(size(log))(self.at)),
                              np.linspace(math.log(low), math.log(high), 200)))
+
+    def _shape(self, u, a=0.0) -> tuple[float, float]:
+        """g and alpha within their bounds."""
+        return math.tanh(min(max(u, -self.steepest), self.steepest)), math.expm1(min(max(a, 0.0), _FLATTEST))
 
     def _misdirected(self, fit):
         """(...,) of fits (..., N)."""
@@ -192,7 +204,7 @@ class _Search:
     def _pair(self, starts, known, g) -> Lobes:
         """Refines a pair (atanh g, atanh g, log(1 + alpha) of the second)."""
         def mixture(point):
-            shapes = _shape(point[0]), _shape(*point[1:])
+            shapes = self._shape(point[0]), self._shape(*point[1:])
             weight, loss = self._mixtures(draine(self.at, *shapes[0]), draine(self.at, *shapes[1])[None], *shapes[:1], shapes[1:],
                                           g)
             return shapes, float(weight[0]), float(loss[0])
@@ -206,11 +218,6 @@ class _Search:
 
 
 _ALPHAS = tuple(math.log1p(alpha) for alpha in (1.0, 4.0, 12.0, LARGEST))
-
-
-def _shape(u, a=0.0) -> tuple[float, float]:
-    """g and alpha within their bounds."""
-    return math.tanh(min(max(u, -_STEEPEST), _STEEPEST)), math.expm1(min(max(a, 0.0), _FLATTEST))
 
 
 def _single(shape) -> Lobes:
