@@ -18,8 +18,9 @@ from benchmarks.claims import filled
 
 ROOT = Path(__file__).parents[1]
 FOLDER, PAGE = ROOT / "recipes" / "catalogue", ROOT / "docs" / "catalogue.md"
-UNITS = {"1": 1.0, "1/mm": 1e3, "1/km": 1e-3}  # of the sources, in those of assets
-KINDS = {"clouds and aerosols": "Hess", "solids and foods": "Jensen", "liquids": "Narasimhan"}
+UNITS = {"1": 1.0, "um^2": 1.0, "1/mm": 1e3, "1/km": 1e-3}  # of the sources, in those of assets
+KINDS = {"clouds and aerosols": ("Hess",), "ice and dust": ("Flanner", "Whicker"), "solids and foods": ("Jensen",),
+         "liquids": ("Narasimhan",)}  # table of the page -> first authors
 
 
 class Checked(NamedTuple):
@@ -58,6 +59,8 @@ def _figure(asset, check) -> np.ndarray:
     medium, figure = asset.medium, check["figure"]
     if figure == "reduced_scattering":
         return (1 - medium.g) * medium.sigma_s
+    if figure == "co_albedo":
+        return medium.sigma_a / medium.sigma_t
     if figure == "diffuse_reflectance":
         return diffuse_reflectance(np.asarray(medium.albedo_reduced), check["index"])
     return np.asarray(asset.query(figure))
@@ -84,7 +87,7 @@ def main() -> None:
              for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
         for name, about in published().items():
-            kind = next(kind for kind, author in KINDS.items() if about["source"].startswith(author))
+            kind = next(kind for kind, authors in KINDS.items() if about["source"].startswith(authors))
             texts[kind] += _rows(name, about, checked(bake(name, folder), about["checks"]))
             print(name, file=sys.stderr)
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), {kind: "\n".join(rows) for kind, rows in texts.items()}, PAGE.name),
