@@ -19,6 +19,7 @@ from benchmarks.claims import filled
 ROOT = Path(__file__).parents[1]
 FOLDER, PAGE = ROOT / "recipes" / "catalogue", ROOT / "docs" / "catalogue.md"
 UNITS = {"1": 1.0, "um^2": 1.0, "1/mm": 1e3, "1/km": 1e-3}  # of the sources, in those of assets
+LEAST = 1e-7  # a deviation below is one of rounding
 KINDS = {"clouds and aerosols": ("Hess",), "ice and dust": ("Flanner", "Whicker"), "solids and foods": ("Jensen",),
          "liquids": ("Narasimhan",)}  # table of the page -> first authors
 
@@ -100,7 +101,7 @@ def _rows(name: str, about: dict, found: list[Checked]):
         unit = "" if one.unit == "1" else f", {one.unit}"
         said, is_ = (", ".join("–" if np.isnan(p) else f"{v:.4g}" for v, p in zip(row, one.published, strict=True))
                      for row in (one.published, one.baked))
-        off, allowed = (f"{100 * x:.2g} %" if one.relative else f"{x:.2g}" for x in (one.off, one.allowed))
+        off, allowed = (f"{100 * x:.2g} %" if one.relative else f"{x:.2g}" for x in (one.off if one.off > LEAST else 0.0, one.allowed))
         yield f"| {first[0]} | {first[1]} | `{one.figure.rpartition('/')[2]}`{unit} | {said} | {is_} | {off} | {allowed} |"
 
 
