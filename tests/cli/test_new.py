@@ -26,7 +26,7 @@ def test_what_is_written_passes_the_checks(kind, call, tmp_path):
     assert all(lines[i - 1].startswith("#") or "#" in line for i, line in enumerate(lines)
                if line[:1].isalpha() and not line.startswith(("name:", "description:")))
     recipe = load(path)
-    assert not recipe.warnings and (kind == "family") == hasattr(recipe, "sweep") * bool(getattr(recipe, "sweep", None))
+    assert not recipe.warnings and (recipe.sweep is not None) == (kind == "family")
 
 
 def test_tables_are_written_beside_a_published_material(call, tmp_path):
@@ -70,6 +70,7 @@ def test_force_writes_over_it(call, tmp_path, monkeypatch):
     assert call("new", "fog", "--force")[0] == 0 and load("fog.yaml").name == "fog"
 
 
+@pytest.mark.slow
 def test_a_scene_finds_its_recipe(call, tmp_path, monkeypatch):
     pytest.importorskip("mitsuba", reason='pip install ".[mitsuba]"')
     monkeypatch.chdir(tmp_path)
