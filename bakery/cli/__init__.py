@@ -18,6 +18,7 @@ from bakery.errors import BakeryError, RecipeError
 
 # name -> help line; the module bakery.cli.NAME holds the click command `command`
 COMMANDS = {
+    "new": "write a commented recipe to start from",
     "bake": "bake recipes into assets (the default: `bake fog.yaml`)",
     "plan": "say what a bake would run, why, and what it will cost",
     "inspect": "print the tree of an asset",

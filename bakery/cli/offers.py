@@ -19,6 +19,13 @@ def stages(_ctx, _param, incomplete):
     return _items({stage.name: stage.title for stage in all_stages()}, incomplete)
 
 
+def starts(_ctx, _param, incomplete):
+    """Recipes to start from."""
+    from bakery.recipe.starting import starts as known
+
+    return _items({start.name: start.about for start in known().values()}, incomplete)
+
+
 def datasets(ctx, _param, incomplete):
     """Paths of the datasets of the asset that is named before."""
     from bakery.store.tree import Dataset

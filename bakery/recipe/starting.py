@@ -1,0 +1,72 @@
+"""Recipes to start from: one commented recipe a kind, and the catalogue of published materials."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from bakery.errors import UsageError
+from bakery.grammar.fields import nearest
+from bakery.grammar.files import asset_root
+
+KINDS, PUBLISHED = "starting", "catalogue"  # folders
+_SCHEMA = re.compile(r"\A# yaml-language-server: \$schema=.*\n")
+_NAME = re.compile(r"^name: *(\S+)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A recipe to start from.
+
+    Attributes
+    ----------
+    name : of the file, without .yaml
+    folder : `KINDS` or `PUBLISHED`
+    about : one line
+    path : of the recipe
+    """
+
+    name: str
+    folder: str
+    about: str
+    path: Path
+
+    def beside(self) -> tuple[Path, ...]:
+        """The files that come with it: tables of a recipe, the surfaces of a scene."""
+        return tuple(path for path in sorted(self.path.parent.glob(f"{self.name}.*")) if path.suffix != ".yaml")
+
+    def text(self, name: str) -> str:
+        """The recipe, called `name`; its first line names the schema where this installation has it."""
+        text = self.path.read_text(encoding="utf-8")
+        schema = (asset_root() / "schemas" / "recipe-1.json").as_posix()
+        return _NAME.sub(f"name: {name}", _SCHEMA.sub(f"# yaml-language-server: $schema={schema}\n", text), count=1)
+
+
+def starts() -> dict[str, Start]:
+    """Name -> what may be started from: the kinds first."""
+    return {start.name: start for folder in (KINDS, PUBLISHED) for start in _of(folder)}
+
+
+def start(name: str) -> Start:
+    """The one of a name; UsageError with the nearest name where there is none."""
+    found = starts()
+    if name not in found:
+        raise UsageError(f'found "{name}", which is no kind of recipe and no published material{nearest(name, found)}; '
+                         "`bake new` lists them")
+    return found[name]
+
+
+def _of(folder: str) -> Iterator[Start]:
+    for path in sorted((_root() / folder).glob("*.yaml")):
+        if path.stem == "published":  # the figures of the sources
+            continue
+        about = next(line for line in path.read_text(encoding="utf-8").splitlines() if not _SCHEMA.match(line + "\n"))
+        yield Start(path.stem, folder, re.split(r"(?<=\.)\s", about.removeprefix("# "))[0], path)
+
+
+def _root() -> Path:
+    """The folder `recipes`: inside an installed package, else beside it in the source tree."""
+    inside = Path(__file__).resolve().parents[1] / "_recipes"
+    return inside if inside.is_dir() else Path(__file__).resolve().parents[2] / "recipes"

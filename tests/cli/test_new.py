@@ -1,0 +1,80 @@
+"""`bake new`: recipes to start from, each of which passes the checks."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from bakery.recipe import load
+from bakery.recipe.starting import KINDS, starts
+from tests.conftest import ROOT, slow
+
+RECIPES = [name for name, start in starts().items() if start.folder == KINDS and name != "scene"]
+
+
+@pytest.mark.parametrize("kind", RECIPES)
+def test_what_is_written_passes_the_checks(kind, call, tmp_path):
+    path = tmp_path / "mine.yaml"
+    status, out, err = call("new", kind, "-o", path)
+    assert (status, out.split(), err) == (0, [str(path)], "")
+    text = path.read_text(encoding="utf-8")
+    head, about, *_ = lines = text.splitlines()
+    assert head == f"# yaml-language-server: $schema={ROOT}/assets/schemas/recipe-1.json"
+    assert about.startswith("# ") and "\nname: mine\n" in text
+    # every section has a comment above it
+    assert all(lines[i - 1].startswith("#") or "#" in line for i, line in enumerate(lines)
+               if line[:1].isalpha() and not line.startswith(("name:", "description:")))
+    recipe = load(path)
+    assert not recipe.warnings and (recipe.sweep is not None) == (kind == "family")
+
+
+def test_tables_are_written_beside_a_published_material(call, tmp_path):
+    status, out, _ = call("new", "opac_fog", "-o", tmp_path / "haze.yaml", "--json")
+    assert status == 0 and json.loads(out)["files"] == [str(tmp_path / name) for name in ("haze.yaml", "opac_fog.csv")]
+    assert load(tmp_path / "haze.yaml").name == "haze"
+
+
+@pytest.mark.parametrize("name", [slow(name) for name, start in starts().items() if start.folder != KINDS])
+def test_published_materials_can_be_started_from(name, call, tmp_path):
+    assert call("new", name, "-o", tmp_path / "mine.yaml")[0] == 0
+    assert load(tmp_path / "mine.yaml").name == "mine"
+
+
+def test_the_list_has_all(call):
+    status, out, _ = call("new")
+    assert status == 0 and all(f"\n  {name} " in out for name in starts()) and len(starts()) > 45
+    listed = json.loads(call("new", "--json")[1])
+    assert {"name": "fog", "published": False, "about": "Fog: water droplets in air."} in listed
+    assert {each["name"] for each in listed if each["published"]} >= {"espresso", "opac_fog", "skin_1"}
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (("fgo",), "no published material (fog?)"),
+    (("fog", "-o", "fog.h5"), "fog.yaml would do"),
+    (("fog", "-o", "a b.yaml"), 'found "a b"'),
+    (("fog", "-o", "missing/fog.yaml"), "its folder does not exist"),
+    (("fog",), "fog.yaml: is there already; choose another file with -o, or write over it with --force"),
+])
+def test_what_cannot_be_written_is_told(args, said, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fog.yaml").write_text("mine")
+    status, out, err = call("new", *args)
+    assert status == 2 and not out and said in err and len(err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["fog.yaml"] and (tmp_path / "fog.yaml").read_text() == "mine"
+
+
+def test_force_writes_over_it(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fog.yaml").write_text("mine")
+    assert call("new", "fog", "--force")[0] == 0 and load("fog.yaml").name == "fog"
+
+
+@pytest.mark.slow
+def test_a_scene_finds_its_recipe(call, tmp_path, monkeypatch):
+    pytest.importorskip("mitsuba", reason='pip install ".[mitsuba]"')
+    monkeypatch.chdir(tmp_path)
+    assert call("new", "particles")[0] == 0
+    assert call("new", "scene")[1].split() == ["scene.yaml", "scene.xml"]
+    status, out, err = call("plan", "particles.yaml", "--scene", "scene.yaml")
+    assert status == 0 and "discrete" in out, err
