@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
+from bakery.asset.ask import ask
 from bakery.asset.single import Asset, read_checked
+from bakery.draw.html import first_picture, table
 from bakery.errors import AssetError, UsageError
 from bakery.family.axes import Swept
 from bakery.family.members import listed
+from bakery.family.pictures import pictures
 from bakery.family.point import asset_at, place_of, place_path
 from bakery.family.tree import axes_of
 from bakery.grammar.fields import nearest
 from bakery.grammar.units import Wrong, parse, quantity_of
 from bakery.stages import sections_for
 from bakery.stages.conform import FAMILY, faults, stages_of
+from bakery.stages.declaration import Answer
 from bakery.stages.members import MissingStage, Values, with_units
 from bakery.store.hashes import HASH
 from bakery.store.outputs import ASSET, check_outputs
-from bakery.store.tree import Dataset, Group, read_text
+from bakery.store.tree import Attribute, Dataset, Group, read_text
 from bakery.store.write import write
 
 
@@ -153,6 +157,24 @@ class Family:
                 member.data.flags.writeable = False
         return Interpolated(root, place_path(self.path, self.tree, place))
 
+    def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:
+        """A value of the family's own, such as `family/sigma_t`; `at(…).query(…)` asks the asset of a place.
+
+        Parameters
+        ----------
+        path : such as `medium/phase`
+        arguments : text with its unit, `theta="10 deg"`, or numbers: wavelength and radius in um, theta in rad
+
+        Returns
+        -------
+        answer : `values` with `units`, `axes`, `error` and `remarks`; text and attributes (`medium/achieved_error`) as they are
+
+        Raises
+        ------
+        UsageError : a path that is not there, an argument that has no effect on it or lies outside of what is stored
+        """
+        return ask(self, path, arguments)
+
     def __getattr__(self, name: str):
         if sections_for(name):
             axes = ", ".join(f"{axis}=…" for axis in self.__dict__.get("axes", ()))
@@ -161,12 +183,21 @@ class Family:
         raise AttributeError(f"a family has no attribute {name!r}")
 
     def __repr__(self) -> str:
+        lines = [f"  {name}  {values}, {key}" for name, values, key in self._rows()]
+        return "\n".join([f"family {self._title()}", *lines])
+
+    def _repr_html_(self) -> str:
+        return table(("axis", "values", "key of the recipe"), self._rows(), 3, f"Family {self._title()}") + first_picture(
+            pictures(self.tree))
+
+    def _title(self) -> str:
         reached = "not measured" if self.achieved_error is None else f"{self.achieved_error:.2g} of {self.tolerance:.2g}"
-        lines = [f"family {self.name!r}, {len(self.members)} assets, {self.method} between them, error {reached}, "
-                 f"content {self.content_hash[:12]}"]
-        lines += [f"  {name}  {len(axis.values)} values, {axis.values[0]:.6g} to {axis.values[-1]:.6g} {axis.values.units}, "
-                  f"{axis.key}" for name, axis in self.axes.items()]
-        return "\n".join(lines)
+        return (f"{self.name!r}, {len(self.members)} assets, {self.method} between them, error {reached}, "
+                f"content {self.content_hash[:12]}")
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        return [(name, f"{len(axis.values)} values, {axis.values[0]:.6g} to {axis.values[-1]:.6g} {axis.values.units}", axis.key)
+                for name, axis in self.axes.items()]
 
 
 def _axis(group: Group, key: Swept) -> FamilyAxis:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from types import MappingProxyType
 
+from bakery.asset.ask import ask
+from bakery.draw.html import first_picture, table
 from bakery.errors import AssetError
 from bakery.family.tree import departures, is_family
 from bakery.stages import all_stages, conform, sections_for
+from bakery.stages.conform import stages_of
+from bakery.stages.declaration import Answer
 from bakery.stages.members import Members, MissingStage, headline, in_words, with_units
 from bakery.stages.members import summary as error_of  # `summary` is a module of this package
 from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
-from bakery.store.tree import Dataset, Group, read_text
+from bakery.store.tree import Attribute, Dataset, Group, read_text
 
 
 def read_checked(path: str | os.PathLike) -> Group:
@@ -51,7 +56,7 @@ class Asset:
         theta = medium.members.get("theta") if isinstance(medium, Group) else None
         shared = theta.data if isinstance(theta, Dataset) else None
         views = {stage.name: stage.view for stage in all_stages() if stage.view}
-        self._groups = {name: views[name](root) if name in views else Members(member, name, shared)
+        self._groups = {name: views[name](root) if name in views else Members(member, name, shared, self.wavelength)
                         for name, member in root.members.items() if isinstance(member, Group)}
         self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()
                                         if STAGE in group.attributes})
@@ -67,6 +72,28 @@ class Asset:
                                f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`")
         raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
 
+    def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:
+        """A baked value, looked up at arguments as `bake query` does.
+
+        Parameters
+        ----------
+        path : such as `medium/phase`
+        arguments : text with its unit, `theta="10 deg"`, or numbers: wavelength and radius in um, theta in rad
+
+        Returns
+        -------
+        answer : `values` with `units`, `axes`, `error` and `remarks`; text and attributes (`medium/achieved_error`) as they are
+
+        Raises
+        ------
+        UsageError : a path that is not there, an argument that has no effect on it or lies outside of what is stored
+
+        Examples
+        --------
+        >>> asset.query("medium/phase", wavelength="550 nm", theta="[0, 90, 180] deg").values       # doctest: +SKIP
+        """
+        return ask(self, path, arguments)
+
     def __dir__(self):
         return [*super().__dir__(), *self._groups]
 
@@ -75,3 +102,9 @@ class Asset:
                  f"content {self.content_hash[:12]}"]
         lines += [f"  {name}{error_of(stage)}: {headline(self._groups[name])}" for name, stage in self.stages.items()]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [(name, error_of(stage).strip(), headline(self._groups[name])) for name, stage in self.stages.items()]
+        title = f"{self.name}, wavelength {in_words(self.wavelength, self.wavelength.units)}, content {self.content_hash[:12]}"
+        return table(("stage", "error", "holds"), rows, 3, title) + first_picture(
+            each for stage in stages_of(self.tree) if stage.rendered for each in stage.pictures(self.tree))

@@ -18,6 +18,7 @@ from bakery.errors import UsageError
 def command(asset, path, as_json):
     """Print what ASSET holds (or only what lies below PATH): names, shapes, ranges with units, bytes, errors, provenance."""
     import bakery
+    from bakery.asset.ask import not_found
     from bakery.asset.summary import describe
 
     found = bakery.open(asset)
@@ -33,15 +34,6 @@ def command(asset, path, as_json):
         if family:
             _print_family(family)
         _print(summary, whole=not path)
-
-
-def not_found(asset: str, path: str, names: list[str]) -> str:
-    """What to say of a path that an asset does not hold: the nearest one, or what there is."""
-    import difflib
-
-    near = difflib.get_close_matches(path, names, 1) or [name for name in names if name.rpartition("/")[2] == path][:1]
-    hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in names if '/' not in name)}"
-    return f'{asset}: found no "{path}"; {hint}'
 
 
 def _family(found) -> dict:

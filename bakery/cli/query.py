@@ -1,13 +1,10 @@
-"""`bake query ASSET PATH [key=value …]`: one baked value, or one looked up."""
+"""`bake query ASSET PATH [key=value …]`: one baked value, or one looked up; `bakery.asset.ask` finds it."""
 
 from __future__ import annotations
-
-import difflib
 
 import click
 
 from bakery.cli import offers
-from bakery.cli.inspect import not_found
 from bakery.cli.options import at_option, json_option, opened, print_json
 from bakery.errors import UsageError
 
@@ -28,31 +25,18 @@ def command(asset, path, arguments, place, as_json):
     bake query milk.h5 multiple/point rho=1 z=2 theta=30deg
     bake query clouds.h5 medium/g --at radius=5um
     """
-    from bakery.asset.lookup import lookup
-    from bakery.stages import all_stages
-    from bakery.store.tree import Group, is_text, read_text
+    from bakery.asset.ask import ask
+    from bakery.stages.declaration import Answer
 
     found = opened(asset, place)
-    root, path = found.tree, path.strip("/")
-    queries = {query.path: query for stage in all_stages() for query in stage.queries}
-    values = dict(_argument(word, queries.values()) for word in arguments)
+    values = dict(_argument(word) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")
-    member = _find(asset, root, path)
-    if path in queries and values:
-        _show(root, queries[path].answer(found, path, values), as_json)
-        return
-    if isinstance(member, Group):
-        content = ", ".join([*member.members, *member.attributes])
-        raise UsageError(f"{asset}: {path} is a group; it holds {content}: ask for one of them, "
-                         f"such as {path}/{content.split(',')[0]}")
-    attribute = not hasattr(member, "data")
-    if attribute or is_text(member):
-        if values:
-            raise UsageError(f"{path}: {next(iter(values))} has no effect on it; it takes no arguments")
-        _print_plain(path, member if attribute else read_text(member), as_json)
-        return
-    _show(root, lookup(root, path, values), as_json)
+    answer = ask(found, path, values)
+    if isinstance(answer, Answer):
+        _show(found.tree, answer, as_json)
+    else:
+        _print_plain(path.strip("/"), answer, as_json)
 
 
 def _show(root, answer, as_json: bool) -> None:
@@ -63,47 +47,14 @@ def _show(root, answer, as_json: bool) -> None:
         _print(answer, stage)
 
 
-def _argument(word: str, queries):
-    """`theta=10deg` as ("theta", 0.17): lengths in um, angles in rad."""
-    from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
+def _argument(word: str) -> tuple[str, str]:
+    """`theta=10deg` as ("theta", "10deg")."""
+    from bakery.asset.ask import ARGUMENTS
 
-    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
-    for query in queries:
-        kinds |= query.arguments
     key, equals, text = word.partition("=")
-    if not equals or key not in kinds:
-        near = difflib.get_close_matches(key, kinds, 1)
-        raise UsageError(f'found "{word}"; ' + (f"did you mean {near[0]}=…?" if near and key not in kinds else
-                         "; ".join(["arguments are wavelength=0.55um, theta=10deg, radius=5um",
-                                    *(f"of {query.path} {query.example}" for query in queries)])))
-    try:
-        value = parse_list(text, kinds[key]) if is_list(text) else parse(text, kinds[key])
-    except Wrong as wrong:
-        raise UsageError(f"{key}: {wrong.found}; {wrong.expected}") from None
-    return key, value
-
-
-def _find(asset: str, root, path: str):
-    """A dataset or group, or the value of an attribute (medium/achieved_error)."""
-    if not path:
-        return root
-    from bakery.family.tree import is_family
-    from bakery.stages.conform import FAMILY
-
-    try:
-        return root[path]
-    except KeyError:
-        pass
-    parent, _, name = path.rpartition("/")
-    try:
-        return getattr(root[parent] if parent else root, "attributes", {})[name]
-    except KeyError:
-        pass
-    if is_family(root) and path.partition("/")[0] != FAMILY:
-        raise UsageError(f"{asset}: is a family, so {path} is one of each of its places; --at says which")
-    names = [name for name, _ in root.walk()]
-    names += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
-    raise UsageError(not_found(asset, path, names + list(root.attributes)))
+    if not equals:
+        raise UsageError(f'found "{word}"; {ARGUMENTS}')
+    return key, text
 
 
 def _stage_of(root, answer) -> dict | None:
@@ -158,7 +109,7 @@ def _print(answer, stage) -> None:
         error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
         say(f"{_digits(answer.values[()])}{error}{unit}")
     else:
-        for line in table(_rows(answer), right=range(answer.values.ndim + 64)):
+        for line in table(answer.rows(_digits), right=range(answer.values.ndim + 64)):
             say(line)
     for remark in answer.remarks:
         say(f"# {remark.text}")
@@ -166,25 +117,6 @@ def _print(answer, stage) -> None:
         say(f"# MISSED by stage {stage['group']}: {clean(stage['missed'])}; the error is the {clean(stage['error_measure'])}")
     elif stage is not None:
         say(f"# error of the stage {stage['achieved_error']:.2g}: {clean(stage['error_measure'])}")
-
-
-def _rows(answer):
-    """One row for each place of the last axis; the columns go over what is before it (one column a wavelength)."""
-    import numpy as np
-
-    *across, (name, unit, at) = answer.axes
-    columns = [(f"{name} [{unit}]", at)]
-    quantity = answer.path.rpartition("/")[2]
-    for index in np.ndindex(answer.values.shape[:-1]):
-        places = zip(across, index, strict=True)
-        place = ", ".join(f"index {i}" if name == "index" else f"{axis[i]:g} {unit}" for (name, unit, axis), i in places)
-        head = f"{quantity} [{answer.units}]" + (f" at {place}" if place else "")
-        columns.append((head, answer.values[index]))
-        if answer.error is not None:
-            columns.append((f"+- at {place}" if place else "+-", answer.error[index]))
-    yield [head for head, _ in columns]
-    for i in range(answer.values.shape[-1]):
-        yield [_digits(values[i]) for _, values in columns]
 
 
 def _digits(value) -> str:

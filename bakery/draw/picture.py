@@ -1,4 +1,4 @@
-"""One figure: what it shows, and the numbers behind it."""
+"""One figure: what it shows, and the numbers behind it; notebooks show it inline."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bakery.draw.html import figure as html_figure
 from bakery.draw.style import QUIET, look, saved
 
+_CSS_INCH = 96  # pixels
 _HEAD = 0.24  # inches above a picture for the asset's name
 
 
@@ -31,6 +33,9 @@ class Picture:
     size: tuple[float, float]
     draw: Callable
     columns: tuple[tuple[str, np.ndarray], ...]
+
+    def _repr_html_(self) -> str:
+        return html_figure(drawn(self, ("png",))["png"], f"{self.title}. {self.caption}", _CSS_INCH * self.size[0])
 
 
 def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg"), of: str = "") -> dict[str, bytes]:

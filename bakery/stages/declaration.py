@@ -11,15 +11,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from html import escape
 from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
 
+from bakery.draw.html import table
 from bakery.store.tree import Dataset, Group
 
 ANY = (-math.inf, math.inf)  # `within` of what may be of either sign
 SIGNED = (-1.0, 1.0)  # of cosines
+MOST_ROWS = 30  # of an answer in a notebook
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,35 @@ class Answer:
     axes: tuple[tuple[str, str, np.ndarray], ...]
     error: np.ndarray | None
     remarks: tuple[Remark, ...] = ()
+
+    def rows(self, number: Callable[[Any], str]) -> Iterator[list[str]]:
+        """Headings, then one row for each place of the last axis, `number` of each value; a single value is one row.
+
+        The columns go over the axes before it: one a wavelength.
+        """
+        quantity = f"{self.path.rpartition('/')[2]} [{self.units}]"
+        *across, (name, unit, at) = self.axes or (("", "", None),)
+        columns = [] if at is None else [(f"{name} [{unit}]", at)]
+        whole = (..., None) if at is None else ...
+        values, error = self.values[whole], None if self.error is None else np.asarray(self.error)[whole]
+        for index in np.ndindex(values.shape[:-1]):
+            places = zip(across, index, strict=True)
+            place = ", ".join(f"index {i}" if name == "index" else f"{axis[i]:g} {unit}" for (name, unit, axis), i in places)
+            columns.append((quantity + (f" at {place}" if place else ""), values[index]))
+            if error is not None:
+                columns.append((f"+- at {place}" if place else "+-", error[index]))
+        yield [head for head, _ in columns]
+        for i in range(values.shape[-1]):
+            yield [number(column[i]) for _, column in columns]
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        return np.array(self.values, dtype, copy=copy)
+
+    def _repr_html_(self) -> str:
+        head, *rows = self.rows(lambda value: f"{value:.6g}" if value.dtype.kind == "f" else str(value))
+        shown = rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS], ["…"] * len(head)]
+        return table(head, shown, 0) + "".join(f"<p>{escape(remark.text)}</p>\n" for remark in self.remarks)
+
 
 
 @dataclass(frozen=True)

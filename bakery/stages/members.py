@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bakery.errors import AssetError
+from bakery.draw.html import table
+from bakery.errors import AssetError, UsageError
 from bakery.physics.medium.phase import evaluate
 from bakery.physics.medium.regular import Loss, adaptive_table
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
+from bakery.stages.declaration import later
 from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
+if TYPE_CHECKING:
+    from bakery.draw.picture import Picture
+
 HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
 _FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are named
+
+_drawing = later("bakery.stages.medium.pictures:phase_function")
 
 
 class MissingStage(AssetError, AttributeError):
@@ -34,8 +42,8 @@ class Members(Mapping):
     bias : name of a dataset -> the estimated size of its systematic errors, where they are stored
     """
 
-    def __init__(self, group: Group, path: str, theta: np.ndarray | None = None):
-        self._group, self._path = group, path
+    def __init__(self, group: Group, path: str, theta: np.ndarray | None = None, wavelength: np.ndarray | None = None):
+        self._group, self._path, self._wavelength = group, path, wavelength
         datasets = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
         self.attributes = MappingProxyType(group.attributes)
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
@@ -50,7 +58,7 @@ class Members(Mapping):
 
     def _item(self, name: str, member: Dataset | Group):
         if isinstance(member, Group):
-            return Members(member, f"{self._path}/{name}", self._theta)
+            return Members(member, f"{self._path}/{name}", self._theta, self._wavelength)
         if is_text(member):
             return read_text(member)
         return _with_unit(member)
@@ -70,8 +78,13 @@ class Members(Mapping):
         member = self._items[name]
         if name == "phase" and isinstance(member, np.ndarray) and self._theta is not None \
                 and member.shape[-1] == len(self._theta):
-            return Phase(self._theta, member, self.units[name])
+            return Phase(self._theta, member, self.units[name], self._wavelength, self._error_of_phase())
         return member
+
+    def _error_of_phase(self) -> np.ndarray:
+        """What is stated of the phase function itself, else what its stage has reached, (..., A) 1/sr."""
+        stated = stated_error(self._group, "phase")
+        return self["phase"] * float(self.attributes.get("achieved_error", 0.0)) if stated is None else stated
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)
@@ -84,15 +97,26 @@ class Members(Mapping):
 
     def __repr__(self) -> str:
         lines = [f"{self._path}{summary(self.attributes)}"]
+        for name, shape, units, values, error in self._rows():
+            error = f"  +- {error}" if error else ""
+            lines.append(f"  {name} {shape} {units}  {values}{error}" if units else f"  {name}  {values}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [[*row, self.description.get(row[0], "")] for row in self._rows()]
+        return table(("", "shape", "unit", "values", "error up to", ""), rows, 6, f"{self._path}{summary(self.attributes)}")
+
+    def _rows(self) -> Iterator[tuple[str, str, str, str, str]]:
+        """Name, shape, unit, range and largest error of every member, in words."""
         for name, member in self._group.members.items():
             if isinstance(member, Group):
-                lines.append(f"  {name}/  {', '.join(member.members)}")
+                yield f"{name}/", "", "", ", ".join(member.members), ""
             elif is_text(member):
-                lines.append(f"  {name}  text, {member.data.size} bytes")
+                yield name, "", "", f"text, {member.data.size} bytes", ""
             else:
-                lines.append(f"  {name} {_shape(member.data.shape)} {member.units}  {_range(member)}"
-                             f"{_largest_error(stated_error(self._group, name))}")
-        return "\n".join(lines)
+                error = stated_error(self._group, name)
+                largest = "" if error is None or not error.size else f"{error.max():.2g}"
+                yield name, _shape(member.data.shape), member.units, _range(member), largest
 
 
 class Values(np.ndarray):
@@ -158,10 +182,13 @@ class Phase:
     ----------
     theta : (A,) rad, ascending from 0 (forward) to pi
     table : (..., A) 1/sr
+    wavelength : (L,) um, of the rows of a table (L, A); None where that is not known
+    error : like `table`, absolute; None where it is not known
     """
 
-    def __init__(self, theta: np.ndarray, table: np.ndarray, units: str = "1/sr"):
-        self.theta, self.table, self.units = theta, table, units
+    def __init__(self, theta: np.ndarray, table: np.ndarray, units: str = "1/sr", wavelength: np.ndarray | None = None,
+                 error: np.ndarray | None = None):
+        self.theta, self.table, self.units, self.wavelength, self.error = theta, table, units, wavelength, error
 
     def __call__(self, theta) -> np.ndarray:
         """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
@@ -173,6 +200,20 @@ class Phase:
         See `bakery.physics.medium.regular.adaptive_table`; values (N,) float32, 1/sr.
         """
         return adaptive_table(self.theta, self.table[row], limit)
+
+    def plot(self) -> Picture:
+        """A picture over the scattering angle, one curve a wavelength; notebooks show it, `columns` holds its numbers.
+
+        Raises UsageError for a table that is not one row a wavelength, as one of grains by radius.
+        """
+        if self.wavelength is None or self.table.shape != (len(self.wavelength), len(self.theta)):
+            raise UsageError(f"phase functions are drawn as one curve a wavelength; this is a table {_shape(self.table.shape)}")
+        members = {"theta": self.theta, "phase": self.table, "phase" + ERROR: self.error}
+        shown = Group({name: Dataset(np.asarray(data), "", "") for name, data in members.items() if data is not None})
+        return _drawing(shown, np.asarray(self.wavelength))
+
+    def _repr_html_(self) -> str | None:
+        return None if self.wavelength is None or self.table.ndim != 2 else self.plot()._repr_html_()
 
     def __array__(self, dtype=None, copy=None) -> np.ndarray:
         return np.array(self.table, dtype, copy=copy)
@@ -227,7 +268,3 @@ def range_of(data: np.ndarray) -> str:
         return "empty"
     low, high = data.min(), data.max()
     return f"{low:.4g}" if low == high else f"{low:.4g} .. {high:.4g}"
-
-
-def _largest_error(error: np.ndarray | None) -> str:
-    return "" if error is None or not error.size else f"  +- {error.max():.2g}"

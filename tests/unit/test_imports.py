@@ -24,7 +24,7 @@ MAY = {
     "family": {"draw", "grammar", "physics.medium", "stages", "store"},
     "recipe": {"family.axes", "grammar", "physics", "stages"},
     "plan": {"stages"},
-    "asset": {"family", "grammar", "physics.medium", "stages", "store"},
+    "asset": {"draw", "family", "grammar", "physics.medium", "stages", "store"},
     "report": {"asset", "draw", "family", "stages", "store", "system.terminal"},
     "export": {"asset", "draw", "physics", "report", "stages", "store"},
     "run": {"family", "plan", "recipe", "stages", "store", "system"},

@@ -15,7 +15,7 @@ from bakery.store.tree import Group, read_text
 
 def view(root: Group) -> Grains:
     """The group as `bakery.open` gives it."""
-    return Grains(root["grains"], "grains")
+    return Grains(root["grains"], "grains", wavelength=root["wavelength"].data)
 
 
 @dataclass(frozen=True)

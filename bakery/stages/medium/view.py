@@ -13,7 +13,7 @@ from bakery.store.tree import Group
 
 def view(root: Group) -> Medium:
     """The group as `bakery.open` gives it."""
-    return Medium(root["medium"], "medium")
+    return Medium(root["medium"], "medium", wavelength=root["wavelength"].data)
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Medium(Members):
 
     Attributes
     ----------
-    phase : can be called with angles
+    phase : can be called with angles, and drawn: `phase.plot()`
     """
 
     def without_delta(self) -> Deflecting:
@@ -50,4 +50,4 @@ class Medium(Members):
             delta = np.asarray(self["forward_delta"], float)
             sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, self.theta, phase, delta)
         albedo = np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)
-        return Deflecting(sigma_t, albedo, Phase(self.theta, phase))
+        return Deflecting(sigma_t, albedo, Phase(self.theta, phase, wavelength=self._wavelength))

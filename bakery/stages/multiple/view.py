@@ -13,7 +13,7 @@ def view(root: Group) -> Multiple:
     """The group as `bakery.open` gives it; its phase functions stand over the angles of the medium."""
     medium = root.members.get("medium")
     theta = medium.members.get("theta") if isinstance(medium, Group) else None
-    return Multiple(root["multiple"], theta.data if isinstance(theta, Dataset) else None)
+    return Multiple(root["multiple"], theta.data if isinstance(theta, Dataset) else None, root["wavelength"].data)
 
 
 class Multiple(Members):
@@ -29,8 +29,8 @@ class Multiple(Members):
     broadcast.  They return (L, ...) for a source of unit power.
     """
 
-    def __init__(self, group: Group, theta: np.ndarray | None):
-        super().__init__(group, "multiple", theta)
+    def __init__(self, group: Group, theta: np.ndarray | None, wavelength: np.ndarray):
+        super().__init__(group, "multiple", theta, wavelength)
         self._sources = {kind: Source(group, kind) for kind in KINDS if kind in group.members}
 
     def __getattr__(self, name: str):

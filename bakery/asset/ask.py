@@ -1,0 +1,97 @@
+"""What `asset.query(…)` and `bake query` answer: a baked value at a path, or one looked up at arguments."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bakery.asset.lookup import lookup
+from bakery.errors import UsageError
+from bakery.family.tree import is_family
+from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
+from bakery.stages import all_stages
+from bakery.stages.conform import FAMILY
+from bakery.stages.declaration import Answer, Query
+from bakery.store.tree import Attribute, Dataset, Group, is_text, read_text
+
+if TYPE_CHECKING:
+    from bakery.asset import Asset, Family
+
+ARGUMENTS = "arguments are wavelength=0.55um, theta=10deg, radius=5um"
+
+
+def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | Iterable[float]]) -> Answer | Attribute:
+    """The value at a path of an asset; text and attributes as they are, all else as an `Answer`.
+
+    Parameters
+    ----------
+    path : such as `medium/phase`
+    arguments : name -> text with its unit ("10 deg", "[0, 90] deg"), or one or more numbers: wavelength and radius in um, theta
+        in rad, those of a stage's own queries as it says
+
+    Raises
+    ------
+    UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is stored
+    """
+    queries = {query.path: query for stage in all_stages() for query in stage.queries}
+    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
+    root, path = found.tree, path.strip("/")
+    member = _find(found.path, root, path)
+    if path in queries and values:
+        return queries[path].answer(found, path, values)
+    if isinstance(member, Group):
+        content = ", ".join([*member.members, *member.attributes])
+        raise UsageError(f"{found.path}: {path} is a group; it holds {content}: ask for one of them, "
+                         f"such as {path}/{content.split(',')[0]}")
+    if isinstance(member, Dataset) and not is_text(member):
+        return lookup(root, path, values)
+    if values:
+        raise UsageError(f"{path}: {next(iter(values))} has no effect on it; it takes no arguments")
+    return read_text(member) if isinstance(member, Dataset) else member
+
+
+def not_found(asset: str, path: str, names: list[str]) -> str:
+    """What to say of a path that an asset does not hold: the nearest one, or what there is."""
+    near = difflib.get_close_matches(path, names, 1) or [name for name in names if name.rpartition("/")[2] == path][:1]
+    hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in names if '/' not in name)}"
+    return f'{asset}: found no "{path}"; {hint}'
+
+
+def _value(name: str, value, queries: Iterable[Query]) -> float | tuple[float, ...]:
+    """An argument in the unit of the lookup: lengths in um, angles in rad."""
+    kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
+    for query in queries:
+        kinds |= query.arguments
+    if name not in kinds:
+        near = difflib.get_close_matches(name, kinds, 1)
+        known = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries)]
+        raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(known)))
+    if not isinstance(value, str):
+        return float(value) if np.ndim(value) == 0 else tuple(map(float, np.ravel(value)))
+    try:
+        return parse_list(value, kinds[name]) if is_list(value) else parse(value, kinds[name])
+    except Wrong as wrong:
+        raise UsageError(f"{name}: {wrong.found}; {wrong.expected}") from None
+
+
+def _find(asset: str, root: Group, path: str):
+    """A dataset or group, or the value of an attribute (medium/achieved_error)."""
+    if not path:
+        return root
+    try:
+        return root[path]
+    except KeyError:
+        pass
+    parent, _, name = path.rpartition("/")
+    try:
+        return getattr(root[parent] if parent else root, "attributes", {})[name]
+    except KeyError:
+        pass
+    if is_family(root) and path.partition("/")[0] != FAMILY:
+        raise UsageError(f"{asset}: is a family, so {path} is one of each of its places; --at says which")
+    names = [name for name, _ in root.walk()]
+    names += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
+    raise UsageError(not_found(asset, path, names + list(root.attributes)))
