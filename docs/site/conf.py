@@ -47,6 +47,7 @@ autodoc_typehints = "none"  # the docstrings say shape and unit
 myst_heading_anchors = 4
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "notebooks" / sources())
+nb_merge_streams = True
 nb_execution_in_temp = True
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
