@@ -6,18 +6,42 @@ import hashlib
 import os
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from docutils import nodes
 from sphinx.addnodes import download_reference, pending_xref
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
-os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # notebooks call `bake`
+# notebooks call `bake`, and show what it says to somebody who has baked nothing yet
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+CACHE = TemporaryDirectory(prefix="bakery-site-")
+os.environ["BAKERY_CACHE"] = CACHE.name
 
 import docstrings  # noqa: E402
+import myst_nb.core.render  # noqa: E402
 import navigation  # noqa: E402
 
 import bakery  # noqa: E402
+
+
+def whole_streams(outputs):
+    """What a cell has printed, one text a stream: cells of shell commands print pieces of 100 bytes.
+
+    myst-nb's own function puts each piece on a line of its own.
+    """
+    found, streams = [], {}
+    for output in outputs:
+        if output["output_type"] != "stream":
+            found.append(output)
+        elif output["name"] in streams:
+            streams[output["name"]]["text"] += output["text"]
+        else:
+            streams[output["name"]] = output
+    return [*(streams[name] for name in sorted(streams, reverse=True)), *found]
+
+
+myst_nb.core.render.coalesce_streams = whole_streams
 
 
 def sources() -> str:
@@ -73,7 +97,8 @@ def to_sources(app, doctree):
         for link in list(title.findall(download_reference)):
             link.replace_self(link.children)
             name = Path(link["reftarget"]).name
-            title.parent.insert(1, nodes.paragraph("", "", download_reference("", "", nodes.literal("", name), **link.attributes)))
+            below = download_reference("", "", nodes.literal("", name), **link.attributes)
+            title.parent.insert(1, nodes.paragraph("", "", below))
     folder = (ROOT / app.env.docname).parent
     for link in list(doctree.findall(pending_xref)):
         if link["refdomain"] is None and (folder / link["reftarget"]).is_dir():
