@@ -64,7 +64,7 @@ extensions = ["myst_nb", "sphinx.ext.autodoc"]
 nitpicky = True
 default_role = "code"  # `x` in docstrings
 autodoc_member_order = "bysource"
-autodoc_default_options = {"exclude-members": "__init__", "special-members": "__call__"}
+autodoc_default_options = {"exclude-members": "__init__, __new__", "special-members": "__call__"}
 autodoc_class_signature = "separated"  # classes come from functions, not from their constructors
 autodoc_typehints = "none"  # the docstrings say shape and unit
 
