@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -100,3 +101,20 @@ def test_public_names_are_on_the_pages():
     assert named("kernels") == sorted(bakery.kernels.__all__)
     assert set(bakery.__all__) - {"mie", "goa"} <= set(named("assets"))
     assert {"efficiencies", *bakery.physics.goa.__all__} <= set(named("physics"))
+
+
+def test_docstrings_of_the_house_are_read():
+    rewritten = runpy.run_path(str(ROOT / "docs/site/docstrings.py"))["rewritten"]
+    lines = ["Sum of x_ and `y`.", "", "Parameters", "----------", "x, y : (N,) um, |x| < 1;  n : int", "    more of it", "",
+             "Examples", "--------", ">>> 1 + 1", "2"]
+    assert rewritten(lines) == [
+        r"Sum of x\_ and `y`.", "",
+        ".. rubric:: Parameters", "", r"* **x, y** – (N,) um, \|x\| < 1", "* **n** – int", "  more of it", "",
+        ".. rubric:: Examples", "", ">>> 1 + 1", "2", ""]
+
+
+def test_each_page_stands_once_in_the_navigation():
+    toctrees = runpy.run_path(str(ROOT / "docs/site/navigation.py"))["toctrees"]
+    index = "# All\n## Start\n- [R](../README.md), [a](a.md#b)\n## More\n- [a](a.md), [b](x/b.md), [w](https://w.md)\n"
+    groups = re.findall(r":caption: (\w+)\n\n(.*?)\n```", toctrees(index, "README"), re.DOTALL)
+    assert groups == [("Start", "/docs/index\n/docs/a"), ("More", "/docs/x/b")]
