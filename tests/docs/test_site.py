@@ -7,6 +7,7 @@ import re
 import runpy
 import subprocess
 import sys
+from html import unescape
 from html.parser import HTMLParser
 from urllib.parse import unquote, urlsplit
 
@@ -17,6 +18,8 @@ import bakery.physics.goa
 from tests.browser import CHROMIUM, Page
 from tests.conftest import ROOT
 
+WHOLE = ('mistake.yaml:11: particles.components[0].size.radius: found "5", which has no unit; '
+         "lengths take nm, um, mm, cm, m (5 um?)")  # what a command in a notebook prints
 PHONE = 390  # pixels
 # of the page, and of its text, for which furo has a box that scrolls by itself
 WIDTH = "Math.max(...['html', '.content'].map(one => document.querySelector(one).scrollWidth))"
@@ -46,6 +49,8 @@ def test_the_site(tmp_path):
         pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[docs]'")
     pytest.importorskip("mitsuba", reason="Mitsuba is not installed: pip install '.[mitsuba,llvm]'")
     made(tmp_path)
+    tutorial = (tmp_path / "html/docs/tutorial/fog.html").read_text(encoding="utf-8")
+    assert WHOLE in unescape(tutorial)  # in one piece
     no_link_is_dead(tmp_path / "html")
     if CHROMIUM is None:
         pytest.skip("the pages are there, and no link is dead; without chromium nobody sees how wide they are")
