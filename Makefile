@@ -66,9 +66,9 @@ $(VENV)/.ready-test: pyproject.toml
 	$(BIN)/python -m compileall -qq -j 0 -x '/tests/' $(VENV)/lib || true
 	@touch $(VENV)/.ready $@
 
-# what only slow tests need: the other extras, and a server of objects
+# what only slow tests need: the other extras
 $(VENV)/.ready-slow: $(VENV)/.ready-test
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange,docs]' 'moto[server]>=5.1'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,exchange,docs]'
 	@touch $@
 
 $(VENV)/.ready-docs: $(VENV)/.ready
