@@ -25,6 +25,8 @@ help:
 	@echo "make lint      style"
 	@echo "make clean     remove build/ and compiled kernels: after a pull that changes kernels"
 	@echo "make docs      bring the tables of docs/asset-format.md up to date"
+	@echo "make site      the documentation as pages, notebooks run: build/site/index.html"
+	@echo "make man       man pages of all commands: man -M build/man bake"
 
 bake: $(VENV)/.ready
 	@mkdir -p build
@@ -76,7 +78,11 @@ $(VENV)/.ready-test: pyproject.toml
 
 # what only slow tests need: the other extras, and a server of objects
 $(VENV)/.ready-slow: $(VENV)/.ready-test
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange]' 'moto[server]>=5.1'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange,docs]' 'moto[server]>=5.1'
+	@touch $@
+
+$(VENV)/.ready-docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,docs]'
 	@touch $@
 
 $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
@@ -134,6 +140,15 @@ lint: $(VENV)/.ready-test
 
 docs: $(VENV)/.ready
 	$(BIN)/python -m bakery.asset.tables docs/asset-format.md
+
+# notebooks are run where they, or the sources that they run, have changed
+.PHONY: site man
+site: $(VENV)/.ready-docs
+	$(BIN)/python -m sphinx -W --keep-going -n -q -c docs/site -d build/doctrees . build/site
+	@echo "site: $(CURDIR)/build/site/index.html"
+
+man: $(VENV)/.ready
+	$(BIN)/python docs/man.py build/man
 
 # compiled kernels too: numba does not see that a kernel of another file, which a kept one calls, has changed
 clean:
