@@ -79,6 +79,8 @@ class _Part(Progress):
         self._board.show()
 
     def done(self, name, text):
+        self.update(1.0)
+        self.words = ""
         self.say(f"{name}: {text}")
 
     def say(self, text):
