@@ -43,7 +43,7 @@ PYTHON={python}
 FOLDER=$(mktemp -d "{folder}/bakery-cluster-XXXXXX")
 end() {{
     trap "" INT TERM
-    for pid in $(jobs -p | tac); do kill "$pid" && wait "$pid" || true; done 2>/dev/null  # workers first: they look for a scheduler
+    for pid in $(jobs -p | tac); do kill "$pid" && wait "$pid" || true; done 2>/dev/null  # workers first
     rm -rf "$FOLDER"
 }}
 trap end EXIT

@@ -12,7 +12,7 @@ import time
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 
 from bakery.errors import StageError, UsageError
@@ -22,7 +22,7 @@ from bakery.run.messages import LOOK, RESUME, ClusterLost, Map, run
 HERE = 0.03  # seconds of blocks that are done here sooner than a message comes back
 _LARGE = 20_000  # bytes of shared arguments from which on they travel apart from the blocks
 _KEPT = 8  # shared arguments that the workers keep
-_ANSWER = "10s"  # for a scheduler to answer, for its workers to appear
+_ANSWER = "30s"  # for a scheduler to answer, for its workers to appear
 _LOGGERS = "distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application"
 _REMEDY = "install the same there and start it again"
 
@@ -42,6 +42,7 @@ class Cluster(Executor):
 
     def __init__(self, client, say: Callable[[str], None] = lambda text: None):
         self._client, self.say = client, say
+        self._executor = client.get_executor(pure=False)  # its futures fetch values while this thread sends more
         self.threads: dict[str, int] = {}
         self.refused: dict[str, str] = {}  # address -> why
         self._shared, self._pace, self._looked = OrderedDict(), {}, -1e9
@@ -119,18 +120,13 @@ class Cluster(Executor):
         self._shared.move_to_end(key)
         return self._shared[key]
 
-    def send(self, workers: Sequence[str], *arguments):
+    def send(self, key: str, workers: Sequence[str], *arguments) -> Future:
         """The future of a message, which one of some workers runs."""
-        return self._client.submit(run, *arguments, pure=False, workers=list(workers))
+        return self._executor.submit(run, *arguments, key=key, workers=list(workers))
 
-    def cancel(self, futures: Sequence) -> None:
-        """Drop messages."""
-        if futures and self._client.status == "running":
-            self._client.cancel(futures)
-
-    def holder(self, future) -> str | None:
+    def holder(self, key: str) -> str | None:
         """The worker that has a message."""
-        return next((address for address, keys in self._client.processing().items() if future.key in keys), None)
+        return next((address for address, keys in self._client.processing().items() if key in keys), None)
 
     @contextmanager
     def _told(self) -> Iterator[None]:

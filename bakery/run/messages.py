@@ -6,7 +6,9 @@ Values do not depend on who runs a block: what a lost worker had is done again, 
 from __future__ import annotations
 
 import hashlib
+import math
 import pickle
+import secrets
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -15,7 +17,8 @@ from queue import Empty, SimpleQueue
 
 from bakery.errors import StageError
 
-AIM = 1.0  # seconds of blocks in a message, which itself takes some 10 ms: benchmarks/cluster.py
+COST = 0.005  # seconds that a message takes of this process and the scheduler: benchmarks/cluster.py
+AIM = 1.0  # seconds of blocks in a message, at most
 SPARE = 0.01  # the same a thread of the cluster, so that large ones do not send more than their scheduler takes
 AHEAD = 2  # messages a thread that are under way: one that runs and the next one
 LOOK, _PATIENCE = 2.0, 30.0  # seconds between looks at the workers, and without any before we give up
@@ -32,6 +35,7 @@ class ClusterLost(StageError):
 class _Message:
     """Blocks that are under way together."""
 
+    key: str
     blocks: list[int]
     allowed: frozenset  # workers that may run it
     sent: float = field(default_factory=time.monotonic)
@@ -72,40 +76,28 @@ class Map:
                 if future in self._under:
                     self._take(future)
         finally:
-            self._cluster.cancel(list(self._under))
+            for future in self._under:
+                future.cancel()
         return self._values
 
     def _fill(self) -> None:
         """Send as many messages as keep the workers busy."""
         threads = sum(self._cluster.threads.values())
         while self._waiting and len(self._under) < AHEAD * threads:
-            count = min(self._together(threads), len(self._waiting))
+            count = min(together(self._cluster.pace(self._function), len(self._waiting), threads), len(self._waiting))
             self._send([self._waiting.popleft() for _ in range(count)], frozenset(self._cluster.threads))
-
-    def _together(self, threads: int) -> int:
-        """Blocks in the next message: few towards the end, so that all workers end together."""
-        pace = self._cluster.pace(self._function)
-        if pace is None:
-            return 1
-        wanted = max(AIM, SPARE * threads) / max(pace, 1e-6)
-        return max(1, int(min(wanted, len(self._waiting) / (AHEAD * threads))))
 
     def _send(self, blocks: list[int], allowed: frozenset, late: str | None = None) -> None:
         tasks = pickle.dumps([self._tasks[k] for k in blocks], protocol=5)
-        future = self._cluster.send(sorted(allowed), self._cluster.sent(self._common, self._key), tasks)
-        self._under[future] = _Message(blocks, allowed, late=late)
+        key = f"blocks-{secrets.token_hex(16)}"
+        future = self._cluster.send(key, sorted(allowed), self._cluster.sent(self._common, self._key), tasks)
+        self._under[future] = _Message(key, blocks, allowed, late=late)
         future.add_done_callback(self._ended.put)
 
     def _take(self, future) -> None:
         """The values of a message, unless a copy of it was quicker."""
         message = self._under.pop(future)
-        try:
-            values, seconds = future.result(timeout=_PATIENCE)
-        except TimeoutError:
-            if future.status == "error":
-                raise  # of the block itself
-            self._waiting.extendleft(reversed(message.blocks))  # whoever held the values has died
-            return
+        values, seconds = future.result()
         self._cluster.noted(self._function, len(values), seconds)
         self._longest = max(self._longest, seconds / len(values))
         if message.late and self._left.issuperset(message.blocks):
@@ -114,17 +106,16 @@ class Map:
         for k, value in zip(message.blocks, values, strict=True):
             self._values[k] = value
         self._left.difference_update(message.blocks)
-        copies = [other for other, one in self._under.items() if one.blocks is message.blocks]
-        for other in copies:
+        for other in [other for other, one in self._under.items() if one.blocks is message.blocks]:
             del self._under[other]
-        self._cluster.cancel(copies)
+            other.cancel()
 
     def _rescue(self) -> None:
         """Take back messages none of whose workers is there any more; give up where there has been none for long."""
         present = self._cluster.threads.keys()
         for future in [future for future, message in self._under.items() if not message.allowed & present]:
             message = self._under.pop(future)
-            self._cluster.cancel([future])
+            future.cancel()
             block = message.blocks[0]
             self._lost[block] += 1
             if self._lost[block] > _DEATHS:
@@ -144,15 +135,28 @@ class Map:
         threads = self._cluster.threads
         if self._waiting or not self._longest or len(self._under) >= sum(threads.values()):
             return
-        for future, message in list(self._under.items()):
+        for message in list(self._under.values()):
             allowance = max(_LATE, _TIMES * self._longest * len(message.blocks))
             if message.copied or message.late or time.monotonic() - message.sent < allowance:
                 continue
-            holder = self._cluster.holder(future)
+            holder = self._cluster.holder(message.key)
             others = frozenset(threads) - {holder}
             if holder and others:
                 message.copied = True
                 self._send(message.blocks, others, late=holder)
+
+
+def together(pace: float | None, left: int, threads: int) -> int:
+    """Blocks of one message, where so many are left and each takes `pace` seconds.
+
+    Few, so that all workers end together; but n messages take n COST here and their work takes (pace left) / n there, which is
+    least in sum where both are alike.
+    """
+    if pace is None:
+        return 1
+    work = pace * left
+    seconds = min(max(AIM, SPARE * threads), max(work / (AHEAD * threads), math.sqrt(work * COST)))
+    return max(1, int(seconds / max(pace, 1e-6)))
 
 
 def _divided(tasks: list[tuple]) -> tuple[dict, list[tuple]]:

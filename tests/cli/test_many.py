@@ -18,6 +18,7 @@ from bakery.errors import StageError
 from bakery.plan import RUN
 from bakery.run import many, prepare
 from bakery.run.executors import Lent
+from bakery.run.messages import ClusterLost
 from bakery.run.wire import Wire
 from bakery.stages import all_stages
 from bakery.store.read import read
@@ -68,6 +69,15 @@ def test_keep_going_bakes_the_others_and_gives_the_worst_status(call, failing, t
     assert "wrong.yaml:3: medium.albedo" in told and told.endswith(f"{failing[1]}: burnt\n")
     assert call(wrong, failing[0], "-o", f"{tmp_path}/", "-k")[0] == 2
     assert call(wrong, failing[0], "-o", f"{tmp_path}/other/")[0] == 2 and not (tmp_path / "other").exists()
+
+
+def test_a_lost_cluster_ends_the_bake_whatever_was_asked_for(call, recipes, tmp_path, monkeypatch):
+    def executed(plan, **options):
+        raise ClusterLost("gone")
+
+    monkeypatch.setattr(many, "executed", executed)
+    status, _, err = call(*recipes, "-o", f"{tmp_path}/", "--keep-going")
+    assert status == 3 and "1 of 3 recipes failed, 2 not started" in err
 
 
 def test_recipes_that_share_a_stage_follow_each_other_and_memory_is_shared_out(tmp_path):

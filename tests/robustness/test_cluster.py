@@ -22,14 +22,14 @@ from tests.robustness import blocks
 
 
 @contextmanager
-def running(settings="n_workers=2, threads_per_worker=1"):
-    """A process with a scheduler and two workers that are started again when they die; a block may end one worker, not two."""
+def running(settings="n_workers=2, threads_per_worker=1", failures=1):
+    """A process with a scheduler and two workers that are started again when they die; a block may end so many workers."""
     code = ("from distributed import LocalCluster\n"
             "if __name__ == '__main__':\n"
             f"    with LocalCluster({settings}, dashboard_address=None) as cluster:\n"
             "        print(cluster.scheduler_address, flush=True)\n"
             "        input()\n")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(failures)}
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                           stderr=subprocess.DEVNULL, env=environment) as process:
         yield process, process.stdout.readline().strip()
@@ -111,6 +111,9 @@ class Listed:
     def wait_for_workers(self, count, timeout):
         pass
 
+    def get_executor(self, **options):
+        return None
+
     def nthreads(self):
         return dict.fromkeys(self.answers, 1)
 
@@ -175,34 +178,36 @@ def test_a_worker_of_another_version_is_left_out(call, drops, tmp_path, schedule
 
 
 @pytest.mark.slow
-def test_workers_that_are_killed_again_and_again(call, tmp_path, monkeypatch, scheduler):
-    """Three recipes at once while a worker is killed every two seconds: the hashes of one machine."""
+def test_workers_that_are_killed_again_and_again(call, tmp_path, monkeypatch):
+    """Three recipes at once while three workers are killed, one after another: the hashes of one machine."""
     monkeypatch.setattr(many, "SHORT", 0.0)
     recipes = []
     for k in range(3):
         recipes.append(tmp_path / f"r{k}.yaml")
-        recipes[-1].write_text(DROPS.format(name=f"r{k}", tolerance="1%", radius=f"{8 + k} um").replace(" 3 um", " 60 um"))
-    (tmp_path / "near").mkdir()
-    (tmp_path / "far").mkdir()
+        recipes[-1].write_text(DROPS.format(name=f"r{k}", tolerance="0.7%", radius=f"{9 + k} um").replace(" 3 um", " 60 um"))
+    for name in "near", "far":
+        (tmp_path / name).mkdir()
     assert call(*recipes, "-o", f"{tmp_path}/near/", "--force", "--jobs", 2)[0] == 0
-    stop = threading.Event()
 
-    def kill():
+    def kill(address):
         from distributed import Client
 
-        with Client(scheduler, set_as_default=False) as client:
-            while not stop.wait(2.0):
+        with Client(address, set_as_default=False) as client:
+            for _ in range(3):
+                if stop.wait(3.0):
+                    return
                 pids = client.run(os.getpid, on_error="ignore")
-                if pids:
-                    os.kill(pids[sorted(pids)[0]], signal.SIGKILL)
+                os.kill(pids[sorted(pids)[0]], signal.SIGKILL)
 
-    killer = threading.Thread(target=kill)
-    killer.start()
-    try:
-        status, _, err = call(*recipes, "-o", f"{tmp_path}/far/", "--force", "--jobs", 2, "--cluster", scheduler)
-    finally:
-        stop.set()
-        killer.join()
+    with running("n_workers=3, threads_per_worker=1", failures=3) as (_, address):
+        stop = threading.Event()
+        killer = threading.Thread(target=kill, args=(address,))
+        killer.start()
+        try:
+            status, _, err = call(*recipes, "-o", f"{tmp_path}/far/", "--force", "--jobs", 2, "--cluster", address)
+        finally:
+            stop.set()
+            killer.join()
     assert status == 0 and "is gone; what it had is done again" in err, err
     for recipe in recipes:
         far, near = (read(tmp_path / folder / f"{recipe.stem}.h5").attributes["content_hash"] for folder in ("far", "near"))
