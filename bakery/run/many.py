@@ -81,10 +81,11 @@ def bake_all(names: Sequence[str], plans: Sequence, *, jobs: int | None = None, 
     if workers == 1 or sum(EACH + plan.seconds * plan.write for plan in plans) < SHORT:
         ends = _one_by_one(plans, jobs, cache, address, Board(progress, names, plans, 1))
     else:
+        board = Board(progress, names, plans, workers)
         if address:
-            with cluster(address, progress.say):
+            with cluster(address, lambda text: board.say(0, text)):
                 pass  # a wrong address is one message, and not one from each process
-        ends = _Bakery(plans, resources.jobs(jobs), cache, address, Board(progress, names, plans, workers)).run()
+        ends = _Bakery(plans, resources.jobs(jobs), cache, address, board).run()
     try:
         yield from _until_failure(ends, keep_going)
     finally:

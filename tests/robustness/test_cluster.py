@@ -158,8 +158,9 @@ def test_a_late_block_is_done_by_another_worker_as_well(workers, tmp_path, monke
 
 
 @pytest.mark.slow
-def test_a_worker_of_another_version_is_left_out(call, drops, tmp_path, scheduler):
+def test_a_worker_of_another_version_is_left_out(call, drops, milk, tmp_path, scheduler, monkeypatch):
     """A real one, which says that it has another bakery; the hash is that of one machine, and one line says so."""
+    monkeypatch.setattr(many, "SHORT", 0.0)
     preload = tmp_path / "other.py"
     preload.write_text("import bakery\nbakery.__version__ = '0.1'\n")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -169,11 +170,11 @@ def test_a_worker_of_another_version_is_left_out(call, drops, tmp_path, schedule
             pass
         try:
             assert call(drops, "-o", tmp_path / "near.h5", "--force", "--jobs", 1)[0] == 0
-            status, _, err = call(drops, "-o", tmp_path / "far.h5", "--force", "--cluster", scheduler)
+            status, _, err = call(drops, milk, "-o", f"{tmp_path}/", "--force", "--cluster", scheduler, "--jobs", 2)
         finally:
             other.kill()
     assert status == 0 and err.count("cluster: ") == err.count("bakery 0.1 instead of") == 1, err
-    far, near = (read(tmp_path / name).attributes["content_hash"] for name in ("far.h5", "near.h5"))
+    far, near = (read(tmp_path / name).attributes["content_hash"] for name in ("drops.h5", "near.h5"))
     assert far == near
 
 
