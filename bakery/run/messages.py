@@ -101,8 +101,8 @@ class Map:
         self._cluster.noted(self._function, len(values), seconds)
         self._longest = max(self._longest, seconds / len(values))
         if message.late and self._left.issuperset(message.blocks):
-            self._cluster.say(f"cluster: worker {message.late} is slow: {time.monotonic() - message.sent:.0f} s more than others "
-                              "for the same blocks, which another has done meanwhile")
+            self._cluster.say(f"cluster: worker {message.late} is slow: another did the same blocks meanwhile, in "
+                              f"{time.monotonic() - message.sent:.2g} s")
         for k, value in zip(message.blocks, values, strict=True):
             self._values[k] = value
         self._left.difference_update(message.blocks)
