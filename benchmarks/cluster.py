@@ -25,7 +25,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HERE))
 
-WAY = 0.006  # seconds from a message to its values besides its blocks: `overhead`
+WAY = 0.007  # seconds from a message to its values besides its blocks: `overhead`
 WORKERS = [2**k for k in range(11)]
 RECIPES = ["fog", "fog:0.3%", "snow_storm", "cirrus"]
 

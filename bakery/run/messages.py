@@ -17,7 +17,7 @@ from queue import Empty, SimpleQueue
 
 from bakery.errors import StageError
 
-COST = 0.005  # seconds that a message takes of this process and the scheduler: benchmarks/cluster.py
+COST = 0.004  # seconds that a message takes of this process and the scheduler: benchmarks/cluster.py
 AIM = 1.0  # seconds of blocks in a message, at most
 SPARE = 0.01  # the same a thread of the cluster, so that large ones do not send more than their scheduler takes
 AHEAD = 2  # messages a thread that are under way: one that runs and the next one

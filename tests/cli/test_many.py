@@ -197,7 +197,7 @@ def test_no_worker_outlives_the_bake(tmp_path, number, status):
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_takes_one_recipe_with_it(tmp_path):
-    process, workers = start(tmp_path, "--keep-going", "--tolerance", "0.8%")
+    process, workers = start(tmp_path, "--keep-going", "--tolerance", "0.5%")
     os.kill(workers[0], signal.SIGKILL)
     out, err = process.communicate(timeout=300)
     assert process.returncode == 3 and len(out.split()) == 2, err

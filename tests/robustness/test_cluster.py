@@ -194,11 +194,14 @@ def test_workers_that_are_killed_again_and_again(call, tmp_path, monkeypatch):
         from distributed import Client
 
         with Client(address, set_as_default=False) as client:
-            for _ in range(3):
-                if stop.wait(3.0):
-                    return
-                pids = client.run(os.getpid, on_error="ignore")
-                os.kill(pids[sorted(pids)[0]], signal.SIGKILL)
+            pids, killed = client.run(os.getpid), 0
+            while killed < 3 and not stop.wait(0.1):
+                busy = next((address for address, keys in client.processing().items() if keys and address in pids), None)
+                if busy:
+                    os.kill(pids.pop(busy), signal.SIGKILL)
+                    killed += 1
+                    stop.wait(2.0)
+                    pids |= client.run(os.getpid, on_error="ignore")
 
     with running("n_workers=3, threads_per_worker=1", failures=3) as (_, address):
         stop = threading.Event()
