@@ -33,6 +33,7 @@ COMMANDS = {
     "trade": "measure error against time over a recipe's knobs, or a scene's methods",
     "schema": "print the recipe's JSON Schema",
     "cache": "look at and tidy the cache of finished stages",
+    "cluster-script": "print a script that starts a cluster for --cluster: slurm or local",
     "completion": "print the shell's completion script",
 }
 
@@ -53,7 +54,7 @@ class Commands(click.Group):
     def get_command(self, ctx, name):
         if name not in COMMANDS:
             return None
-        return import_module(f"bakery.cli.{name}").command
+        return import_module(f"bakery.cli.{name.replace('-', '_')}").command
 
     def resolve_command(self, ctx, args):
         name, command, rest = super().resolve_command(ctx, args)

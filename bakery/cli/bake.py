@@ -18,7 +18,7 @@ from bakery.cli.options import (
     sweep_option,
     verbose_option,
 )
-from bakery.errors import RecipeError, UsageError
+from bakery.errors import BakeryError, RecipeError, UsageError
 
 
 @click.command(
@@ -31,9 +31,11 @@ from bakery.errors import RecipeError, UsageError
               help="Asset to write; DIR/ puts NAME.h5 into a folder.")
 @recipe_options
 @sweep_option
-@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads; all processors by default (or BAKERY_JOBS).")
+@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N",
+              help="Threads, of all recipes together; all processors by default (or BAKERY_JOBS).")
 @click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
 @click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
+@click.option("--keep-going", "-k", is_flag=True, help="Of several recipes bake the others also where one fails.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 @click.option("--depfile", type=click.Path(), metavar="FILE",
               help="Write the files that the asset depends on, in Make's syntax.")
@@ -41,19 +43,17 @@ from bakery.errors import RecipeError, UsageError
 @json_option
 @quiet_option
 @verbose_option
-def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, cluster, force, dry_run, depfile,
-            overwrite, as_json, quiet, verbose):
+def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, cluster, force, keep_going, dry_run,
+            depfile, overwrite, as_json, quiet, verbose):
     """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise; a recipe that sweeps keys into a family of them.
 
     Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset,
-    and nothing else, on standard output.
+    and nothing else, on standard output.  Several recipes share the processors; those that failed are listed at the end.
     """
-    from pathlib import Path
-
     from bakery.run import files_of
-    from bakery.run.bake import executed, planned
+    from bakery.run.bake import planned
     from bakery.run.cache import Cache
-    from bakery.run.progress import Named, choose
+    from bakery.run.progress import choose
     from bakery.store.outputs import ASSET, DEPFILE, check_outputs
 
     if len(recipes) > 1 and output and not output.endswith("/"):
@@ -63,49 +63,109 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     progress = choose(quiet or dry_run)
     try:
         cache = Cache(say=progress.say)
-        plans, problems = [], []
+        plans, problems, failures = {}, [], {}
         values = settings_of(quality, tolerance, seed, settings, sweeps)
-        for recipe in recipes:
+        for index, recipe in enumerate(recipes):
             try:
                 wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
-                plans.append(planned(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
-                                     jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs))
+                plans[index] = planned(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
+                                       jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs)
             except RecipeError as error:
                 problems += error.problems
-        if problems:
+                failures[index] = str(error), error.exit_status
+            except BakeryError as error:
+                if not keep_going:
+                    raise
+                failures[index] = str(error), error.exit_status
+        if problems and not keep_going:
             raise RecipeError(problems)
-        targets = [os.path.realpath(plan.output) for plan in plans]
-        for i, target in enumerate(targets):
-            if target in targets[:i]:
-                raise UsageError(f"{recipes[targets.index(target)]} and {recipes[i]} would both become {plans[i].output}; "
-                                 "give each its own name or bake them apart")
-        check_outputs([(plan.output, ASSET) for plan in plans] + ([(depfile, DEPFILE)] if depfile else []),
-                      [file for plan in plans for file in files_of(plan.recipe)] + list(scenes), overwrite)
+        _check_apart(recipes, plans)
+        check_outputs([(plan.output, ASSET) for plan in plans.values()] + ([(depfile, DEPFILE)] if depfile else []),
+                      [file for plan in plans.values() for file in files_of(plan.recipe)] + list(scenes), overwrite)
         if dry_run:
             from bakery.cli.plan import show
 
-            show(plans, as_json, verbose)
-            return
-        reports = []
-        for recipe, plan in zip(recipes, plans, strict=True):
-            reporter = Named(progress, recipe) if len(plans) > 1 else progress
-            baked = executed(plan, cache=cache, jobs=jobs, address=cluster, progress=reporter)
-            if depfile:
-                from bakery.run import depfile as rules
-
-                rules.write(Path(depfile), str(plan.output), [str(file) for file in baked.files])
-            if verbose:
-                for step in baked.steps:
-                    reporter.say(f"{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
-            reports.append(baked.as_dict())
-            if not as_json:
-                print_paths([baked.output])
-                if not baked.written:
-                    reporter.say(f"{baked.output} is up to date")
-            for miss in baked.missed:
-                click.echo(f"{baked.output}: {miss}", err=True)
-        if as_json:
-            print_json(reports)
-        return 3 if any(report["missed"] for report in reports) else 0
+            show(list(plans.values()), as_json, verbose)
+            return _tell(recipes, failures, {}) if failures else 0
+        run = {"jobs": jobs, "cache": cache, "address": cluster, "progress": progress}
+        return _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
     finally:
         progress.close()
+
+
+def _check_apart(recipes, plans) -> None:
+    """UsageError where two recipes would become one asset."""
+    targets = {}
+    for index, plan in plans.items():
+        other = targets.setdefault(os.path.realpath(plan.output), index)
+        if other != index:
+            raise UsageError(f"{recipes[other]} and {recipes[index]} would both become {plan.output}; "
+                             "give each its own name or bake them apart")
+
+
+def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose) -> int:
+    """Bake, print in the order of the recipes what came of it, and give the exit status; arguments as of the command."""
+    from pathlib import Path
+
+    from bakery.run.bake import executed
+    from bakery.run.many import Outcome, bake_all
+
+    order, progress = list(plans), run["progress"]
+    if len(recipes) == 1 and order:
+        outcomes = iter([Outcome(0, executed(plans[0], **run))])
+    else:
+        outcomes = bake_all([recipes[index] for index in order], [plans[index] for index in order], keep_going=keep_going, **run)
+    done, printed = {}, 0
+    for outcome in outcomes:
+        index = order[outcome.index]
+        if outcome.baked is None:
+            failures[index] = outcome.message, outcome.status
+            continue
+        done[index] = outcome.baked
+        name = f"{recipes[index]}: " if len(recipes) > 1 else ""
+        if depfile:
+            from bakery.run import depfile as rules
+
+            rules.write(Path(depfile), str(plans[index].output), [str(file) for file in outcome.baked.files])
+        if verbose:
+            for step in outcome.baked.steps:
+                progress.say(f"{name}{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
+        if not as_json:
+            printed = _print_paths(recipes, done, failures, printed)
+            if not outcome.baked.written:
+                progress.say(f"{name}{outcome.baked.output} is up to date")
+        for miss in outcome.baked.missed:
+            click.echo(f"{outcome.baked.output}: {miss}", err=True)
+    progress.close()
+    if as_json:
+        print_json([done[index].as_dict() if index in done else _failure(recipe, *failures.get(index, ("", 0)))
+                    for index, recipe in enumerate(recipes)])
+    else:
+        _print_paths(recipes, done, dict.fromkeys(range(len(recipes))), printed)
+    return max(_tell(recipes, failures, done), *(3 if baked.missed else 0 for baked in done.values()), 0)
+
+
+def _print_paths(recipes, done, failures, printed: int) -> int:
+    """Print the assets of the first recipes that have ended; how many of the recipes that makes."""
+    while printed < len(recipes) and (printed in done or printed in failures):
+        if printed in done:
+            print_paths([done[printed].output])
+        printed += 1
+    return printed
+
+
+def _failure(recipe, message: str, status: int) -> dict:
+    """Of a recipe without an asset, for machines: what went wrong, or that it was not started (status 0)."""
+    return {"recipe": str(recipe), "failed": message or "not started", "status": status}
+
+
+def _tell(recipes, failures, done) -> int:
+    """Say at the end which recipes failed, and how many were not started; the worst exit status."""
+    left = len(recipes) - len(failures) - len(done)
+    if failures:
+        more = f", {left} not started (--keep-going goes on)" if left else ""
+        click.echo(f"{len(failures)} of {len(recipes)} recipes failed{more}:", err=True)
+    for index, (message, _) in sorted(failures.items()):
+        named = message if message.startswith(recipes[index]) else f"{recipes[index]}: {message}"
+        click.echo(named, err=True)
+    return max((status for _, status in failures.values()), default=0)

@@ -175,7 +175,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
         return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings)
     if any(step.action == RUN for step in plan.steps):
-        pool = nullcontext(executor) if executor else cluster(address) if address else threads(workers)
+        pool = nullcontext(executor) if executor else cluster(address, progress.say) if address else threads(workers)
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []

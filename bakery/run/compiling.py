@@ -33,7 +33,12 @@ SECONDS = {
 
 def expected(modules: Iterable[str]) -> float:
     """Seconds that compiling is going to take of kernels in `modules` (`mie._kernels`), 0 where this machine has them all."""
-    return sum(SECONDS[module] for module in modules if not _compiled(module))
+    return sum(SECONDS[module] for module in missing(modules))
+
+
+def missing(modules: Iterable[str]) -> list[str]:
+    """Those of some modules of whose kernels this machine has none compiled."""
+    return [module for module in modules if not _compiled(module)]
 
 
 def _compiled(module: str) -> bool:

@@ -1,101 +1,132 @@
-"""Blocks on a Dask cluster: a few messages a call, what all blocks share sent once, one line when the cluster fails."""
+"""Blocks on a Dask cluster: which workers get some, what they share sent once, a line for each thing that goes wrong.
+
+Only workers that have been asked for their versions get blocks: each message names those that may run it.
+"""
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import pickle
 import re
+import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 
 from bakery.errors import StageError, UsageError
 from bakery.run.executors import library_versions
+from bakery.run.messages import LOOK, RESUME, ClusterLost, Map, run
 
-# messages a thread of the cluster and call: blocks of grains take 9 ms, a message takes scheduler and client about as long
-_PIECES = 4
+HERE = 0.03  # seconds of blocks that are done here sooner than a message comes back
 _LARGE = 20_000  # bytes of shared arguments from which on they travel apart from the blocks
 _KEPT = 8  # shared arguments that the workers keep
-_LOOK, _PATIENCE = 2.0, 30.0  # seconds between looks at a cluster that is silent, and without any worker before we give up
-_ANSWER = "10s"  # for a scheduler to answer, for its workers to appear
+_ANSWER = "30s"  # for a scheduler to answer, for its workers to appear
 _LOGGERS = "distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application"
-_KEPT_STAGES = "finished stages are in the cache"
+_REMEDY = "install the same there and start it again"
 
 
 class Cluster(Executor):
-    """Runs blocks on the workers of a Dask scheduler.
+    """Runs blocks on those workers of a Dask scheduler that have the versions of this process.
 
     Parameters
     ----------
     client : distributed.Client
+    say : takes remarks on workers
+
+    Attributes
+    ----------
+    threads : of each worker that gets blocks, by address
     """
 
-    def __init__(self, client):
-        self._client = client
-        self._executor = client.get_executor(pure=False)
-        self._shared = OrderedDict()
-
-    def submit(self, function, /, *arguments, **named) -> Future:
-        """One call by itself."""
-        return self._executor.submit(function, *arguments, **named)
+    def __init__(self, client, say: Callable[[str], None] = lambda text: None):
+        self._client, self.say = client, say
+        self._executor = client.get_executor(pure=False)  # its futures fetch values while this thread sends more
+        self.threads: dict[str, int] = {}
+        self.refused: dict[str, str] = {}  # address -> why
+        self._shared, self._pace, self._looked = OrderedDict(), {}, -1e9
 
     def map(self, function: Callable, *columns) -> list:
         """`[function(*task) for task in zip(*columns)]`.
 
         Raises
         ------
-        StageError : the scheduler is gone, or no worker is left, or a block ended its workers
+        StageError : a block ended its workers
+        ClusterLost : the scheduler is gone, or no worker is left
         """
         tasks = list(zip(*columns, strict=True))
-        if not tasks:
-            return []
+        # a function's blocks may differ much, but stages map the same ones again and again
+        if len(tasks) * self._pace.get(_name(function), 1.0) < HERE:
+            started = time.monotonic()
+            values = [function(*task) for task in tasks]
+            self.noted(function, len(tasks), time.monotonic() - started)
+            return values
         with self._told():
-            number = min(len(tasks), _PIECES * max(1, sum(self._client.nthreads().values())))
-            common, tasks = _divided(tasks)
-            common = self._sent(pickle.dumps((function, common), protocol=5))
-            # every number-th block: neighbours often take alike, and one message should not get all the long ones
-            futures = [self._executor.submit(_run, common, pickle.dumps(tasks[k::number], protocol=5)) for k in range(number)]
-            values = [None] * len(tasks)
-            try:
-                for k, future in enumerate(futures):
-                    values[k::number] = self._result(future)
-            finally:
-                for future in futures:
-                    future.cancel()
-        return values
+            return Map(self, function, tasks).values()
 
-    def _sent(self, common: bytes):
+    def noted(self, function: Callable, blocks: int, seconds: float) -> None:
+        """Remember how long blocks of a function take."""
+        before = self._pace.get(_name(function), seconds / max(blocks, 1))
+        self._pace[_name(function)] = 0.5 * (before + seconds / max(blocks, 1))
+
+    def pace(self, function: Callable) -> float | None:
+        """Seconds of one of a function's blocks; None where that is not known."""
+        return self._pace.get(_name(function))
+
+    def look(self) -> None:
+        """Learn, now and then, which workers there are."""
+        if self._client.status != "running":
+            raise CancelledError
+        if time.monotonic() - self._looked < LOOK:
+            return
+        try:
+            present = self._client.nthreads()
+            new = sorted(present.keys() - self.threads.keys() - self.refused.keys())
+            told = self._client.run(library_versions, workers=new, on_error="return") if new else {}
+        except OSError as error:
+            raise CancelledError from error
+        self._looked = time.monotonic()
+        gone = sorted(self.threads.keys() - present.keys())
+        for address in gone:
+            self.say(f"cluster: worker {address} is gone; what it had is done again")
+        for address in sorted(told):
+            if not isinstance(told[address], OSError):  # it has died since it was listed
+                self._judge(address, told[address], present[address])
+        self.threads = {address: count for address, count in self.threads.items() if address in present}
+        if gone or new:
+            self._shared.clear()  # it was for the workers of that time
+
+    def _judge(self, address: str, theirs, threads: int) -> None:
+        """Let a worker have blocks, or refuse it."""
+        reason = _unlike(theirs, library_versions())
+        if reason:
+            self.refused[address] = reason
+            self.say(f"cluster: worker {address} gets no blocks: {reason}; {_REMEDY}")
+        else:
+            self.threads[address] = threads
+
+    def sent(self, common: bytes, key: str):
         """What stands for the shared arguments in a message: themselves, or a task that unpacks them, once a worker.
 
         A task and not scattered data: the scheduler can have it done again where the worker that did it has died.
         """
         if len(common) < _LARGE:
             return common
-        key = "shared-" + hashlib.sha256(common).hexdigest()
         if key not in self._shared:
-            self._shared[key] = self._client.submit(pickle.loads, common, key=key)
+            self._shared[key] = self._client.submit(pickle.loads, common, pure=False, workers=list(self.threads))
             while len(self._shared) > _KEPT:
                 self._shared.popitem(last=False)
         self._shared.move_to_end(key)
         return self._shared[key]
 
-    def _result(self, future: Future):
-        """Of a message, with a look now and then at whether anybody is working on it."""
-        idle = 0.0
-        while True:
-            try:
-                return future.result(timeout=_LOOK)
-            except TimeoutError:
-                if future.done():
-                    raise  # of the block itself
-            if self._client.status != "running":
-                raise CancelledError
-            idle = 0.0 if self._client.nthreads() else idle + _LOOK
-            if idle >= _PATIENCE:
-                raise StageError(f"the cluster has had no worker for {_PATIENCE:g} s; {_KEPT_STAGES}")
+    def send(self, key: str, workers: Sequence[str], *arguments) -> Future:
+        """The future of a message, which one of some workers runs."""
+        return self._executor.submit(run, *arguments, key=key, workers=list(workers))
+
+    def holder(self, key: str) -> str | None:
+        """The worker that has a message."""
+        return next((address for address, keys in self._client.processing().items() if key in keys), None)
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -110,12 +141,15 @@ class Cluster(Executor):
         except (CancelledError, OSError) as error:
             if isinstance(error, OSError) and self._client.status == "running":
                 raise
-            raise StageError(f"the scheduler of the cluster is gone; {_KEPT_STAGES}") from error
+            raise ClusterLost(f"the scheduler of the cluster is gone; {RESUME}") from error
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Cluster]:
-    """The workers of a Dask scheduler, which run the same bakery and the same libraries; its own messages are kept quiet."""
+def cluster(address: str, say: Callable[[str], None] = lambda text: None) -> Iterator[Cluster]:
+    """The workers of a Dask scheduler, which run the same bakery and the same libraries; its own messages are kept quiet.
+
+    `say` takes remarks on workers: those that are refused for their versions, that die, that are slow.
+    """
     try:
         from distributed import Client
     except ImportError:
@@ -128,23 +162,30 @@ def cluster(address: str) -> Iterator[Cluster]:
         except (OSError, ValueError) as error:
             raise UsageError(f'--cluster: found "{address}", where no Dask scheduler answers ({error})') from None
         with client:
-            _check_workers(client)
-            yield Cluster(client)
+            yield _connected(client, say)
 
 
-def _check_workers(client) -> None:
+def _connected(client, say) -> Cluster:
+    """A cluster that has workers to run blocks on."""
     try:
         client.wait_for_workers(1, timeout=_ANSWER)
     except TimeoutError:
         raise UsageError(f"--cluster: the scheduler at {client.scheduler.address} has no workers") from None
-    ours = library_versions()
-    for worker, theirs in client.run(library_versions, on_error="return").items():
-        if isinstance(theirs, OSError):
-            continue  # it has died since it was listed: blocks go to the others, or to the one that is started in its place
-        if isinstance(theirs, Exception):
-            raise UsageError(f"--cluster: worker {worker} does not tell its versions ({type(theirs).__name__}: {theirs})")
-        if theirs != ours:
-            raise UsageError(f"--cluster: worker {worker} has {theirs}, here are {ours}; equal versions give equal values")
+    found = Cluster(client, say)
+    found.look()
+    if found.refused and not found.threads:
+        address, reason = next(iter(found.refused.items()))
+        raise UsageError(f"--cluster: worker {address} gets no blocks: {reason}; equal versions give equal values: {_REMEDY}")
+    return found
+
+
+def _unlike(theirs, ours: dict[str, str]) -> str:
+    """How the versions of a worker differ from those here; empty where they do not."""
+    if isinstance(theirs, Exception):
+        return f"it does not tell its versions ({type(theirs).__name__}: {theirs})"
+    found = [f"{name} {theirs.get(name, 'missing')} instead of {version}" for name, version in ours.items()
+             if theirs.get(name) != version]
+    return f"it has {', '.join(found)}" if found else ""
 
 
 @contextmanager
@@ -166,18 +207,5 @@ def _nothing(record: logging.LogRecord) -> bool:
     return False
 
 
-def _divided(tasks: list[tuple]) -> tuple[dict, list[tuple]]:
-    """Arguments that are one object in all tasks, by place, and the others of each task."""
-    common = {k: first for k, first in enumerate(tasks[0]) if all(task[k] is first for task in tasks)}
-    return common, [tuple(value for k, value in enumerate(task) if k not in common) for task in tasks]
-
-
-def _run(common, tasks: bytes) -> list:
-    """Values of a message's blocks; runs in a worker."""
-    # unpacked here and not by Dask: its arrays are read-only, and kernels would be compiled anew for such
-    function, common = pickle.loads(common) if isinstance(common, bytes) else common
-    values = []
-    for task in pickle.loads(tasks):
-        rest = iter(task)
-        values.append(function(*(common[k] if k in common else next(rest) for k in range(len(common) + len(task)))))
-    return values
+def _name(function: Callable) -> str:
+    return getattr(function, "__name__", "")

@@ -7,8 +7,9 @@ Values do not depend on the choice: blocks are fixed by a stage's inputs and com
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from threading import Condition
 
 import bakery
 from bakery.errors import StageError
@@ -60,8 +61,43 @@ def threads(count: int) -> Iterator[Executor]:
     executor.shutdown()
 
 
+class Lent(ThreadPoolExecutor):
+    """Threads of this process of which only as many run at once as are lent to it just now.
+
+    Parameters
+    ----------
+    most : threads that may be lent, at first one
+    """
+
+    def __init__(self, most: int):
+        super().__init__(most, thread_name_prefix="bake")
+        self._turn, self._lent, self._busy = Condition(), 1, 0
+
+    def lend(self, count: int) -> None:
+        """So many threads from now on; blocks that run are not stopped."""
+        with self._turn:
+            self._lent = count
+            self._turn.notify_all()
+
+    def submit(self, function, /, *arguments, **named) -> Future:
+        return super().submit(self._run, function, arguments, named)
+
+    def _run(self, function, arguments, named):
+        with self._turn:
+            self._turn.wait_for(lambda: self._busy < self._lent)
+            self._busy += 1
+        try:
+            return function(*arguments, **named)
+        finally:
+            with self._turn:
+                self._busy -= 1
+                self._turn.notify()
+
+
 def library_versions() -> dict[str, str]:
     """Versions of what decides the values of a block."""
     from importlib.metadata import version
+    from platform import python_version_tuple
 
-    return {"bakery": bakery.__version__} | {name: version(name) for name in ("numba", "numpy", "scipy")}
+    own = {"bakery": bakery.__version__, "python": ".".join(python_version_tuple()[:2])}
+    return own | {name: version(name) for name in ("numba", "numpy", "scipy")}

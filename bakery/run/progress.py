@@ -235,34 +235,6 @@ class Bar(Progress):
         self._bar.stop()
 
 
-class Named(Progress):
-    """Another's words with a name before them: which of several recipes they are about."""
-
-    def __init__(self, other: Progress, name: str):
-        self._other, self._name = other, name
-
-    def stage(self, name, *expected):
-        self._other.stage(f"{self._name}: {name}", *expected)
-
-    def update(self, *state):
-        self._other.update(*state)
-
-    def compiling(self, active):
-        self._other.compiling(active)
-
-    def done(self, name, text):
-        self._other.done(f"{self._name}: {name}", text)
-
-    def begin(self, text):
-        self._other.begin(f"{self._name}: {text}")
-
-    def end(self):
-        self._other.end()
-
-    def say(self, text):
-        self._other.say(f"{self._name}: {text}")
-
-
 def choose(quiet: bool = False) -> Progress:
     """The kind that fits standard error."""
     if quiet:

@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
-from concurrent.futures import Future
+import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bakery.errors import StageError, UsageError
-from bakery.run import dask
+from bakery.run import dask, many, messages
+from bakery.run.executors import library_versions
 from bakery.store.read import read
-from tests.conftest import ROOT
+from tests.conftest import DROPS, ROOT
 from tests.robustness import blocks
 
 
 @contextmanager
-def running(settings="n_workers=2, threads_per_worker=1"):
-    """A process with a scheduler and two workers that are started again when they die; a block may end one worker, not two."""
+def running(settings="n_workers=2, threads_per_worker=1", failures=1):
+    """A process with a scheduler and two workers that are started again when they die; a block may end so many workers."""
     code = ("from distributed import LocalCluster\n"
             "if __name__ == '__main__':\n"
             f"    with LocalCluster({settings}, dashboard_address=None) as cluster:\n"
             "        print(cluster.scheduler_address, flush=True)\n"
             "        input()\n")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(failures)}
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                           stderr=subprocess.DEVNULL, env=environment) as process:
         yield process, process.stdout.readline().strip()
@@ -96,40 +99,123 @@ def test_faults_of_a_block_are_not_those_of_the_cluster(workers):
         workers.map(blocks.refused, range(3))
 
 
-def test_a_worker_that_dies_before_it_tells_its_versions_is_passed_over():
-    class Shrunk:
-        def wait_for_workers(self, count, timeout):
-            pass
+class Listed:
+    """A client whose workers answer as it is told."""
 
-        def run(self, function, on_error):
-            assert on_error == "return"
-            return {"tcp://here:1": function(), "tcp://gone:2": OSError("Address removed."), **self.more}
+    status = "running"
+    scheduler = SimpleNamespace(address="tcp://here:0")
 
-    Shrunk.more = {}
-    dask._check_workers(Shrunk())
-    Shrunk.more = {"tcp://odd:3": ImportError("No module named 'bakery'")}
-    with pytest.raises(UsageError, match="tcp://odd:3 does not tell its versions"):
-        dask._check_workers(Shrunk())
+    def __init__(self, **answers):
+        self.answers = answers
+
+    def wait_for_workers(self, count, timeout):
+        pass
+
+    def get_executor(self, **options):
+        return None
+
+    def nthreads(self):
+        return dict.fromkeys(self.answers, 1)
+
+    def run(self, function, workers, on_error):
+        assert on_error == "return"
+        return {name: self.answers[name] for name in workers}
+
+
+def test_only_workers_with_our_versions_get_blocks(monkeypatch):
+    monkeypatch.setattr(dask, "LOOK", 0.0)
+    ours, said = library_versions(), []
+    client = Listed(good=ours, old={**ours, "numba": "0.1"}, odd=ImportError("No module named 'bakery'"), dying=OSError("gone"))
+    found = dask._connected(client, said.append)
+    assert found.threads == {"good": 1}
+    assert [line.split(";")[0] for line in said] == [
+        "cluster: worker odd gets no blocks: it does not tell its versions (ImportError: No module named 'bakery')",
+        f"cluster: worker old gets no blocks: it has numba 0.1 instead of {ours['numba']}"]
+    client.answers = {"old": client.answers["old"], "dying": ours}  # it answers this time, the good one is gone
+    said.clear()
+    found.look()
+    assert found.threads == {"dying": 1} and said == ["cluster: worker good is gone; what it had is done again"]
+    del client.answers["dying"]
+    with pytest.raises(UsageError, match="old gets no blocks: it has numba 0.1.*equal versions"):
+        dask._connected(client, said.append)
 
 
 @pytest.mark.slow
 def test_a_cluster_without_workers_is_not_waited_for_without_end(monkeypatch):
-    class Deserted:
-        status = "running"
+    monkeypatch.setattr(messages, "LOOK", 0.01)
+    monkeypatch.setattr(messages, "_PATIENCE", 0.02)
+    with pytest.raises(messages.ClusterLost, match="no worker"):
+        dask.Cluster(Listed()).map(blocks.deadly, range(3))
 
-        def get_executor(self, **options):
-            return self
 
-        def submit(self, *arguments, **options):
-            return Future()  # never done
+@pytest.mark.slow
+def test_a_late_block_is_done_by_another_worker_as_well(workers, tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr(workers, "say", said.append)
+    monkeypatch.setattr(messages, "_LATE", 1.0)
+    assert workers.map(blocks.slow_once, [tmp_path / "slow"] * 6, range(6)) == list(range(6))
+    assert len(said) == 1 and "is slow" in said[0]
 
-        def nthreads(self):
-            return {}
 
-    monkeypatch.setattr(dask, "_LOOK", 0.01)
-    monkeypatch.setattr(dask, "_PATIENCE", 0.02)
-    with pytest.raises(StageError, match="no worker"):
-        dask.Cluster(Deserted()).map(blocks.deadly, range(3))
+@pytest.mark.slow
+def test_a_worker_of_another_version_is_left_out(call, drops, milk, tmp_path, scheduler, monkeypatch):
+    """A real one, which says that it has another bakery; the hash is that of one machine, and one line says so."""
+    monkeypatch.setattr(many, "SHORT", 0.0)
+    preload = tmp_path / "other.py"
+    preload.write_text("import bakery\nbakery.__version__ = '0.1'\n")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", scheduler, "--nthreads", "1", "--no-dashboard",
+                           "--no-nanny", "--preload", str(preload)], env=environment, stderr=subprocess.PIPE, text=True) as other:
+        while "Registered to" not in other.stderr.readline():
+            pass
+        try:
+            assert call(drops, "-o", tmp_path / "near.h5", "--force", "--jobs", 1)[0] == 0
+            status, _, err = call(drops, milk, "-o", f"{tmp_path}/", "--force", "--cluster", scheduler, "--jobs", 2)
+        finally:
+            other.kill()
+    assert status == 0 and err.count("cluster: ") == err.count("bakery 0.1 instead of") == 1, err
+    far, near = (read(tmp_path / name).attributes["content_hash"] for name in ("drops.h5", "near.h5"))
+    assert far == near
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_again_and_again(call, tmp_path, monkeypatch):
+    """Three recipes at once while three workers are killed, one after another: the hashes of one machine."""
+    monkeypatch.setattr(many, "SHORT", 0.0)
+    recipes = []
+    for k in range(3):
+        recipes.append(tmp_path / f"r{k}.yaml")
+        recipes[-1].write_text(DROPS.format(name=f"r{k}", tolerance="0.7%", radius=f"{9 + k} um").replace(" 3 um", " 60 um"))
+    for name in "near", "far":
+        (tmp_path / name).mkdir()
+    assert call(*recipes, "-o", f"{tmp_path}/near/", "--force", "--jobs", 2)[0] == 0
+
+    def kill(address):
+        from distributed import Client
+
+        with Client(address, set_as_default=False) as client:
+            pids, killed = client.run(os.getpid), 0
+            while killed < 3 and not stop.wait(0.1):
+                busy = next((address for address, keys in client.processing().items() if keys and address in pids), None)
+                if busy:
+                    os.kill(pids.pop(busy), signal.SIGKILL)
+                    killed += 1
+                    stop.wait(2.0)
+                    pids |= client.run(os.getpid, on_error="ignore")
+
+    with running("n_workers=3, threads_per_worker=1", failures=3) as (_, address):
+        stop = threading.Event()
+        killer = threading.Thread(target=kill, args=(address,))
+        killer.start()
+        try:
+            status, _, err = call(*recipes, "-o", f"{tmp_path}/far/", "--force", "--jobs", 2, "--cluster", address)
+        finally:
+            stop.set()
+            killer.join()
+    assert status == 0 and "is gone; what it had is done again" in err, err
+    for recipe in recipes:
+        far, near = (read(tmp_path / folder / f"{recipe.stem}.h5").attributes["content_hash"] for folder in ("far", "near"))
+        assert far == near
 
 
 @pytest.mark.slow
