@@ -57,7 +57,8 @@ def of(scene, share: float | None = None) -> Split:
     """
     values, share = scene.values, scene.share if share is None else share
     tolerance, noise = values.tolerance or DEFAULT, values.stop.noise
-    approximations = scene.rules.approximations(values, tolerance)
+    stated = getattr(scene.rules, "approximations", None)
+    approximations = stated(values, tolerance) if stated else 0.0
     left = tolerance**2 - approximations**2
     left = left if left > 0 else tolerance**2
     if noise is None:

@@ -28,12 +28,6 @@ UNUSED = {
     "film": "none: it takes the size of the picture",
     "stop.samples": "picture: {samples: …}, of a Mitsuba scene",
 }
-PACE = None  # the noise is Mitsuba's
-
-
-def approximations(values: Common, tolerance: float) -> float:
-    """The filter's errors (docs/screen.md) go by the picture, and are in no tolerance."""
-    return 0.0
 
 
 # ---- the picture
