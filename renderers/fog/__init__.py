@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 
-_ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a surface are taken to lie; 2e-3 from infinity
-
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None,
            overwrite=False) -> dict:
@@ -42,8 +40,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     from bakery.errors import UsageError
     from renderers import colour
-    from renderers.fog import filter as screen_filter
     from renderers.fog import kernels, noise
+    from renderers.fog.view import View
     from renderers.running import Render, rgb_layers
 
     job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
@@ -55,53 +53,35 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
         raise scene.wrong("asset", error) from None
     density = _density(scene, threads)
     job.part_over("prepare")
-    picture = _picture(scene, quality, variant, seed, job.progress(0.0, 0.5))
+
+    def view_of(camera, distance):
+        return View(scene, medium, density, camera, distance, threads)
+
+    picture = _picture(scene, quality, variant, seed, job.progress(0.0, 0.5), view_of)
     job.part_over("picture")
-    height, width = picture.distance.shape
-    rays, origin = picture.camera.rays(height, width), picture.camera.origin
-    distance, sky = _finite(scene, density, origin, picture.distance)
-    moments = density.integrals(origin, rays.reshape(-1, 3), distance.ravel()).reshape(height, width, 3)
-    column = moments[..., 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        lever = np.where(column > 0, np.sqrt(3 * moments[..., 2] / column), distance)
+    view = view_of(picture.camera, picture.distance)
     job.part_over("density")
-    depth = column[..., None] * _spread(medium.sigma_t)
-    # linear in the light: with L all around one sees L but for what is absorbed, and surfaces differ from L by col - L
-    ambient = sum((_spread(light.radiance) for light in values.fog.light if light.type == "ambient"), np.zeros(3))
-    outside, energy = ("black", "lost") if ambient.any() else ("edge", "kept")
-    outside, energy = values.filter.outside or outside, values.filter.energy or energy
-    angle = picture.camera.angle(height, width)
-
-    view, through = (angle, distance, column, lever), np.exp(-depth)
-
-    def fogged(rgb, angle, distance, column, lever, progress=None):
-        return screen_filter.fogged(rgb, distance, angle, column, lever, medium, energy=energy, outside=outside,
-                                    cut_off=values.filter.cut_off, threads=threads, progress=progress)
-
-    result = fogged(picture.rgb - ambient, *view, job.progress(0.5, 0.9))
-    unsure = None if picture.unsure is None else noise.filtered(picture.unsure, through, view, fogged)
-    if ambient.any():
-        # where nearer things absorb less than a pixel's own path the sum is too small: no less than the unscattered light
-        result = np.maximum(result + ambient * (through + sum(medium.powers(column, energy))), through * picture.rgb)
+    result = view.seen(picture.rgb, job.progress(0.5, 0.9))
+    unsure = None if picture.unsure is None else view.unsure(picture.unsure)
     job.part_over("filter")
     if progress:
         progress(0.9)
-    added = _sunlight(scene, asset, medium, density, origin, rays, distance)
+    added = _sunlight(scene, asset, medium, density, view.origin, view.rays, view.distance)
     job.part_over("sun")
     result = result + added
     total = float(np.mean(result @ colour.LUMINANCE))
-    direct = float(np.mean((through * picture.rgb) @ colour.LUMINANCE))
+    direct = float(np.mean((view.through * picture.rgb) @ colour.LUMINANCE))
     share = {"share_scattered": 1 - direct / total, "share_sun": float(np.mean(added @ colour.LUMINANCE)) / total} \
         if total > 0 else {"share_scattered": 0.0, "share_sun": 0.0}
-    depths = {name: [float(f(depth[..., c])) for c in range(3)]
+    depths = {name: [float(f(view.depth[..., c])) for c in range(3)]
               for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
-    beside = "ambient light" if ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[outside]
+    beside = "ambient light" if view.ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[view.outside]
     layers = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}
     return job.finish(result, layers=layers if unsure is None else layers | noise.layers(unsure),
                       method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture"],
                       samples=picture.made.get("samples"), picture=picture.made,
                       noise=None if unsure is None else noise.relative(unsure, total),
-                      without_surface=int(sky.sum()), distance=[float(distance.min()), float(distance.max())],
+                      without_surface=int(view.sky.sum()), distance=[float(view.distance.min()), float(view.distance.max())],
                       optical_depth=depths, **share)
 
 
@@ -115,7 +95,7 @@ def describe(report) -> list[str]:
         f"{picture['variant']} ({picture['reason']})"
     sky = f"; {report['without_surface']:,} pixels without a surface" if report["without_surface"] else ""
     red, green, blue = (" / ".join(f"{depth[name][c]:.3g}" for name in depth) for c in range(3))
-    seen = "" if report["noise"] is None else [f"noise {100 * report['noise']:.2g} %"]
+    seen = [] if report["noise"] is None else [f"noise {100 * report['noise']:.2g} %"]
     return running.describe(report, [
         f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}", *seen,
         f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
@@ -144,7 +124,7 @@ def _density(scene, threads):
         raise scene.wrong("fog.density", error) from None
 
 
-def _picture(scene, quality, variant, seed, progress):
+def _picture(scene, quality, variant, seed, progress, view_of=None):
     from bakery.errors import UsageError
     from renderers import budget
     from renderers.fog import picture
@@ -155,7 +135,7 @@ def _picture(scene, quality, variant, seed, progress):
         noise = budget.of(scene).noise if scene.values.tolerance or stop.noise else None
         return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, noise=noise, time=stop.time,
                                     unit=section.unit, variant=variant, quality=quality or "final", seed=seed or 0,
-                                    progress=progress)
+                                    view_of=view_of, progress=progress)
     if not (quality is None and variant is None and seed is None):
         raise UsageError(f"{scene.path}: found a quality, variant or seed, which are those of Mitsuba scenes; none would do, "
                          "as this picture comes from files")
@@ -164,39 +144,15 @@ def _picture(scene, quality, variant, seed, progress):
                               unit=section.unit, sky=section.sky)
 
 
-def _finite(scene, density, origin, distance):
-    """Distances with those of pixels without a surface at `far`, and which pixels these are."""
-    import numpy as np
-
-    sky, far = np.isinf(distance), scene.values.picture.far
-    farthest = float(distance[~sky].max(initial=0.0))
-    if far is not None and far < farthest:
-        raise scene.wrong("picture.far", f"found {far:g} m, nearer than the farthest surface; {farthest:.4g} m or more would do")
-    if far is None and sky.any():
-        reach = density.reach(origin)
-        if not np.isfinite(reach):
-            y, x = np.argwhere(sky)[0]
-            raise scene.wrong("picture", f"found {sky.sum():,} pixels without a surface (the first in row {y}, column {x}) in "
-                              "fog that goes on for ever; `far: 1 km`, where they are taken to lie, would do")
-        far = max(_ENDLESS * reach, farthest, 1.0)
-    return np.where(sky, far, distance), sky
-
-
-def _spread(values):
-    """Red, green and blue from one value or three."""
-    import numpy as np
-
-    return np.broadcast_to(np.asarray(values, float), 3)
-
-
 def _sunlight(scene, asset, medium, density, origin, rays, distance):
     """What the fog scatters of parallel light from outside the picture, (H, W, 3)."""
     import numpy as np
 
     from bakery.errors import UsageError
     from renderers.fog import external
+    from renderers.fog.view import spread
 
-    suns = [external.Sun(tuple(light.direction), tuple(_spread(light.irradiance)))
+    suns = [external.Sun(tuple(light.direction), tuple(spread(light.irradiance)))
             for light in scene.values.fog.light if light.type == "sun"]
     if not suns:
         return np.zeros(rays.shape)
@@ -206,8 +162,8 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
         return values[np.argsort(-np.asarray(asset.wavelength))] if len(values) == 3 else np.repeat(values, 3, axis=0)
 
     try:
-        values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), _spread(medium.sigma_t),
-                                    _spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
+        values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), spread(medium.sigma_t),
+                                    spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
     return values.reshape(rays.shape)

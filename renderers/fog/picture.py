@@ -189,7 +189,8 @@ def _refuse_too_large(path, height, width):
 # ---- from a Mitsuba scene
 
 
-def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality="final", variant=None, seed=0, progress=None):
+def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality="final", variant=None, seed=0, view_of=None,
+                 progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
     Parameters
@@ -197,9 +198,10 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     path : Mitsuba XML, without fog; its first sensor is a perspective camera
     samples : a pixel, at most; `quality` takes a share of them.  If None as many as the noise takes, or where that is None what
         the scene asks for
-    noise : relative, at which to stop; several times as much by `quality`
+    noise : relative, at which to stop; several times as much by `quality`.  In the fog, where `view_of` is given
     time : s, after which no pass is begun
     unit : m, of the scene's lengths
+    view_of : function of (camera, distance) that gives a `renderers.fog.view.View`
     quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
 
     Notes
@@ -217,13 +219,13 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     width, height = (int(n) for n in first.film().crop_size())
     _refuse_too_large(path, height, width)
     camera = sensor.camera_of(first, path, width, height)
+    distance = unit * sensor.distances(scene, first, camera, height, width)
+    camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     asked = first.sampler().sample_count()
     samples = max(1, round(QUALITY[quality] * (samples or (asked if noise is None else _MOST))))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
                             tolerance=0.0 if noise is None else noise / QUALITY[quality] ** 0.5, time_limit=time,
-                            progress=progress)
-    distance = sensor.distances(scene, first, camera, height, width)
-    camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
+                            measure=view_of(camera, distance).noise if noise and view_of else None, progress=progress)
     made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by}
-    return Picture(picture.rgb, distance * unit, camera, made, 0.5 * (picture.halves[0] - picture.halves[1]))
+    return Picture(picture.rgb, distance, camera, made, 0.5 * (picture.halves[0] - picture.halves[1]))

@@ -59,6 +59,7 @@ def _phase(about, median):
 def _columns(about):
     """Relative density integrated along rays of the picture to their surfaces, (N,) m."""
     from renderers import fog
+    from renderers.fog.view import finite
 
     scene, values = about.scene, about.scene.values
     density = fog._density(scene, 1)
@@ -75,7 +76,7 @@ def _columns(about):
         some = _some(height, width)
         rays, far = picture.camera.rays(height, width)[some].reshape(-1, 3), picture.distance[some].ravel()
         origin = np.tile(picture.camera.origin, (len(rays), 1))
-    far, _ = fog._finite(scene, density, origin[0], far[None])
+    far, _ = finite(scene, density, origin[0], far[None])
     return density.integrals(origin, rays, far[0])[:, 0]
 
 

@@ -42,7 +42,7 @@ class Picture:
 PATHS = 900_000
 
 
-def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, progress=None) -> Picture:
+def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, measure=None, progress=None) -> Picture:
     """Renders one scene a wavelength and combines them to colour.
 
     Parameters
@@ -52,6 +52,8 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     samples, per_pass : per pixel and wavelength; at least two passes are rendered, of fewer samples where the film is large
     tolerance : noise at which to stop
     time_limit : seconds after which no further pass is begun, or None.  A picture that stops by time depends on the machine
+    measure : function of (picture, error of it by chance) that gives the noise of what is made of the picture, by which it stops;
+        asked after 2, 4, 8, ... passes, in between it goes with the picture's own
     progress : function of (fraction 0 to 1, noise so far or None)
 
     Notes
@@ -63,7 +65,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     begin = time.monotonic()
     per_pass = max(1, min(per_pass, PATHS // int(np.prod(scenes[0].sensors()[0].film().size()))))
     passes = max(2, -(-samples // per_pass))
-    halves, square, noise, stopped_by = [0.0, 0.0], 0.0, None, "samples"
+    halves, square, noise, stopped_by, made = [0.0, 0.0], 0.0, None, "samples", 1.0
     for index in range(passes):
         layers = []
         for position, scene in enumerate(scenes):
@@ -72,7 +74,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
             image[~np.isfinite(image)] = 0.0  # a path whose weight overflowed counts as dark, else it blots out its pixel
             layers.append(_colour(image) if matrix is None else image[..., 0])
             if progress is not None:
-                progress((index + (position + 1) / len(scenes)) / passes, noise)
+                progress((index + (position + 1) / len(scenes)) / passes, noise and made * noise)
         rgb = layers[0] if matrix is None else np.stack(layers, axis=-1) @ matrix.T
         halves[index % 2] = halves[index % 2] + rgb
         square = square + rgb**2
@@ -82,8 +84,10 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
         mean = (halves[0] + halves[1]) / count
         variance = np.maximum(square / count - mean**2, 0.0) / (count - 1)
         noise = images.relative_noise(mean, variance)
+        if measure is not None and count & (count - 1) == 0:
+            made = measure(mean, (halves[0] - halves[1]) / count) / max(noise, 1e-30)
         elapsed = time.monotonic() - begin
-        if noise <= tolerance:
+        if made * noise <= tolerance:
             stopped_by = "noise"
         elif time_limit is not None and elapsed * (count + 1) / count > time_limit and count < passes:
             stopped_by = "time"
