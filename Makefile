@@ -76,9 +76,11 @@ $(VENV)/.ready-test: pyproject.toml
 	$(BIN)/python -m compileall -qq -j 0 -x '/tests/' $(VENV)/lib || true
 	@touch $(VENV)/.ready $@
 
-# what only slow tests need: the other extras, and a server of objects
+# what only slow tests need: the other extras, and a server of objects.  In one call pip would try hundreds of versions of what
+# s3fs and moto share
 $(VENV)/.ready-slow: $(VENV)/.ready-test
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange,docs]' 'moto[server]>=5.1'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 's3fs>=2025.3' 'moto[server]>=5.1'
 	@touch $@
 
 $(VENV)/.ready-docs: $(VENV)/.ready
