@@ -18,8 +18,9 @@ DEFAULT = 0.05  # tolerance of scenes that say none
 # asset is rendered as if they had half, whatever it was baked for
 HALF = 0.5
 SHARES = HALF, 1 / 4, 1 / 8
-# Error of one pixel over the root mean square error of all, by tables: 2.8 in the rainbow of tests/adversarial.py, 1.1 in others
-_GATHERED = 3.0
+# Error of one pixel over the root mean square error of all, by tables: 4.0 in the rainbow of tests/adversarial.py, at most 1.1 in
+# others
+_GATHERED = 4.0
 
 
 class Split(NamedTuple):
