@@ -216,9 +216,9 @@ def _shared_out(about, rules, seconds) -> Required:
 def _out_of_reach(about):
     """What noise and approximations alone leave no room for."""
     scene, split = about.scene, about.split
-    for said, error in (("noise (stop.noise)", scene.values.stop.noise), ("approximations of the method", split.approximations)):
+    for said, error in (("noise (stop.noise)", scene.values.stop.noise), ("the method's own error", split.approximations)):
         if error is not None and error > split.tolerance:
-            yield f"{scene.path}: {said} of {100 * error:.3g} % leave the tolerance of {100 * split.tolerance:.3g} % out of " \
+            yield f"{scene.path}: {said} of {100 * error:.3g} % leaves the tolerance of {100 * split.tolerance:.3g} % out of " \
                   f"reach, {error / split.tolerance:.2g} times as much"
 
 
