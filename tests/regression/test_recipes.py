@@ -44,7 +44,8 @@ def held(case: str) -> dict:
 
 
 # the recipes of the scenes of particles take seconds each; motes and snow_storm are of their kind
-LONG = {"glass_spheres", "clouds", "blowing_snow", "grains", "photons", "drizzle"} | {case for case in CASES if case.endswith("_particles")}
+LONG = {"glass_spheres", "clouds", "blowing_snow", "grains", "photons", "drizzle"}
+LONG |= {case for case in CASES if case.endswith("_particles")}
 
 
 @pytest.mark.parametrize("case", [slow(case) if case in LONG else case for case in CASES])
