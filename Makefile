@@ -12,6 +12,7 @@ help:
 	@echo "make test-slow the tests that make test leaves out because quicker ones see most of what they see"
 	@echo "make test-blender  renders an exported material in Blender (package bpy, 1 GB, an environment of its own)"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
+	@echo "make test-pbrt PBRT=…/pbrt  renders an exported medium in pbrt-v4, which you have built"
 	@echo "make pictures  bake and draw what the docs show"
 	@echo "make scenes    bake and render the scenes of assets/scenes"
 	@echo "make gallery   one page of all recipes and scenes with their pictures: build/gallery.html"
@@ -50,6 +51,13 @@ test-blender: $(VENV)/.ready-test
 	test -x $(BLENDER)/bin/python || $(BLENDER_PYTHON) -m venv $(BLENDER)
 	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check 'bpy>=5.0,<5.1'
 	BAKERY_BLENDER=$(CURDIR)/$(BLENDER)/bin/python $(BIN)/python -m pytest -q tests/cli/test_export_blender.py
+
+# pbrt-v4 has no package: build it from its sources, then `make test-pbrt PBRT=…/pbrt`
+PBRT ?= pbrt
+.PHONY: test-pbrt
+test-pbrt: $(VENV)/.ready-test
+	@command -v $(PBRT) > /dev/null || { echo "no program $(PBRT): say where it is, make test-pbrt PBRT=…/pbrt"; exit 2; }
+	BAKERY_PBRT=$(PBRT) $(BIN)/python -m pytest -q tests/cli/test_export_pbrt.py
 
 soak: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -q -m soak --timeout 3600 $(PYTEST)
