@@ -73,7 +73,7 @@ def scene(folder, name, method, width, height):
 def prepared(folder, name, method, width, height):
     job = Render(scene(folder, name, method, width, height), overwrite=True)
     world = World(job.scene.file("lamp.xml"))
-    return methods.prepare(job, world, 0.025, 0)
+    return methods.prepare(job, world, 0, 0.025)
 
 
 def passes(parts):

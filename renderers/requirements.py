@@ -145,10 +145,7 @@ class About:
         """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
         from renderers.mitsuba.world import World
 
-        values, surfaces = self.scene.values, self.scene.values.scene
-        size = (values.film.height, values.film.width) if values.film.height else None
-        return World(self.scene.file(surfaces.mitsuba) if surfaces else None, surfaces.unit if surfaces else 1.0,
-                     view=values.camera, size=size or (None if surfaces else (480, 640)))
+        return World.of(self.scene)
 
     @property
     def dark(self) -> bool:
@@ -159,7 +156,7 @@ class About:
         """Angle of a pixel in the middle of the picture, rad; the scene has a camera."""
         camera = self.world.camera
         if camera is None:
-            raise self.scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+            raise self.scene.no_camera()
         return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
 
 

@@ -107,6 +107,10 @@ class Scene:
         """What to raise where the value of a key turns out to be wrong later than on reading."""
         return UsageError(f"{self.places.get(key, text.label_of(self.path))}: {key}: {message}")
 
+    def no_camera(self) -> UsageError:
+        """What to raise where neither the scene nor its Mitsuba file has one."""
+        return self.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+
 
 def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = True) -> Scene:
     """Reads and checks a scene.

@@ -111,7 +111,7 @@ def parts(made, method, passes) -> dict[str, tuple[float, float]]:
     path = _scene(made, method, 1, SIDE, {})
     job, world = Render(path, folder() / "scene.png", overwrite=True), World(path.parent / f"{SIDE}.xml")
     found, mean = {}, 0.0
-    for part in methods.prepare(job, world, 1e-4, 0).parts:
+    for part in methods.prepare(job, world, 0, 1e-4).parts:
         part.render(0)
         sums, begin = Mean(), time.process_time()
         for number in range(1, passes[part.name] + 1):

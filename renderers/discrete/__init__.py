@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-_SIZE = (480, 640)  # of scenes whose Mitsuba file has no film
-
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
            resume=False) -> dict:
@@ -37,38 +35,11 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     EXR layers: order0 (not scattered by particles), order1, order2, orders (three times and more), light.NAME (from each light),
     noise (standard error), detail (m, depth up to which particles are particles), method (0: continuous, 1: particles, 2: both).
     """
-    import numpy as np
-
-    from renderers import budget
+    from renderers import passes
     from renderers.discrete import methods
-    from renderers.mitsuba.world import World
-    from renderers.progressive import Estimate, Stop, fingerprint, made_of
-    from renderers.running import Render
 
-    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
-    scene, values, seed = job.scene, job.scene.values, seed or 0
-    size = (values.film.height, values.film.width) if values.film.height else None
-    surfaces = values.scene
-    world = World(scene.file(surfaces.mitsuba) if surfaces else None, surfaces.unit if surfaces else 1.0, view=values.camera,
-                  size=size or (None if surfaces else _SIZE), variant=variant)
-    if world.camera is None:
-        raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    shares = budget.of(scene)
-    job.part_over("scene")
-    method = methods.prepare(job, world, shares.approximations, seed)
-    job.part_over("medium")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "asset": job.asset.content_hash, "seed": seed,
-                                       "size": list(world.size)})
-    if resume:
-        estimate.resume(job.pair[1])
-    stop = Stop.of(shares, values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
-    estimate.run(stop, job.progress(0.05, 0.98))
-    job.part_over("passes")
-    layers = {}
-    if method.depth is not None:
-        layers = {"detail": np.minimum(method.depth, 1e30),
-                  "method": np.where(method.depth == 0, 0.0, np.where(np.isinf(method.depth), 1.0, 2.0))}
-    return estimate.finish(job, layers=layers, method=values.discrete.method, reasons=method.reasons, **method.figures)
+    return passes.render(methods.prepare, scene, output, overrides=overrides, quality=quality, variant=variant, seed=seed,
+                         progress=progress, overwrite=overwrite, resume=resume)
 
 
 def describe(report) -> list[str]:

@@ -7,29 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers import colour
+from renderers import budget, colour
 from renderers.discrete import detail, explicit, place, query, splat, walk
 from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
+from renderers.passes import Method
 from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _HALF = 0.5
 _INSIDE = 0.01  # of the box's diagonal: how far from the camera a medium begins that it stands in
-
-
-class Method(NamedTuple):
-    """How a scene is rendered.
-
-    parts : of `renderers.progressive`
-    depth : (H, W) m, up to which particles are particles; None where the method tells no such depths
-    reasons : sentences
-    figures : what the report says besides
-    """
-
-    parts: tuple
-    depth: np.ndarray | None
-    reasons: list
-    figures: dict
 
 
 class Setup(NamedTuple):
@@ -48,16 +34,17 @@ class Setup(NamedTuple):
     order: np.ndarray
 
 
-def prepare(job, world, tolerance, seed) -> Method:
+def prepare(job, world, seed, tolerance=None) -> Method:
     """The method that a scene asks for.
 
     Parameters
     ----------
     job : `renderers.running.Render`
     world : `renderers.mitsuba.world.World`
-    tolerance : relative deviation of a pixel that taking the continuous medium for particles may make
     seed : of the passes
+    tolerance : relative deviation of a pixel that taking the continuous medium for particles may make; the scene's if None
     """
+    tolerance = budget.of(job.scene).approximations if tolerance is None else tolerance
     name, (height, width) = job.scene.values.discrete.method, world.size
     angle = _peak_angle(job.scene.values.discrete, world)
     setup = _setup(job, world, angle)
@@ -66,7 +53,8 @@ def prepare(job, world, tolerance, seed) -> Method:
     everywhere = np.full((height, width), np.inf) if depth is None else depth
     parts = tuple(Part(part, _pass(function, world, what, height, width, seed, everywhere, lights))
                   for part, function, what in passes)
-    return Method(parts, depth, [_peak(setup.classes, angle), *reasons], _figures(setup, depth))
+    more = _figures(setup, depth) | {"layers": _layers(depth)}
+    return Method(name, parts, [_peak(setup.classes, angle), *reasons], lambda estimate: more)
 
 
 def _peak_angle(settings, world):
@@ -176,6 +164,13 @@ def _detail(depth, tolerance):
     return (f"{100 * shown:.3g} % of the pixels show particles as particles; elsewhere, and beyond the depths of layer detail, "
             f"they deviate from the continuous medium by less than {100 * tolerance:.2g} %; scattering after the first is the "
             "continuous medium's")
+
+
+def _layers(depth):
+    """Layers `detail` and `method` of the picture."""
+    if depth is None:
+        return {}
+    return {"detail": np.minimum(depth, 1e30), "method": np.where(depth == 0, 0.0, np.where(np.isinf(depth), 1.0, 2.0))}
 
 
 def _figures(setup, depth):

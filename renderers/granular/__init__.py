@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-_SIZE = (480, 640)  # of scenes whose Mitsuba file has no film
-
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
            resume=False) -> dict:
@@ -37,32 +35,11 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     light meets its surface), light.NAME (from each light), noise (standard error); of methods that join several, ept, vpt and da,
     what each technique has brought, and switch (grains that paths have met when they switch).
     """
-    from renderers import budget
+    from renderers import passes
     from renderers.granular import methods
-    from renderers.mitsuba.world import World
-    from renderers.progressive import Estimate, Stop, fingerprint, made_of
-    from renderers.running import Render
 
-    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
-    scene, values, seed = job.scene, job.scene.values, seed or 0
-    size = (values.film.height, values.film.width) if values.film.height else None
-    surfaces = values.scene
-    world = World(scene.file(surfaces.mitsuba) if surfaces else None, surfaces.unit if surfaces else 1.0, view=values.camera,
-                  size=size or (None if surfaces else _SIZE), variant=variant)
-    if world.camera is None:
-        raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    job.part_over("scene")
-    method = methods.prepare(job, world, seed)
-    job.part_over("grains")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
-                                       "asset": [asset.content_hash for asset in job.assets]})
-    if resume:
-        estimate.resume(job.pair[1])
-    stop = Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
-    estimate.run(stop, job.progress(0.05, 0.98))
-    job.part_over("passes")
-    more = methods.depth_of_switch(estimate.means.values())
-    return estimate.finish(job, layers=more, method=values.granular.method, reasons=method.reasons, **method.figures)
+    return passes.render(methods.prepare, scene, output, overrides=overrides, quality=quality, variant=variant, seed=seed,
+                         progress=progress, overwrite=overwrite, resume=resume)
 
 
 def describe(report) -> list[str]:

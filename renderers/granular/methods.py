@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from bakery import kernels
 from renderers.granular import bundles, local, material, medium, paths, teleport, transport
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
+from renderers.passes import Method
 from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
 _ACROSS = 4.0  # diameters of the largest grain that a pixel covers where it need not be seen: its pattern is a quarter as strong
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
-
-
-class Method(NamedTuple):
-    """How a scene is rendered.
-
-    parts : of `renderers.progressive`
-    reasons : sentences
-    figures : what the report says besides
-    """
-
-    parts: tuple
-    reasons: list
-    figures: dict
 
 
 def prepare(job, world, seed) -> Method:
@@ -56,7 +42,8 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0) -> Method:
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
     kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
-    return Method(tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds), reasons, {"grains": number})
+    parts = tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds)
+    return Method(name, parts, reasons, lambda estimate: {"grains": number, "layers": _switches(estimate.means.values())})
 
 
 def transport_of(name, world, assets, meshes, grains, spread=4.0):
@@ -119,7 +106,7 @@ def _layers(sums, world, how):
 SWITCHED = "switched"  # layer: grains met before the switch, and whether there was one
 
 
-def depth_of_switch(means) -> dict:
+def _switches(means) -> dict:
     """Layer `switch` (H, W), grains that paths have met when they switch, on average, 0 where none does; of means of passes."""
     switched = sum(mean.count * mean.layers[SWITCHED].astype(float) for mean in means if SWITCHED in mean.layers)
     return {} if np.ndim(switched) == 0 else {"switch": switched[..., 0] / np.maximum(switched[..., 1], 1e-30)}

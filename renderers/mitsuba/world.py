@@ -29,6 +29,7 @@ from renderers.mitsuba.sensor import camera_of
 # m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
 FAR = 1e12
 LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
+SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
 class LightSample(NamedTuple):
@@ -178,6 +179,15 @@ class World:
         self._name_lights(mi)
         box = self._scene.bbox()
         self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
+
+    @classmethod
+    def of(cls, scene, variant=None) -> World:
+        """Of a `renderers.scene.Scene`, with the size of its film; errors as above."""
+        film, surfaces = scene.values.film, scene.values.scene
+        size = (film.height, film.width) if film.height else None
+        if surfaces is None:
+            return cls(view=scene.values.camera, size=size or SIZE, variant=variant)
+        return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant)
 
     def shapes(self) -> list[Shape]:
         """All surfaces of the scene."""

@@ -34,31 +34,11 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     EXR layers: order0 (light that no body scattered), order1, order2, orders (three events and more), noise (standard error);
     closer (what it would change if pixels shared light over half the distance).
     """
-    from renderers import budget
-    from renderers.mitsuba.world import World
-    from renderers.progressive import Estimate, Stop, fingerprint, made_of
-    from renderers.running import Render
+    from renderers import passes
     from renderers.translucent import methods
 
-    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
-    scene, values, seed = job.scene, job.scene.values, seed or 0
-    size = (values.film.height, values.film.width) if values.film.height else None
-    surfaces = values.scene
-    world = World(scene.file(surfaces.mitsuba), surfaces.unit, view=values.camera, size=size, variant=variant)
-    if world.camera is None:
-        raise scene.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
-    job.part_over("scene")
-    method = methods.prepare(job, world, seed)
-    job.part_over("bodies")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
-                                       "asset": [asset.content_hash for asset in job.assets]})
-    if resume:
-        estimate.resume(job.pair[1])
-    stop = Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
-    estimate.run(stop, job.progress(0.05, 0.98))
-    job.part_over("passes")
-    bias = methods.bias(estimate.means.values(), estimate.rgb)
-    return estimate.finish(job, method=method.name, reasons=method.reasons, bias=bias)
+    return passes.render(methods.prepare, scene, output, overrides=overrides, quality=quality, variant=variant, seed=seed,
+                         progress=progress, overwrite=overwrite, resume=resume)
 
 
 def describe(report) -> list[str]:

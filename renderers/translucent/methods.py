@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from bakery import kernels
 from renderers import colour
+from renderers.passes import Method
 from renderers.progressive import Part
 from renderers.translucent import beams, dipole, light, refraction, shells, smooth, thin, transport
 from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of, untabled
@@ -29,19 +29,6 @@ _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _LAYERS = ("order0", "order1", "order2", "orders")
 
 
-class Method(NamedTuple):
-    """How a scene is rendered.
-
-    name : of the method
-    parts : of `renderers.progressive`
-    reasons : sentences
-    """
-
-    name: str
-    parts: tuple
-    reasons: list
-
-
 def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
     settings, assets = job.scene.values.translucent, job.assets
@@ -53,7 +40,7 @@ def prepare(job, world, seed) -> Method:
                        settings.method)
     name, made = of(how, settings.method, settings.boundary, seed)
     said = _reasons(assets, how.bodies, settings.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
-    return Method(name, made, said)
+    return Method(name, made, said, lambda estimate: {"bias": _bias(estimate.means.values(), estimate.rgb)})
 
 
 def of(how, name, boundary, seed):
@@ -205,7 +192,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     return Part("few", found), *made.get(name, (Part("beams", gathered),))
 
 
-def bias(means, rgb) -> float | None:
+def _bias(means, rgb) -> float | None:
     """Error of sharing between pixels, relative to the picture's mean: root mean square of what half the distance changes, and a
     third more, as it goes with the square of the distance.  Its own noise counts, so it is an upper bound; None where no pixels
     share.

@@ -84,7 +84,7 @@ def test_report_and_layers(call, place):
     assert report["samples"] == 2 and report["stopped_by"] == "samples" and report["passes"] == {"walk": 2, "splat": 2}
     assert 0 < report["noise"] < 10 and len(report["optical_depth"]) == 2 and 0 < report["optical_depth"][0] < 3
     assert 0 < report["as_particles"] <= 1 and any("forward" in said for said in report["reasons"])
-    assert {"scene", "medium", "passes", "write", "total"} <= report["seconds"].keys()
+    assert {"scene", "preparation", "passes", "write", "total"} <= report["seconds"].keys()
     orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]
     lights = [picture(found, f"light.{name}.") for name in ("panel", "spot")]
     whole = picture(found)

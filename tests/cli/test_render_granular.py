@@ -81,7 +81,7 @@ def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a")
     assert report["renderer"] == "granular" and report["method"] == "ept" and report["size"] == [40, 32]
     assert report["passes"] == {"ept": 2} and report["grains"] == pytest.approx(0.5 * 6**3 * 0.95, rel=0.1)
-    assert {"scene", "grains", "passes", "write", "total"} <= report["seconds"].keys()
+    assert {"scene", "preparation", "passes", "write", "total"} <= report["seconds"].keys()
     orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]
     whole = picture(found)
     assert np.allclose(sum(orders), whole, rtol=1e-5, atol=1e-6) and all(one.any() for one in orders)

@@ -84,7 +84,7 @@ def picture(found, name=""):
 def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a", "asset=short.h5")
     assert report["renderer"] == "translucent" and report["method"] == "vrl+tables" and report["size"] == [20, 16]
-    assert report["passes"] == {"few": 2, "beams": 2} and {"scene", "bodies", "passes", "total"} <= report["seconds"].keys()
+    assert report["passes"] == {"few": 2, "beams": 2} and {"scene", "preparation", "passes", "total"} <= report["seconds"].keys()
     assert any("the tables of ball end at 2 mean free paths, and it is 1" in said for said in report["reasons"])
     orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]
     assert np.allclose(sum(orders), picture(found), rtol=1e-5, atol=1e-6) and all(one.any() for one in orders[1:])

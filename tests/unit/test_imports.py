@@ -48,8 +48,8 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"colour", "mitsuba", "running"}, "integrator": {"mitsuba", "progressive"},
-          "pace": set(),
+          "progressive": {"colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
+          "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
           "comparison": {"assets", "images", "pace", "progressive", "scene"}}
 
