@@ -14,6 +14,7 @@ from renderers.wavefront import roulette, to_rgb, uniform
 # What a path needs next: a surface of the scene or the light beyond, the distance to that, a light sample, nothing; that other
 # paths have come as far, a medium instead of the grain that it has met.
 LEAVES, TRACE, LIGHT, DEAD, WAITS, SWITCHES = range(6)
+NOTHING = -1  # of the scene yet
 GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques: how a path goes on
 
 
@@ -100,6 +101,29 @@ def _turn(grains, which, n, d, weight, states, i, chance):
     return density / chance, density == 0.0
 
 
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, density, normal, kind, alive):
+    """What path i needs at p (3,) on a grain of a type, with normal n (3,), after a way of length t: LIGHT, DEAD, or NOTHING.
+
+    It is absorbed on its way in the grain, and turned unless it needs light; the arrays are those of `advance`.
+    """
+    if d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:
+        if grains.exemplars.table[which, 0] != DIELECTRIC:  # a camera, a lamp or rounding took light into what is opaque
+            return DEAD
+        _absorb(grains, which, weight, i, t)
+    chance = 1.0
+    if _is_rough(grains, which):
+        chance = chance_at(grains.aggregate, grains.chance, p)
+        if uniform(states, i) < chance:
+            kind[i] = which
+            for k in range(3):
+                normal[i, k] = n[k]
+            return LIGHT
+    density[i], single[i] = _turn(grains, which, n, d, weight, states, i, chance)
+    roulette(weight, states, bounces, alive, i, i + 1)
+    return NOTHING if alive[i] else DEAD
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(grains, occupied, unseen, origin, direction, weight, states, met, place, far, order, bounces, single, density, last,
             stage, switching, normal, kind, status, alive, begin, end):
@@ -158,24 +182,9 @@ def advance(grains, occupied, unseen, origin, direction, weight, states, met, pl
             far[i], place[i] = np.nan, at[0]
             for k in range(4):
                 met[i, k] = now[k]
-            along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
-            if along > 0.0:
-                if grains.exemplars.table[which, 0] != DIELECTRIC:  # a camera or a lamp stands in what is opaque
-                    status[i] = DEAD
-                    break
-                _absorb(grains, which, weight, i, t)
-            chance = 1.0
-            if _is_rough(grains, which):
-                chance = chance_at(grains.aggregate, grains.chance, p)
-                if uniform(states, i) < chance:
-                    status[i], kind[i] = LIGHT, which
-                    for k in range(3):
-                        normal[i, k] = n[k]
-                    break
-            density[i], single[i] = _turn(grains, which, n, d, weight, states, i, chance)
-            roulette(weight, states, bounces, alive, i, i + 1)
-            if not alive[i]:
-                status[i] = DEAD
+            needs = at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, density, normal, kind, alive)
+            if needs != NOTHING:
+                status[i] = needs
                 break
         for k in range(3):
             origin[i, k], direction[i, k] = p[k] * unit, d[k]

@@ -18,8 +18,8 @@ from bakery.kernels import (
     within_reach,
 )
 from renderers.granular._grains import _AHEAD, far_side, on_grain, scratch
-from renderers.granular._paths import DEAD, LEAVES, LIGHT, TRACE, _absorb, _is_rough, _turn, chance_at, crosses
-from renderers.wavefront import roulette, uniform
+from renderers.granular._paths import LEAVES, NOTHING, TRACE, _absorb, at_grain, crosses
+from renderers.wavefront import uniform
 
 
 class Flights(NamedTuple):
@@ -178,24 +178,9 @@ def advance(grains, flights, occupied, origin, direction, weight, states, met, c
                 centre[i, k] = middle[k] * unit
             for k in range(4):
                 met[i, k] = now[k]
-            along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
-            if along > 0.0:
-                if grains.exemplars.table[which, 0] != DIELECTRIC:  # rounding took light into what is opaque
-                    status[i] = DEAD
-                    break
-                _absorb(grains, which, weight, i, t)
-            chance = 1.0
-            if _is_rough(grains, which):
-                chance = chance_at(grains.aggregate, grains.chance, p)
-                if uniform(states, i) < chance:
-                    status[i], kind[i] = LIGHT, which
-                    for k in range(3):
-                        normal[i, k] = n[k]
-                    break
-            density[i], single[i] = _turn(grains, which, n, d, weight, states, i, chance)
-            roulette(weight, states, bounces, alive, i, i + 1)
-            if not alive[i]:
-                status[i] = DEAD
+            needs = at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, density, normal, kind, alive)
+            if needs != NOTHING:
+                status[i] = needs
                 break
         for k in range(3):
             origin[i, k], direction[i, k] = p[k] * unit, d[k]
