@@ -160,6 +160,10 @@ def no_table(root):
     return with_member(root, "multiple/point/w1", None)
 
 
+def no_error_of_pairs(root):
+    return with_member(root, "packing/pair_correlation/g_error", None)
+
+
 def depths_in_disorder(root):
     return with_data(root, "beam/depth", root["beam/depth"].data[::-1])
 
@@ -183,6 +187,7 @@ CRAFTED = [
 MORE = [
     ("tile", about_one_place, "packing: centers: two spheres overlap"),
     ("tile", small_cell, "packing: a sphere that overlaps its own images"),
+    ("tile", no_error_of_pairs, "packing: pair_correlation/g_error missing"),
     ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
     ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
     ("shot", faces_of_nothing, "grains/ball/faces: holds 1"),

@@ -38,3 +38,4 @@ TILE = (
 OUTPUTS = tuple(replace(output, path=prefix + output.path, optional=True)
                 for prefix in ("", "TILE/") for output in TILE)
 REQUIRED = tuple(output.path for output in TILE if not output.optional)
+PAIRS = tuple(output.path for output in TILE if output.path.startswith("pair_correlation/"))  # all or none

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from bakery.stages import rules
-from bakery.stages.packing.outputs import REQUIRED
+from bakery.stages.packing.outputs import PAIRS, REQUIRED
 from bakery.stages.packing.view import tiles
 from bakery.store.tree import Dataset, Group
 
@@ -21,7 +21,8 @@ def sound(group: Group) -> Iterable[str]:
         yield "holds no tile"
     for name, tile in by_name.items():
         v = {path: member.data for path, member in tile.walk() if isinstance(member, Dataset)}
-        missing = [path for path in REQUIRED if path not in v]
+        wanted = (*REQUIRED, *PAIRS) if "pair_correlation" in tile.members else REQUIRED
+        missing = [path for path in wanted if path not in v]
         faults = [f"{', '.join(missing)} missing"] if missing else [*_room(v["centers"], v["radii"], v["cell"]), *_bins(v)]
         yield from (f"{name}: {fault}" if name else fault for fault in faults)
 
@@ -57,7 +58,7 @@ def _bins(v: Mapping[str, np.ndarray]) -> Iterable[str]:
     edges = v["chord_length/edges"]
     if edges[0] != 0 or not (np.diff(edges) > 0).all():
         yield "chord_length: edges do not ascend from 0, one more than density has bins"
-    if "pair_correlation/g" in v and not (np.diff(v.get("pair_correlation/edges", np.zeros(2))) > 0).all():
+    if "pair_correlation/g" in v and not (np.diff(v["pair_correlation/edges"]) > 0).all():
         yield "pair_correlation: edges do not ascend, one more than g has bins"
 
 
