@@ -14,7 +14,10 @@ TOLERANCE = 0.05  # of scenes that say none, as renderers take it
 
 def split(names: str) -> list[str]:
     """Methods as `--methods` lists them."""
-    return [name.strip() for name in re.split(r",(?![^\[]*\])", names) if name.strip()]  # not at commas of [lists]
+    found = [name.strip() for name in re.split(r",(?![^\[]*\])", names)]  # not at commas of [lists]
+    if not all(found):
+        raise UsageError(f'--methods: found "{names}", with a name missing; such as "paths,vrl" would do')
+    return found
 
 
 def page_at(output, loaded, ending: str) -> Path:

@@ -226,7 +226,7 @@ WRONG = (
     ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
     ("haze.yaml --methods single,single", "found single twice"),
     ("haze.yaml --methods single", "two or more, or a --reference"),
-    ("haze.yaml --methods ,", "found none"),
+    ("haze.yaml --methods single,", "found \"single,\", with a name missing"),
     ("haze.yaml --methods single,single:sun", "METHOD:KEY=VALUE would do"),
     ("haze.yaml --methods single,single:son=[1,1,1]", "toy.son"),
     ("haze.yaml --methods single --reference gone.exr", "there is no such file"),
