@@ -13,13 +13,13 @@ from renderers.requirements import Knob, Need
 _RAYS = 400_000
 _DEEPER = 1.25  # margin of the depth: in pictures of more pixels the farthest lies between rays
 # Tables of the kernel are the same whatever `beam.tolerance` says: photons only measure their error, 1.4 % in fog (docs/beam.md)
-_STATED = 0.1
+_STATED, _KERNELS = 0.1, 0.014
 # True error of the phase function over the integrated tolerance that was asked for: 0.08 to 0.11 in fog (docs/trade.md); a
 # margin of two
 _TRUE = 0.2
 # Coarser tables of angles than 1 % (integrated) asks for have kinks that no 2048 Legendre orders hold: kernels then come from the
 # small-angle model and are 24 % off, in fog (3 % and 10 %), where they are 1.4 % off by transport
-_MOST = 0.01
+_MOST, _LEAST = 0.01, 1e-4
 
 
 def needs(about) -> list[Need]:
@@ -29,8 +29,9 @@ def needs(about) -> list[Need]:
     deepest, median = float(depth.max()), float(np.median(depth))
     said = f"optical depth {deepest:.3g} at the farthest of {len(depth):,} rays, {median:.2g} in the middle of them"
     medium = Need("medium", True, said)
-    found = [medium, Need("beam", True, said, tuple(_beam(deepest)), _too_deep(deepest))]
-    return found if about.recipe.particles is None else [Need("optics", True, said, tuple(_phase(about, median))), *found]
+    lacking = "; ".join(filter(None, (_too_deep(deepest), _too_good(about))))
+    found = [medium, Need("beam", True, said, tuple(_beam(deepest)), lacking)]
+    return found if about.recipe.particles is None else [_optics(about, median, said), *found]
 
 
 def _beam(deepest):
@@ -44,16 +45,26 @@ def _too_deep(deepest):
     return "" if _DEEPER * deepest <= 1000 else f"kernels of a depth of {deepest:.3g} are wanted; tables end at 1000"
 
 
-def _phase(about, median):
+def _too_good(about):
+    wanted = about.tables
+    return "" if wanted >= _KERNELS else f"kernels within {100 * wanted:.2g} % of transport are wanted, those of fog are " \
+        f"within {100 * _KERNELS:g} %, {_KERNELS / wanted:.3g} times as much"
+
+
+def _optics(about, median, said) -> Need:
     """A wrong share of the light at each scattering adds up over as many scatterings as the optical depth.
 
     The integral of |f - f_ref| is twice the share of light that goes elsewhere.
     """
-    value = float(np.clip(2 * about.tables / max(median, 1.0) / _TRUE, 1e-4, _MOST))
+    wanted = 2 * about.tables / max(median, 1.0) / _TRUE
+    value = float(np.clip(wanted, _LEAST, _MOST))
     why = f"light is scattered {max(median, 1.0):.2g} times, and tables may take {100 * about.tables:.2g} % of the picture"
-    yield Knob("tolerance", value, f"{100 * value:.3g}%", why, larger=False)
-    yield Knob("measure", "integrated", "integrated", "the filter reads shares of light, no single angle",
-               words=("integrated", "pointwise"))
+    knobs = (Knob("tolerance", value, f"{100 * value:.3g}%", why, larger=False),
+             Knob("measure", "integrated", "integrated", "the filter reads shares of light, no single angle",
+                  words=("integrated", "pointwise")))
+    lacking = "" if wanted >= _LEAST else f"phase functions of {100 * wanted:.2g} % are wanted, {100 * _LEAST:g} % are asked " \
+        f"for, {_LEAST / wanted:.3g} times as much"
+    return Need("optics", True, said, knobs, lacking)
 
 
 def _columns(about):

@@ -25,6 +25,7 @@ def needs(about) -> list[Need]:
     """Requirements of the stages packing, grains and medium; see `renderers.requirements`."""
     method = about.scene.values.granular.method
     triangles, apart = _triangles(about, method)
+    lacking = ""
     if about.dark:
         statistics, why = _WORST, "nothing in the scene shines: its picture is black"
     elif method in GRAINS_ONLY:
@@ -32,8 +33,9 @@ def needs(about) -> list[Need]:
     else:
         statistics = float(np.clip(_BETTER * about.tables, _BEST, _WORST))
         why = about.share
-    lacking = "" if _BETTER * about.tables >= _BEST else f"statistics of {100 * about.tables:.2g} % are wanted, " \
-        f"{100 * _BEST:g} % are asked for, {_BEST / (_BETTER * about.tables):.2g} times as much"
+        if _BETTER * about.tables < _BEST:
+            lacking = f"statistics of {100 * about.tables:.2g} % are wanted, {100 * _BEST:g} % are asked for, " \
+                      f"{_BEST / (_BETTER * about.tables):.2g} times as much"
     paths = Knob("scatterometer.tolerance", statistics, f"{100 * statistics:.3g}%", why, larger=False)
     return [Need("packing", True, "grains lie as in its tiles", tuple(_tiles(about))),
             Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method), (_walk(about),))]
@@ -78,11 +80,18 @@ def _pixels(about):
     for number in about.bodies:
         path = about.scene.file(bodies[number].mesh)
         try:
-            vertices, _ = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
+            vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
         except ValueError as fault:
             raise about.scene.wrong(f"{about.scene.values.granular.key(number)}.mesh", fault) from None
-        nearest = min(nearest, float(np.linalg.norm(bodies[number].unit * vertices - camera.origin, axis=1).min()))
+        nearest = min(nearest, _distance(camera.origin, bodies[number].unit * vertices[faces]))
     return 2 * radius / (pixel * max(nearest, radius))
+
+
+def _distance(point, triangles) -> float:
+    """From a point (3,) to the nearest of triangles (F, 3, 3)."""
+    from trimesh.triangles import closest_point
+
+    return float(np.linalg.norm(closest_point(triangles, np.broadcast_to(point, (len(triangles), 3))) - point, axis=1).min())
 
 
 def _largest(radii):
