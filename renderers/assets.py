@@ -11,7 +11,7 @@ from renderers import budget, requirements
 from renderers.scene import Scene, beside
 
 
-def baked(scene: Scene, progress=None) -> Scene:
+def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
     """The scene with its assets.
 
     A recipe is baked where its asset, NAME.h5 beside the scene, is missing, out of date or not what the scene requires; so is
@@ -20,6 +20,7 @@ def baked(scene: Scene, progress=None) -> Scene:
     Parameters
     ----------
     progress : a `bakery.run.progress.Progress`, or None
+    overwrite : replace what stands where an asset goes also where it is none
 
     Raises
     ------
@@ -43,7 +44,7 @@ def baked(scene: Scene, progress=None) -> Scene:
             shares.append(required.share)
             return required
 
-        found[key] = Path(ensured(recipe, place, require=require, progress=progress).output)
+        found[key] = Path(ensured(recipe, place, require=require, progress=progress, overwrite=overwrite).output)
     paths = tuple(found[one.asset, one.recipe] for one in named)
     return dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(shares))
 

@@ -58,6 +58,7 @@ Length = number(LENGTH, above=0, most=1e12)
 Position = vector(LENGTH, "[0, -12, 1.7] m")
 Direction = vector()
 Share = number(FRACTION, above=0, most=1)
+Tolerance = number(FRACTION, least=1e-6, most=1)
 Edge = whole(1, 65536)
 
 
@@ -127,7 +128,7 @@ class Common(Section):
     recipe: fields.Path | None = Field(
         None, description="Instead of the asset: its recipe, baked beside the scene where the asset is missing or out of date."
     )
-    tolerance: Share | None = Field(
+    tolerance: Tolerance | None = Field(
         None, description="Of the picture: relative root mean square error of linear radiance; the renderer's own if absent."
     )
     measure: word("picture", "pixels") = Field(

@@ -17,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.errors import BakeryError
+from bakery.errors import BakeryError, RecipeError
 from renderers import budget
 from renderers import scene as scenes
+from renderers.inputs import files_of
 
 
 class Knob(NamedTuple):
@@ -80,11 +81,13 @@ class Required(NamedTuple):
     needs : of each stage that a scene speaks of
     remarks : scenes that could not be measured, and why; tolerances that are out of reach
     share : of the tolerance's square that tables may take, see `renderers.budget`; of one scene
+    read : files that the scenes are made of, but for their assets
     """
 
     needs: tuple[Need, ...]
     remarks: tuple[str, ...] = ()
     share: float = budget.HALF
+    read: tuple[Path, ...] = ()
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -176,16 +179,18 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
     UsageError, RecipeError : a path is no scene, or names no renderer
     """
     found = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
-    return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks))
+    return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks),
+                    read=tuple(dict.fromkeys(file for one in found for file in one.read)))
 
 
 def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
     """The same of one scene that is read already."""
     about = About(scene, recipe, medium)
     try:
-        return _shared_out(about, _rules(scene), seconds)
+        found = _shared_out(about, _rules(scene), seconds)
     except BakeryError as fault:
-        return _unmeasured(scene.rules.NEEDS, scene.path, fault)
+        found = _unmeasured(scene.rules.NEEDS, scene.path, fault)
+    return found._replace(read=tuple(scene.sources))
 
 
 def _shared_out(about, rules, seconds) -> Required:
@@ -217,16 +222,23 @@ def _out_of_reach(about):
         if error is not None and error > split.tolerance:
             yield f"{scene.path}: {said} of {100 * error:.3g} % leaves the tolerance of {100 * split.tolerance:.3g} % out of " \
                   f"reach, {error / split.tolerance:.2g} times as much"
+            return
+    if (all_of_it := math.hypot(split.approximations, split.tables, split.noise)) > 1.001 * split.tolerance:
+        yield f"{scene.path}: noise (stop.noise) of {100 * split.noise:.3g} % leaves too little of the tolerance of " \
+              f"{100 * split.tolerance:.3g} % to tables: with theirs the picture is within {100 * all_of_it:.3g} %"
 
 
 def _of_scene(path, recipe, medium, seconds, settings) -> Required:
     stages = scenes.needs(path)
     if path.suffix.lower() not in scenes.SUFFIXES:
-        return Required(tuple(Need(stage, True, "bakery's plugins for Mitsuba read it") for stage in stages))
+        return Required(tuple(Need(stage, True, "bakery's plugins for Mitsuba read it") for stage in stages),
+                        read=tuple(files_of(path)))
     try:
         scene = scenes.load(path, settings, assets=False)
-    except BakeryError as fault:
-        return _unmeasured(stages, path, fault)
+    except RecipeError as fault:
+        if not scenes.unfinished(fault):
+            raise
+        return _unmeasured(stages, path, fault)._replace(read=(path,))
     return of_scene(scene, recipe, medium, seconds)
 
 

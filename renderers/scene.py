@@ -38,6 +38,7 @@ SUFFIXES = (".yaml", ".yml")
 # section of a scene -> the package that renders it
 RENDERERS = {"fog": "renderers.fog", "discrete": "renderers.discrete", "granular": "renderers.granular",
              "translucent": "renderers.translucent"}
+_ABSENT = ", and there is no such file"
 
 
 # ---- reading
@@ -88,8 +89,16 @@ class Scene:
     @property
     def inputs(self) -> list[Path]:
         """The scene and every file that it is made of."""
+        return self._made_of(self.keys_of_files())
+
+    @property
+    def sources(self) -> list[Path]:
+        """The same but for its assets, which bakes write."""
+        return self._made_of([key for key in self.keys_of_files() if not key.endswith("asset")])
+
+    def _made_of(self, keys) -> list[Path]:
         files = [self.path]
-        for key in self.keys_of_files():
+        for key in keys:
             value = value_at(self.values, key)
             files += files_of(self.file(value)) if value is not None else []
         return files
@@ -163,6 +172,11 @@ def beside(asset: Path) -> Path | None:
     """The recipe from which an asset that is not there can be baked: the YAML file of its name beside it; None: there is none."""
     found = [asset.with_suffix(suffix) for suffix in SUFFIXES if asset.with_suffix(suffix).is_file()]
     return found[0] if found and not asset.exists() else None
+
+
+def unfinished(fault: RecipeError) -> bool:
+    """Whether nothing is wrong with a scene but that keys or files are still to come."""
+    return all(problem.found == "missing" or problem.found.endswith(_ABSENT) for problem in fault.problems)
 
 
 def _to_be_baked(asset: Path, asked: bool) -> bool:
@@ -242,7 +256,7 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
         elif key.endswith("asset") and _to_be_baked(path.parent / name, assets):
             continue
         elif not (path.parent / name).exists():
-            yield node.place.problem(f"found {text.show(name)}, and there is no such file",
+            yield node.place.problem(f"found {text.show(name)}{_ABSENT}",
                                      f"expected a file relative to {text.label_of(path.parent)}")
         elif not (path.parent / name).is_file():
             yield node.place.problem(f"found {text.show(name)}, which is no regular file", "expected a file")

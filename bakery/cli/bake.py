@@ -68,8 +68,8 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
         for index, recipe in enumerate(recipes):
             try:
                 wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
-                plans[index] = planned(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
-                                       jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs)
+                plans[index] = planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
+                                       progress=progress, **wanted.of_plan)
             except RecipeError as error:
                 problems += error.problems
                 failures[index] = str(error), error.exit_status
@@ -81,7 +81,7 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
             raise RecipeError(problems)
         _check_apart(recipes, plans)
         check_outputs([(plan.output, ASSET) for plan in plans.values()] + ([(depfile, DEPFILE)] if depfile else []),
-                      [file for plan in plans.values() for file in files_of(plan.recipe)] + list(scenes), overwrite)
+                      [file for plan in plans.values() for file in (*files_of(plan.recipe), *plan.read)], overwrite)
         if dry_run:
             from bakery.cli.plan import show
 

@@ -39,8 +39,8 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
         cache, plans = Cache(say=progress.say), []
         for recipe in recipes:
             wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
-            plans.append(planned(recipe, output, stages=wanted.stages, settings=wanted.settings, force=force, cache=cache,
-                                 jobs=jobs, overwrite=overwrite, progress=progress, needs=wanted.needs))
+            plans.append(planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite, progress=progress,
+                                 **wanted.of_plan))
     finally:
         progress.close()
     show(plans, as_json, verbose)
@@ -124,7 +124,5 @@ def _say_needs(plan, stage) -> None:
         say(f"         {knob.key} {knob.text}: {knob.why}")
     if need.lacking:
         say(f"         out of reach: {need.lacking}")
-    decided = {knob.key for one in plan.needs for knob in one.knobs}
-    left = [knob.key for knob in stage.knobs if knob.key not in decided]
-    if left:
-        say(f"         as the recipe has it: {', '.join(dict.fromkeys(left))}")
+    if left := plan.kept(stage):
+        say(f"         as the recipe has it: {', '.join(left)}")

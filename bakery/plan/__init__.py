@@ -46,7 +46,8 @@ class Plan:
 
     `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses its
     tolerance or another target; `loaded` is the memory of the process before any stage, in bytes; `needs` says why scenes need
-    its stages or do not (`renderers.requirements.Need`), () where no scene was given.
+    its stages or do not (`renderers.requirements.Need`), () where no scene was given; `remarks` what could not be found out of
+    them, and what they ask for in vain; `read` the files that they are made of.
     """
 
     recipe: object
@@ -56,6 +57,13 @@ class Plan:
     loaded: float = 0.0
     missed: tuple[str, ...] = ()
     needs: tuple = ()
+    remarks: tuple[str, ...] = ()
+    read: tuple[Path, ...] = ()
+
+    def kept(self, stage: Stage) -> list[str]:
+        """Knobs of a stage that no scene decides: they stay as the recipe has them."""
+        decided = {knob.key for need in self.needs for knob in need.knobs}
+        return list(dict.fromkeys(knob.key for knob in stage.knobs if knob.key not in decided))
 
     @property
     def seconds(self) -> float:
@@ -72,11 +80,17 @@ class Plan:
         """Expected size of the asset in bytes."""
         return FRAME + sum(step.cost.file for step in self.steps)
 
+    def needs_as_dicts(self) -> list[dict]:
+        """The needs for machines, each with the keys that stay `as_recipe`."""
+        stages = {step.stage.name: step.stage for step in self.steps}
+        return [need.as_dict() | {"as_recipe": self.kept(stages[need.stage]) if need.stage in stages and need.needed else []}
+                for need in self.needs]
+
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
         return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "seconds": self.seconds,
                 "memory": self.memory, "file": self.file, "missed": list(self.missed),
-                "steps": [step.as_dict() for step in self.steps], "needs": [need.as_dict() for need in self.needs],
+                "steps": [step.as_dict() for step in self.steps], "needs": self.needs_as_dicts(), "remarks": list(self.remarks),
                 "warnings": [warning.as_dict() for warning in self.recipe.warnings]}
 
 

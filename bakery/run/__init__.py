@@ -42,7 +42,8 @@ COMPILER = 1e8  # bytes that compiling takes
 @dataclass(frozen=True)
 class Baked:
     """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, a line for each
-    stage that misses its tolerance or another target, and what the recipe says that is probably not meant."""
+    stage that misses its tolerance or another target, what the recipe says that is probably not meant, and `needs` and `remarks`
+    of its plan."""
 
     output: Path
     written: bool
@@ -50,10 +51,13 @@ class Baked:
     files: tuple[Path, ...]
     missed: tuple[str, ...] = ()
     warnings: tuple[Problem, ...] = ()
+    needs: tuple[dict, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
         return {"output": str(self.output), "written": self.written, "steps": list(self.steps), "missed": list(self.missed),
+                "needs": list(self.needs), "remarks": list(self.remarks),
                 "warnings": [warning.as_dict() for warning in self.warnings]}
 
 
@@ -90,9 +94,11 @@ def files_of(recipe) -> tuple[Path, ...]:
 def prepare(
     recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
-    overwrite: bool = False, progress: Progress | None = None, needs: Sequence = (),
+    overwrite: bool = False, progress: Progress | None = None, needs: Sequence = (), remarks: Sequence[str] = (),
+    read: Sequence[Path] = (),
 ) -> Plan:
-    """Read and check a recipe and plan its bake; runs nothing and writes nothing.  `needs` are those of `Plan`.
+    """Read and check a recipe and plan its bake; runs nothing and writes nothing.  `needs`, `remarks` and `read` are those of
+    `Plan`.
 
     Raises
     ------
@@ -102,18 +108,18 @@ def prepare(
     """
     cache, progress = cache or Cache(), progress or Progress()
     with progress.during(f"planning {Path(recipe_path).name}"):
-        plan = _planned(recipe_path, output, stages, settings, force, cache, jobs, overwrite, progress)
-    return replace(plan, needs=tuple(needs))
+        plan = _planned(recipe_path, output, stages, settings, force, cache, jobs, overwrite, progress, read)
+    return replace(plan, needs=tuple(needs), remarks=tuple(remarks), read=tuple(read))
 
 
 def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, jobs: int | None, overwrite: bool,
-             progress: Progress) -> Plan:
+             progress: Progress, read) -> Plan:
     from bakery.recipe import load
     from bakery.store.outputs import ASSET, check_outputs
 
     recipe = load(recipe_path, dict(settings or {})).unswept()
     target = target_of(output, recipe.name)
-    check_outputs([(target, ASSET)], files_of(recipe), overwrite)
+    check_outputs([(target, ASSET)], (*files_of(recipe), *read), overwrite)
     standing = _standing(target)
     previous, current, same = _known(standing, recipe)
     workers = resources.jobs(jobs)
@@ -166,14 +172,15 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     cache.sweep()
     sweep(os.path.dirname(os.path.realpath(plan.output)))
     workers = resources.jobs(jobs)
-    files = files_of(plan.recipe)
+    files = (*files_of(plan.recipe), *plan.read)
+    asked = {"needs": tuple(plan.needs_as_dicts()), "remarks": plan.remarks}
     with progress.during(f"reading {plan.output.name}"):
         standing = _standing(plan.output)
     if not plan.write:
         touch(plan.output)
         existing = standing or Group()  # gone since the plan was made: nothing is known of it
         steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
-        return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings)
+        return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings, **asked)
     if any(step.action == RUN for step in plan.steps):
         pool = nullcontext(executor) if executor else cluster(address, progress.say) if address else threads(workers)
     else:
@@ -191,7 +198,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     root = _assemble(plan, groups, provenances)
     with progress.during(f"writing {plan.output.name}"):
         write(plan.output, root, check=lambda root: _broken(plan, root))
-    return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings)
+    return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings, **asked)
 
 
 def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, in_process: bool):

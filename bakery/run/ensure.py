@@ -1,8 +1,8 @@
 """The asset of a recipe that something else names: baked where it is missing or out of date, with what is asked of it.
 
 What is asked is a function of (checked recipe, () -> its medium by a draft bake, seconds) that gives what
-`renderers.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`; seconds is a function of the same that says how long
-a bake of it would take.  Nothing here knows of scenes.
+`renderers.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`, `read`; seconds is a function of the same that says
+how long a bake of it would take.  Nothing here knows of scenes.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from bakery.plan import chosen
 from bakery.run import Baked, draft, execute, prepare
@@ -31,6 +32,7 @@ class Asked:
     more : whether a knob asks for more than the recipe has
     needs : why, see `renderers.requirements.Need`
     remarks : what could not be found out
+    read : files that it was found out from, besides the recipe's
     """
 
     settings: Mapping[str, str]
@@ -41,6 +43,12 @@ class Asked:
     more: bool = False
     needs: tuple = ()
     remarks: tuple[str, ...] = ()
+    read: tuple[Path, ...] = ()
+
+    @property
+    def of_plan(self) -> dict:
+        """What `bakery.run.prepare` takes of it, by name."""
+        return {name: getattr(self, name) for name in ("stages", "settings", "needs", "remarks", "read")}
 
 
 def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Callable, cache: Cache | None = None,
@@ -72,7 +80,14 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
     more = any(knob.demand(knob.value) > knob.demand(leaves.get(knob.key)) for one in required.needs if one.needed
                for knob in one.knobs)
     return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), whole, more,
-                 required.needs, required.remarks)
+                 tuple(_as_set(one, settings) for one in required.needs), required.remarks, tuple(required.read))
+
+
+def _as_set(need, settings: Mapping[str, str]):
+    """A need with the knobs that hold: those that the settings say are as they say."""
+    knobs = (knob if not _said(knob.key, settings) else knob._replace(text=settings[knob.key], why="set by hand")
+             for knob in need.knobs if knob.key in settings or not _said(knob.key, settings))
+    return need._replace(knobs=tuple(knobs))
 
 
 def _said(key: str, settings: Mapping[str, str]) -> bool:
@@ -81,7 +96,7 @@ def _said(key: str, settings: Mapping[str, str]) -> bool:
 
 
 def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
-            progress: Progress | None = None) -> Baked:
+            progress: Progress | None = None, overwrite: bool = False) -> Baked:
     """Bakes a recipe unless its asset is up to date, with what is asked of it or, as it stands, with more.
 
     Parameters
@@ -90,6 +105,7 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     output : path of the asset, or of a folder with a closing slash
     require : what is asked of it, see the head of this module
     progress : what is baked, remarks and missed targets are told to it
+    overwrite : replace what stands at `output` also where it is no asset
 
     Raises
     ------
@@ -98,9 +114,9 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     progress = progress or Progress()
     cache = Cache(say=progress.say)
     wanted = asked(recipe, {}, require, cache, progress)
-    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress)
+    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress, overwrite=overwrite, read=wanted.read)
     if plan.write or wanted.more:
-        plan = prepare(recipe, output, stages=wanted.stages, settings=wanted.settings, cache=cache, progress=progress)
+        plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=overwrite, **wanted.of_plan)
     for line in told(recipe, wanted) if plan.write else wanted.remarks:
         progress.say(line)
     baked = execute(plan, cache=cache, progress=progress)

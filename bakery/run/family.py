@@ -75,6 +75,7 @@ class FamilyPlan:
     missed: tuple[str, ...]
     input_hash: str
     options: Mapping = field(repr=False)
+    read: tuple[Path, ...] = ()  # no scene decides families
 
     @property
     def folder(self) -> Path:

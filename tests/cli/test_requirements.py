@@ -116,6 +116,59 @@ def test_a_scene_that_cannot_be_measured(call, place):
     assert "there is no such file" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
 
 
+@pytest.mark.parametrize("old, new, said", [
+    ("stop:", "stopp: {}\nstop:", "unknown key"),
+    ("tolerance: 20%", "tolerance: 120%", "at most 1"),
+    ("tolerance: 20%", "tolerance: 1e-300", "at least 1e-06"),
+    ("name: lit", "name: lit\nname: lit", "a second time")])
+def test_a_scene_that_is_wrong_is_refused(call, place, old, new, said):
+    """Where only files or keys are still to come the stages are baked; a mistake is told, as `bake render` tells it."""
+    (place / "s.yaml").write_text(SCENE.replace(old, new, 1))
+    for words in ((place / "wax.yaml", "-o", place / "wax.h5"), ("plan", place / "wax.yaml")):
+        status, out, err = call(*words, "--scene", place / "s.yaml")
+        assert status == 2 and said in err and "s.yaml:" in err and "Traceback" not in err, err
+    assert not (place / "wax.h5").exists()
+
+
+def test_machines_are_told_what_the_screen_says(call, place):
+    """Needs, keys that stay as the recipe has them, and remarks, of plans and of bakes."""
+    (place / "s.yaml").write_text(SCENE.replace("samples: 1", "samples: 1, noise: 19.9%"))
+    words = (place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "s.yaml", "--json")
+    (plan,) = json.loads(call("plan", *words)[1])
+    status, out, err = call(*words)
+    assert status == 0, err
+    (baked,) = json.loads(out)
+    assert baked["needs"] == plan["needs"] and baked["remarks"] == plan["remarks"]
+    assert needs(call, place / "wax.yaml", "--scene", place / "fog.yaml")[1]["beam"]["as_recipe"] == ["beam.photons"]
+    (remark,) = plan["remarks"]
+    assert "noise (stop.noise) of 19.9 % leaves too little" in remark and remark in err
+
+
+def test_what_is_set_by_hand_is_shown_as_such(call, place):
+    words = (place / "wax.yaml", "--scene", place / "s.yaml", "--set", "multiple_scattering.orders=8")
+    assert "multiple_scattering.orders 8: set by hand" in call("plan", *words)[1]
+    (plan,) = json.loads(call("plan", *words, "--json")[1])
+    knobs = {knob["key"]: knob for one in plan["needs"] for knob in one["knobs"]}
+    assert knobs["multiple_scattering.orders"]["value"] == "8"
+
+
+def test_depfiles_name_what_scenes_are_made_of(call, place):
+    words = (place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "s.yaml", "--depfile", place / "wax.d")
+    assert call(*words)[0] == 0
+    named = {word.rsplit("/", 1)[-1] for word in (place / "wax.d").read_text().split()}
+    assert named >= {"wax.yaml", "s.yaml", "lit.xml", "ball.ply"}
+    status, _, err = call(place / "wax.yaml", "-o", place / "lit.xml", "--scene", place / "s.yaml", "--overwrite")
+    assert status == 2 and "read by this very call" in err
+
+
+def test_fog_says_what_its_tables_do_not_reach(call, place):
+    """Kernels are within 1.4 % of transport whatever is asked for."""
+    for asked, said in (("5%", ""), ("0.5%", "those of fog are within 1.4 %")):
+        (place / "fog.yaml").write_text(FOG + f"tolerance: {asked}\n")
+        lacking = needs(call, place / "wax.yaml", "--scene", place / "fog.yaml")[1]["beam"]["lacking"]
+        assert said in lacking and bool(said) == bool(lacking)
+
+
 @pytest.mark.slow
 def test_a_missing_asset_is_baked_from_the_recipe_beside_it(call, place):
     """With what the scene requires; one that holds all that the recipe asks for is taken as it is."""

@@ -45,7 +45,7 @@ BAKES = "renderers/assets.py", "bakery.run.ensure"  # where the recipe of a scen
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "progress": set(), "grids": set(),
           "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
-          "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "mitsuba", "scene"},
+          "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
           "progressive": {"colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
