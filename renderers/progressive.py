@@ -27,7 +27,7 @@ import numpy as np
 from bakery.errors import Interrupted, UsageError
 from renderers import colour
 from renderers.mitsuba import bitmaps
-from renderers.running import rgb_layers
+from renderers.running import percent, rgb_layers
 
 # times the noise; samples and time by its square
 QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}
@@ -152,7 +152,7 @@ class Estimate:
         """
         self.parts, self.identity = tuple(parts), dict(identity)
         self.means = {part.name: Mean() for part in self.parts}
-        self.stopped_by = None
+        self.stopped_by, self._missed = None, ()
         self._signal = 0
 
     @property
@@ -212,6 +212,7 @@ class Estimate:
                 if progress:
                     progress(1.0 if self.stopped_by else self._fraction(stop, noise, spent), noise)
                 if self.stopped_by:
+                    self._missed = _missed(self.stopped_by, stop, noise)
                     break
                 start, mean = time.monotonic(), self.means[part.name]
                 mean.add(part.render(mean.count), time.monotonic() - start)
@@ -289,7 +290,7 @@ class Estimate:
                 for name, mean in self.means.items()}
         error = _error_of_mean(kept)
         lost = sum(mean.lost for mean in self.means.values())
-        reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
+        reasons = [*reasons, *self._missed] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
                             noise=self.noise, pixel_noise=self.pixel_noise,
@@ -298,7 +299,7 @@ class Estimate:
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
                             reasons=reasons, **more)
         if self._signal:
-            noise = "" if self.noise is None else f", noise {100 * self.noise:.2g} %"
+            noise = "" if self.noise is None else f", noise {percent(self.noise)}"
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
                                     f"{', '.join(report['files'])}, and --resume goes on with it")
         return report
@@ -354,6 +355,14 @@ def error_of_mean(text) -> np.ndarray | None:
         return _error_of_mean(json.loads(text[_STATE])["parts"])
     except (KeyError, TypeError, ValueError):
         return None  # another program's, or an earlier version's
+
+
+def _missed(stopped_by, stop, noise) -> tuple[str, ...]:
+    """What is said of a noise that was asked for and not reached."""
+    if stopped_by not in ("time", "samples") or stop.noise is None or noise is None or noise <= stop.noise:
+        return ()
+    of = "of 99 of 100 pixels " if stop.pixels else ""
+    return f"{stopped_by} ended the passes: a noise {of}of {percent(stop.noise)} was wanted, it is {percent(noise)}",
 
 
 def _error_of_mean(parts):

@@ -105,8 +105,13 @@ def describe(report, more=None) -> list[str]:
             f"time: {report['seconds']['total']:.1f} s ({parts})"]
 
 
+def percent(share: float) -> str:
+    """Two figures, or all before the point: 2.2 %, 110 %."""
+    return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
+
+
 def _made(report):
     said = [f"method: {report['method']}"]
     said += [f"{report['samples']} samples a pixel"] if report["samples"] is not None else []
-    said += [f"{name} {100 * report[name]:.2g} %" for name in ("noise", "bias") if report[name] is not None]
+    said += [f"{name} {percent(report[name])}" for name in ("noise", "bias") if report[name] is not None]
     return ["; ".join(said), *report["reasons"]]

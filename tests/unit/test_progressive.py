@@ -108,6 +108,16 @@ def test_values_that_are_no_numbers_are_dark_and_said(tmp_path):
         assert report["reasons"] == ["8 values of pixels were no numbers and count as dark"]
 
 
+def test_a_noise_that_is_not_reached_is_said(tmp_path):
+    for noise, pixels, said in ((1e9, False, []), (None, False, []), (0.001, False, ["a noise of 0.1 % was wanted"]),
+                                (0.001, True, ["a noise of 99 of 100 pixels of 0.1 % was wanted"])):
+        estimate = pair()
+        estimate.run(Stop(noise=noise, samples=8, pixels=pixels))
+        reasons = estimate.finish(Job(tmp_path))["reasons"]
+        assert len(reasons) == len(said) and all(f"samples ended the passes: {words}, it is " in reason
+                                                 for words, reason in zip(said, reasons, strict=True))
+
+
 def test_layers_of_the_file(tmp_path):
     report = ended(Job(tmp_path), pair(), 8)
     layers = exr.layers(tmp_path / "x.exr")
