@@ -68,6 +68,11 @@ class Need(NamedTuple):
     knobs: tuple[Knob, ...] = ()
     lacking: str = ""
 
+    def of(self, name: str) -> Need:
+        """The same with a scene's name behind each reason."""
+        knobs = (knob._replace(why=f"{knob.why} ({name})") for knob in self.knobs)
+        return self._replace(why=f"{self.why} ({name})", knobs=tuple(knobs), lacking=self.lacking and f"{self.lacking} ({name})")
+
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
         return self._asdict() | {"knobs": [{"key": one.key, "value": one.text, "why": one.why} for one in self.knobs]}
@@ -153,7 +158,7 @@ class About:
     @property
     def dark(self) -> bool:
         """Whether nothing in the scene shines."""
-        return not self.world.light_names
+        return self.world.dark
 
     def pixel(self) -> float:
         """Angle of a pixel in the middle of the picture, rad; the scene has a camera."""
@@ -179,18 +184,19 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
     UsageError, RecipeError : a path is no scene, or names no renderer
     """
     found = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
+    if len(found) > 1:
+        found = [one._replace(needs=tuple(need.of(Path(path).name) for need in one.needs)) for path, one in zip(paths, found, strict=True)]
     return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks),
                     read=tuple(dict.fromkeys(file for one in found for file in one.read)))
 
 
 def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
-    """The same of one scene that is read already."""
+    """The same of one scene that is read already.
+
+    Raises BakeryError where it cannot be measured.
+    """
     about = About(scene, recipe, medium)
-    try:
-        found = _shared_out(about, _rules(scene), seconds)
-    except BakeryError as fault:
-        found = _unmeasured(scene.rules.NEEDS, scene.path, fault)
-    return found._replace(read=tuple(scene.sources))
+    return _shared_out(about, _rules(scene), seconds)._replace(read=tuple(scene.sources))
 
 
 def _shared_out(about, rules, seconds) -> Required:
@@ -239,7 +245,10 @@ def _of_scene(path, recipe, medium, seconds, settings) -> Required:
         if not scenes.unfinished(fault):
             raise
         return _unmeasured(stages, path, fault)._replace(read=(path,))
-    return of_scene(scene, recipe, medium, seconds)
+    try:
+        return of_scene(scene, recipe, medium, seconds)
+    except BakeryError as fault:
+        return _unmeasured(stages, path, fault)._replace(read=tuple(scene.sources))
 
 
 def _unmeasured(stages, path, fault) -> Required:

@@ -189,10 +189,11 @@ def needs(path) -> tuple[str, ...]:
 
     Raises UsageError or RecipeError where the file is no scene.
     """
+    if not Path(path).is_file() or Path(path).suffix.lower() not in (*SUFFIXES, ".xml"):
+        there = "no scene" if Path(path).exists() and str(path) else "there is no such scene"
+        raise UsageError(f"{text.label_of(path)}: {there}; give the path of a scene (NAME.yaml or NAME.xml)")
     path = Path(path)
-    if not path.is_file():
-        raise UsageError(f"{text.label_of(path)}: there is no such scene; give the path of a scene (NAME.yaml or NAME.xml)")
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() == ".xml":
         return ("medium",)  # Mitsuba's; bakery's plugins for it read no other stage
     source, tree = _parsed(path)
     if tree.problems:

@@ -48,6 +48,8 @@ def command(source, output, methods, beside, measure, budget, overwrite, as_json
     from bakery.system.terminal import say
 
     scene = is_scene(source)
+    if not scene and source.lower().endswith(".xml"):
+        raise UsageError(f'found "{source}", which is no scene (.yaml); those of Mitsuba have no methods to measure')
     refused = {"stage": options["stage"], "scene": options["scenes"], "quality": options["quality"], "measure": measure} \
         if scene else {"methods": methods, "beside": beside}
     for name, value in refused.items():

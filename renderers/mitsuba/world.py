@@ -29,6 +29,8 @@ from renderers.mitsuba.sensor import camera_of
 # m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
 FAR = 1e12
 LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
+# parameters of emitters that make them black where they are 0
+_STRENGTHS = ("radiance.value", "intensity.value", "irradiance.value")
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -287,6 +289,17 @@ class World:
         sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self._index(sample.emitter)))
+
+    @property
+    def dark(self) -> bool:
+        """Whether no light shines: there is none, or the one value of each is 0."""
+        import mitsuba as mi
+
+        def off(emitter):
+            values = mi.traverse(emitter)
+            return any(name in values and not np.any(np.array(values[name])) for name in _STRENGTHS)
+
+        return all(map(off, self._scene.emitters()))
 
     def lights_in(self, boxes) -> list[int]:
         """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it."""

@@ -60,7 +60,7 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     """
     shapes = world.shapes()
     bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message),
-                    name if world.light_names or name != "auto" else "paths")
+                    name if not world.dark or name != "auto" else "paths")
               for number, one in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)

@@ -49,7 +49,7 @@ def _reduced(medium):
 
 
 def _percent(share) -> str:
-    return f"{100 * share:.2g} %"
+    return f"{100 * share:.2g} %" if share > 1e-12 else "0 %"  # rounding is all that is below
 
 
 # ---- sizes

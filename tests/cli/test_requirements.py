@@ -9,7 +9,7 @@ import pytest
 import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from tests import adversarial
+from tests import adversarial, exr
 
 RECIPE = """\
 bakery: 1
@@ -81,9 +81,12 @@ def test_the_depth_of_a_body_decides(call, place):
     out = call("plan", thin, "--scene", place / "s.yaml")[1]
     assert "leave  multiple not needed: optical depth 0.06" in out
     (place / "s.yaml").write_text(SCENE)
-    lit(place, "")
-    stages, said, _, _ = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
-    assert stages == ["medium"] and "black" in said["multiple"]["why"]
+    for light in ("", '<emitter type="constant"><rgb name="radiance" value="0"/></emitter>',
+                  '<emitter type="point"><point name="position" value="0, -9, 9"/><rgb name="intensity" value="0"/></emitter>'):
+        lit(place, light)
+        stages, said, _, _ = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+        assert stages == ["medium"] and "black" in said["multiple"]["why"]
+    assert call("render", place / "s.yaml")[0] == 0 and not exr.layers(place / "lit.exr")["G"].any()
 
 
 @pytest.mark.slow
@@ -94,6 +97,7 @@ def test_several_scenes_and_what_is_set_by_hand(call, place):
     assert stages == ["medium", "multiple", "beam"] and 190 < float(knobs["beam.depth"]) < 210
     status, out, _ = call("plan", place / "wax.yaml", *both, "--set", "beam.depth=3", "--set", "multiple_scattering={orders: 8}")
     assert status == 0 and "as the recipe has it: beam.photons" in out and "needed: " in out
+    assert said["multiple"]["why"].endswith(" (s.yaml)") and said["beam"]["why"].endswith(" (fog.yaml)")
     (place / "fog.yaml").write_text(FOG.replace("uniform", "uniform, scale: 100"))
     _, said, _, _ = needs(call, place / "wax.yaml", *both)
     assert "tables end at 1000" in said["beam"]["lacking"]
@@ -128,6 +132,20 @@ def test_a_scene_that_is_wrong_is_refused(call, place, old, new, said):
         status, out, err = call(*words, "--scene", place / "s.yaml")
         assert status == 2 and said in err and "s.yaml:" in err and "Traceback" not in err, err
     assert not (place / "wax.h5").exists()
+
+
+@pytest.mark.parametrize("name", ["lit.exr", "wax.h5", "", "."])
+def test_what_is_no_scene_is_refused(call, place, name):
+    (place / "lit.exr").write_bytes(b"v/1")
+    (place / "wax.h5").write_bytes(b"HDF")
+    status, _, err = call("plan", place / "wax.yaml", "--scene", place / name if name else "")
+    assert status == 2 and "scene" in err and "NAME.yaml" in err
+
+
+def test_a_scene_that_cannot_be_rendered_is_told_before_the_bake(call, place):
+    (place / "lit.xml").write_text((place / "lit.xml").read_text().replace(SENSOR, ""))
+    status, _, err = call("render", place / "s.yaml")
+    assert status == 2 and "sensor" in err and not (place / "wax.h5").exists()
 
 
 def test_machines_are_told_what_the_screen_says(call, place):

@@ -174,7 +174,8 @@ def test_common_keys(place, monkeypatch):
     values = scene.load(place / "haze.yaml").values
     assert values.tolerance is values.scene is values.film.width is values.stop.time is None
     for key, value, said in (("film", "{width: 64}", "film.height: missing"), ("stop.time", "3 min", "times take ms, s"),
-                             ("stop.noise", "2", "(2 %?)"), ("tolerance", "0", "above 0"), ("scene", "{unit: 1 m}", "mitsuba")):
+                             ("stop.noise", "2", "(2 %?)"), ("tolerance", "0", "at least 1e-06"),
+                                 ("scene", "{unit: 1 m}", "mitsuba")):
         with pytest.raises(bakery.RecipeError, match=re.escape(said)):
             scene.load(place / "haze.yaml", {key: value})
 

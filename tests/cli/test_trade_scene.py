@@ -157,6 +157,7 @@ WRONG = (
     ("haze.yaml --beside gone.yaml", "gone.yaml: there is no such scene"),
     ("haze.yaml -o notes.html", "not an HTML page"),
     ("milk.yaml --methods single", "--methods: milk.yaml is a recipe"),
+    ("haze.xml", "found \"haze.xml\", which is no scene (.yaml)"),
 )
 
 
