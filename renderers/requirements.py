@@ -185,7 +185,8 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
     """
     found = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
     if len(found) > 1:
-        found = [one._replace(needs=tuple(need.of(Path(path).name) for need in one.needs)) for path, one in zip(paths, found, strict=True)]
+        found = [one._replace(needs=tuple(need.of(Path(path).name) for need in one.needs))
+                 for path, one in zip(paths, found, strict=True)]
     return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks),
                     read=tuple(dict.fromkeys(file for one in found for file in one.read)))
 
