@@ -25,6 +25,7 @@ RECIPES = {"particles": "Recipes: suspended particles", "medium": "Recipes: medi
 LEAD = ("Everything that ships with bakery. Recipes are shown as blocks of their medium under two lights, packed grains with "
         "exemplars on the left, or in a scene.")
 COMMENT = re.compile(r"(?:^# (?!yaml-language-server).*\n)+", re.MULTILINE)
+ASSET = re.compile(r"^asset: \.\./\.\./build/(\w+)\.h5$", re.MULTILINE)  # of a scene: to be baked first
 MATERIAL = re.compile(r"(?:recipes|build)/(\w+)\.(?:yaml|h5)")
 
 
@@ -42,7 +43,8 @@ def shipped(folder: str, headings, build: Path, command: str, shown=None) -> dic
         if not picture and (scene := (shown or {}).get(name)):
             picture, words = _picture(scene, build), f"{words}, in the scene {scene}"
         section = next(one for one in headings if one in tree)
-        made = "bake {place} && bake plot {name}.h5" if "sweep" in tree else command
+        baked = "bake recipes/{0}.yaml -o build/{0}.h5 && "
+        made = baked.format(asset[1]) + command if (asset := ASSET.search(source.text)) else command
         found[headings[section]].append(Entry(name, words, str(place), made.format(place=place, name=name), picture))
     return found
 
@@ -67,8 +69,9 @@ def _materials(build: Path) -> dict[str, str]:
 def main(output: str) -> None:
     target = Path(output)
     check_outputs([(target, PAGE)])
-    sections = shipped("assets/scenes", SCENES, target.parent, "bake render {place}")
-    sections |= shipped("recipes", RECIPES, target.parent, "bake {place} && bake render {name}.h5", _materials(target.parent))
+    sections = shipped("assets/scenes", SCENES, target.parent, "bake render {place} -o build/{name}.png")
+    sections |= shipped("recipes", RECIPES, target.parent, "bake {place} -o build/{name}.h5 && bake render build/{name}.h5",
+                        _materials(target.parent))
     put(target, page("Recipes and scenes of bakery", LEAD, sections))
     print(target)
 
