@@ -10,10 +10,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bakery.export.mixture import identifier
+from bakery.export.mixture import Loss, Mixture, identifier
 from bakery.export.openpbr import observed_colour
 from bakery.physics.medium.lobe_fits import best_hg
-from bakery.physics.medium.phase import evaluate, normalised
+from bakery.physics.medium.lobes import Lobes, misfit
+from bakery.physics.medium.phase import cumulative, evaluate, normalised
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from tests import pbrt
@@ -54,7 +55,10 @@ NM = np.arange(360, 831)  # what pbrt samples
 def test_pbrt_reads_the_medium(call, fog, root, tmp_path):
     status, out, err = call("export", fog, "--to", "pbrt", "-o", tmp_path, "--json")
     report = json.loads(out)
-    assert status == 0 and not err and report["warnings"] == [] and report["files"] == [str(tmp_path / "fog.pbrt")]
+    # one g for a medium with 0.8 and 0.7
+    warning = "fog.pbrt: reduced scattering is off by +25 % at 0.61 um, and thick media with it"
+    assert status == 0 and report["warnings"] == [warning] and err == f"warning: {warning}\n"
+    assert report["files"] == [str(tmp_path / "fog.pbrt")]
     text = (tmp_path / "fog.pbrt").read_text()
     ((directive, names, given),) = pbrt.directives(text)
     assert (directive, names) == ("MakeNamedMedium", ["fog"])
@@ -126,6 +130,43 @@ def test_a_lobe_of_little_use_is_said_first(call, root, tmp_path):
     write(tmp_path / "odd.h5", with_member(root, "medium/phase", Dataset(phase, "1/sr", "phase function")))
     status, _, err = call("export", tmp_path / "odd.h5", "--to", "pbrt")
     assert status == 0 and re.match(r"warning: odd\.pbrt: one lobe sends \d\d % of the light", err)
+    # thick media are off by the factor of ten and more that (1 - g) sigma_s is
+    assert "right, thin ones" not in err and re.search(r"reduced scattering is off by \S+ % at 0.61 um, and thick media", err)
+
+
+def test_thick_media_are_right_where_the_reduced_scattering_is():
+    """Half of the light in a forward peak: one lobe of the right g misdirects much, and thick media are right."""
+    theta = np.union1d(np.geomspace(1e-6, math.pi, 4000), np.linspace(0, math.pi, 400))
+    phase = 0.5 * henyey_greenstein(0.999, theta) + 0.5 * henyey_greenstein(0.5, theta)
+    lobe = Lobes((1.0,), (0.75,), (0.0,))
+    lost = misfit(theta, normalised(theta, phase)[0], lobe)
+
+    def said(reduced):
+        losses = tuple(Loss(lost, error, 0.0) for error in (0.0, reduced))
+        return Mixture(np.array([0.5, 1.0]), np.ones(2), np.ones(2), lobe, losses, 0.0, 0.0).useless()
+
+    (line,) = said(-0.05)
+    assert line.endswith("thick media are about right, thin ones and halos around lamps are not")
+    (line,) = said(-0.15)
+    assert line.endswith("; thin media and halos around lamps are not right")
+    assert said(-0.25)[1:] == ["reduced scattering is off by -25 % at 1 um, and thick media with it"]
+
+
+@pytest.mark.parametrize(("target", "file", "g"), [("pbrt", "steep.pbrt", 0.9995), ("materialx", "steep.mtlx", 0.9995),
+                                                   ("blender", "steep.py", 0.9995)])
+def test_a_lobe_that_a_format_cannot_hold_is_warned_of(call, root, tmp_path, target, file, g):
+    """Formats clip g, and thick media scatter by a multiple of what they should."""
+    theta = np.union1d(np.concatenate([[0.0], np.geomspace(1e-7, math.pi, 4000)]), root["medium/theta"].data)
+    phase = np.tile(normalised(theta, henyey_greenstein(g, theta))[0], (2, 1))
+    tree = with_member(with_member(root, "optics", None), "medium/theta", Dataset(theta, "rad", "theta"))
+    for name, data in {"phase": phase, "cdf": cumulative(theta, phase), "phase_bias": 0 * phase}.items():
+        tree = with_member(tree, f"medium/{name}", Dataset(data, root[f"medium/{name}"].units, name))
+    for name in {"s11", "s12", "s33", "s34"} & root["medium"].members.keys():
+        tree = with_member(tree, f"medium/{name}", None)
+    write(tmp_path / "steep.h5", tree)
+    status, out, err = call("export", tmp_path / "steep.h5", "--to", target, "-o", tmp_path / "o", "--json")
+    assert status == 0 and "about right" not in err
+    assert any(line.startswith(f"{file}: reduced scattering is off by +") for line in json.loads(out)["warnings"])
 
 
 @pytest.mark.parametrize(("name", "plain"), [("fog", "fog"), ('a" "b\n', "a___b_"), ("2nd", "_2nd"), ("--", "__"), ("", "_"),
