@@ -191,6 +191,28 @@ def test_a_member_that_is_gone_is_baked_again(own, monkeypatch):
     assert not executed(plan).written and gone.exists()  # the family's own file is as it was
 
 
+def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
+    monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
+    recipe, folder = own.with_suffix(".yaml"), own.with_suffix("")
+    before = {path.name for path in folder.iterdir()}
+    shutil.copy(folder / "g_0.5.h5", folder / "mine.h5")  # what the family does not list stays
+    added = sorted(before - {"g_0.h5", "g_0.5.h5", "g_0.8.h5"})
+    (folder / added[0]).write_text("no asset")
+    bakery.bake(recipe, own, settings={"medium.albedo": "0.2", "sweep.refine": "false"})
+    assert len(added) > 1
+    assert {path.name for path in folder.iterdir()} == {"g_0.h5", "g_0.5.h5", "g_0.8.h5", "mine.h5", added[0]}
+    assert broken(own, read(own)) == []
+
+
+def test_a_family_that_moved_leaves_the_members_of_its_old_name(own, monkeypatch):
+    """Its file lists them until it is baked again; another family of that name may have them."""
+    monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
+    before = {path.name for path in own.with_suffix("").iterdir()}
+    moved = own.rename(own.with_name("moved.h5"))
+    bakery.bake(own.with_suffix(".yaml"), moved, settings={"sweep.refine": "false"})
+    assert {path.name for path in own.with_suffix("").iterdir()} == before and len(list(moved.with_suffix("").iterdir())) == 3
+
+
 @pytest.mark.parametrize("damage, says", [
     (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), "do not match the SHA-256"),
     (lambda path: path.write_bytes(path.with_name("g_0.8.h5").read_bytes()), "another asset than the family was made of"),
