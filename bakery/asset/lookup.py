@@ -73,7 +73,8 @@ def _by_wavelength(nodes, wanted, member: Dataset):
     """Linear between the stored wavelengths; a stored one as it is."""
     order = np.argsort(nodes)
     ascending = nodes[order]
-    if (wanted < ascending[0] * (1 - SAME)).any() or (wanted > ascending[-1] * (1 + SAME)).any():
+    # not: so that nan, which is neither below nor above, is outside as well
+    if not ((wanted >= ascending[0] * (1 - SAME)) & (wanted <= ascending[-1] * (1 + SAME))).all():
         raise UsageError(f"wavelength: found {_numbers(wanted)} um; the asset holds {_numbers(nodes)} um"
                          + (" and what lies between" if nodes.size > 1 else ""))
     nearest = order[np.argmin(np.abs(ascending - wanted[..., None]), axis=-1)]
@@ -100,7 +101,7 @@ def _by_theta(nodes, wanted, member: Dataset):
 
 def _by_radius(nodes, wanted, member: Dataset):
     """The nearest node: spheres of other sizes were not computed."""
-    if (wanted < nodes.min() * (1 - SAME)).any() or (wanted > nodes.max() * (1 + SAME)).any():
+    if not ((wanted >= nodes.min() * (1 - SAME)) & (wanted <= nodes.max() * (1 + SAME))).all():
         raise UsageError(f"radius: found {_numbers(wanted)} um; the asset holds {nodes.min():g} to {nodes.max():g} um")
     nearest = np.argmin(np.abs(nodes - wanted[..., None]), axis=-1)
     exact = (np.abs(nodes[nearest] - wanted) <= SAME * nodes[nearest]).all()

@@ -159,6 +159,9 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     ({"h": 0.5}, 'found "h"; the axes of the family are g (1)'),
     ({}, "found no value of g"),
     ({"g": "5 um"}, 'g: found "5 um"; expected a number without unit'),
+    ({"g": float("nan")}, "g: found nan; the family covers 0 to 0.8"),
+    ({"g": [0.1, 0.2]}, 'g: found "[0.1, 0.2]"; expected one number, or text with a unit'),
+    ({"g": None}, 'g: found "None"; expected one number, or text with a unit'),
 ])
 def test_places_that_there_are_not(lobes, values, says):
     with pytest.raises(bakery.UsageError) as error:
