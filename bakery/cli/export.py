@@ -66,6 +66,8 @@ def command(asset, target, output, each_wavelength, within, place, overwrite, as
         files, losses, lines = _forms(opened, target)
     else:
         files, losses, lines, first = _mitsuba(opened, stem, each_wavelength)
+    if (target in LOBES or target == "mitsuba") and not each_wavelength:
+        first += _beyond(opened, next(iter(files)))
     for warning in first:
         click.echo(f"warning: {warning}", err=True)
     folder = folder_for(Path(output) if output else Path(opened.path).with_name(f"{stem}-{target}"))
@@ -75,6 +77,14 @@ def command(asset, target, output, each_wavelength, within, place, overwrite, as
         print_json({"files": paths, "warnings": first, "lost": losses})
         return
     _print(paths, lines)
+
+
+def _beyond(asset, file: str) -> list[str]:
+    """What a file in colour has of bands that the asset's wavelengths do not reach."""
+    from bakery.export.bands import beyond
+    from renderers.colour import BANDS
+
+    return [f"{file}: {line}" for line in beyond(asset.wavelength, dict(zip(("red", "green", "blue"), BANDS, strict=True)))]
 
 
 def _csv(asset):

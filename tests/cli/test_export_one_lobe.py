@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from bakery.export.bands import beyond
 from bakery.export.mixture import Loss, Mixture, identifier
 from bakery.export.openpbr import observed_colour
 from bakery.physics.medium.lobe_fits import best_hg
@@ -17,6 +18,7 @@ from bakery.physics.medium.lobes import Lobes, misfit
 from bakery.physics.medium.phase import cumulative, evaluate, normalised
 from bakery.store.tree import Dataset
 from bakery.store.write import write
+from renderers.colour import BANDS
 from tests import pbrt
 from tests.samples import small_asset, with_member
 
@@ -167,6 +169,30 @@ def test_a_lobe_that_a_format_cannot_hold_is_warned_of(call, root, tmp_path, tar
     status, out, err = call("export", tmp_path / "steep.h5", "--to", target, "-o", tmp_path / "o", "--json")
     assert status == 0 and "about right" not in err
     assert any(line.startswith(f"{file}: reduced scattering is off by +") for line in json.loads(out)["warnings"])
+
+
+@pytest.mark.parametrize(("um", "said"), [
+    ((1.0, 1.5), "red, green and blue (0.4 to 0.7 um) lie beyond the asset's wavelengths, 1 to 1.5 um, and have the values at "
+                 "1 um"),
+    ((0.7, 0.5), "blue (0.4 to 0.5 um) lies beyond the asset's wavelengths, 0.5 to 0.7 um, and has the values at 0.5 um"),
+    ((0.35, 0.45), "red and green (0.5 to 0.7 um) lie beyond the asset's wavelengths, 0.35 to 0.45 um, and have the values at "
+                   "0.45 um"),
+    ((0.69, 0.49), ""),
+])
+def test_bands_beyond_the_wavelengths_are_warned_of(call, root, tmp_path, um, said):
+    write(tmp_path / "fog.h5", with_member(root, "wavelength", Dataset(np.array(um), "um", "wavelengths in vacuum")))
+    for target, file in {"pbrt": "fog.pbrt", "materialx": "fog.mtlx", "usd": "fog.usda", "blender": "fog.py",
+                         "mitsuba": "fog.xml"}.items():
+        out = call("export", tmp_path / "fog.h5", "--to", target, "-o", tmp_path / "o", "--json")[1]
+        found = [line for line in json.loads(out)["warnings"] if "beyond" in line]
+        assert found == ([f"{file}: {said}"] if said else [])
+    out = call("export", tmp_path / "fog.h5", "--to", "mitsuba", "--each-wavelength", "-o", tmp_path / "o", "--json")[1]
+    assert not any("beyond" in line for line in json.loads(out)["warnings"])
+
+
+def test_one_wavelength_is_grey_and_three_colours_are_the_channels():
+    bands = dict(zip(("red", "green", "blue"), BANDS, strict=True))
+    assert beyond([1.0], bands) == beyond([0.58, 0.5, 0.4], bands) == beyond([0.61, 0.55, 0.465], bands) == []
 
 
 @pytest.mark.parametrize(("name", "plain"), [("fog", "fog"), ('a" "b\n', "a___b_"), ("2nd", "_2nd"), ("--", "__"), ("", "_"),
