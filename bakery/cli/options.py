@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import click
@@ -10,6 +11,15 @@ import click
 from bakery.cli import offers
 from bakery.errors import UsageError
 from bakery.system.terminal import write
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range; unlike click's own it takes no nan, which compares false with every bound, and no infinity."""
+
+    def convert(self, value, param, ctx):
+        number = super().convert(value, param, ctx)
+        return number if math.isfinite(number) else self.fail(f"{value!r} is not a finite number.", param, ctx)
+
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")

@@ -39,6 +39,9 @@ def test_wrong_options_of_a_script(call):
     assert call("cluster-script", "slurm", "--time", "soon")[0] == 2
     assert call("cluster-script", "local", "--time", "1:00:00")[0] == 2
     assert call("cluster-script", "pbs")[0] == 2
+    for memory in "nan", "inf", "0":
+        status, out, err = call("cluster-script", "local", "--memory", memory)
+        assert status == 2 and not out and "--memory" in err
 
 
 @pytest.fixture
