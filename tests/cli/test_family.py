@@ -92,4 +92,9 @@ def test_plot_and_diff(call, lobes, undrawn, tmp_path):
     status, out, err = call("plot", lobes, "-o", tmp_path)
     assert status == 0 and (tmp_path / "lobes_g.csv").read_text().startswith("g [1],point,sigma_t at 0.55 um")
     assert "lobes_g_phase.png" in out
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BAKERY_CACHE", str(lobes.parent / "cache"))
+        bakery.bake(lobes.with_suffix(".yaml"), tmp_path / "one.h5", settings={"sweep.medium.phase.g": "0.5"})
+    status, out, err = call("plot", tmp_path / "one.h5", "-o", tmp_path)  # of the only place
+    assert status == 0 and "one_g_0.5_phase.png" in out
     assert call("diff", lobes, lobes)[:2] == (0, f"equal: {lobes} and {lobes}\n")
