@@ -78,6 +78,18 @@ def test_query_inspect_and_export_a_place(call, lobes):
     assert status == 0 and str(lobes.with_name("lobes_g_0.25-csv")) in out
 
 
+@pytest.mark.parametrize(("target", "ending", "says"), [
+    ("pbrt", "pbrt", 'MakeNamedMedium "lobes_g_0_{}"'), ("mitsuba", "xml", '<medium type="homogeneous" id="lobes_g_0_{}">'),
+    ("materialx", "mtlx", '<surfacematerial name="lobes_g_0_{}_volume"'), ("usd", "usda", 'defaultPrim = "lobes_g_0_{}"'),
+    ("blender", "py", 'NAME = "lobes_g_0_{}"'),
+])
+def test_two_places_stand_in_one_scene(call, lobes, tmp_path, target, ending, says):
+    for digits in "25", "3":
+        status, out, _ = call("export", lobes, "--to", target, "--at", f"g=0.{digits}", "-o", tmp_path)
+        assert status == 0 and out == f"{tmp_path}/lobes_g_0.{digits}.{ending}\n"
+        assert says.format(digits) in (tmp_path / f"lobes_g_0.{digits}.{ending}").read_text()
+
+
 def test_verify_names_a_damaged_member(call, tmp_path, lobes):
     import shutil
 
