@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bakery.asset.axes import axes
+from bakery.asset.axes import axes, of_points
 from bakery.errors import UsageError
 from bakery.physics.medium.phase import evaluate
 from bakery.stages.conform import stages_of
@@ -30,7 +30,7 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     UsageError : an argument that has no effect on this dataset, or lies outside of what is stored
     """
     member = root[path]
-    letters = axes(root, path)
+    letters, points = axes(root, path), of_points(root, path)
     names = [COORDINATES.get(letter) for letter in letters]
     useless = [name for name in arguments if name not in names]
     if useless:
@@ -39,7 +39,8 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
                          "it takes no arguments"))
     values, error = member.data, stated_error(root, path)
     left, remarks = [], []
-    for letter, name in zip(letters, names, strict=True):
+    left += points
+    for letter, name in list(zip(letters, names, strict=True))[len(points):]:
         axis = len(left)
         found = coordinate(root, path, letter)
         if name is None or found is None:

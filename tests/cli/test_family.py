@@ -78,6 +78,25 @@ def test_query_inspect_and_export_a_place(call, lobes):
     assert status == 0 and str(lobes.with_name("lobes_g_0.25-csv")) in out
 
 
+def test_query_names_the_axes_of_a_family(call, tmp_path, monkeypatch):
+    monkeypatch.setenv("BAKERY_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.5]"))
+    settings = {"sweep.medium.mean_free_path": "[1, 4] mm", "sweep.refine": "false"}
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5", settings=settings))
+    known = {name: (axis.values.units, axis.values.tolist()) for name, axis in family.axes.items()}
+    assert known == {"g": ("1", [0.1, 0.5]), "mean_free_path": ("m", [0.001, 0.004])}
+    for path, more in ("sigma_t", ["wavelength"]), ("phase", ["wavelength", "theta"]), ("members/achieved", []):
+        axes = family.query(f"family/{path}").axes
+        assert [name for name, _, _ in axes] == [*known, *more]
+        assert {name: (unit, values.tolist()) for name, unit, values in axes[:2]} == known
+    head = call("query", tmp_path / "lobes.h5", "family/sigma_t")[1].splitlines()[0].split("  ")
+    assert head[1] == "sigma_t [1/m] at mean_free_path 0.001 m, g 0.1"
+    forward = family.query("family/phase", theta=0.0, wavelength="550 nm")
+    assert forward.values.shape == (2, 2) and [name for name, _, _ in forward.axes] == list(known)
+    status, _, err = call("query", tmp_path / "lobes.h5", "family/sigma_t", "radius=5um")
+    assert status == 2 and "radius has no effect on it; wavelength would" in err
+
+
 @pytest.mark.parametrize(("target", "ending", "says"), [
     ("pbrt", "pbrt", 'MakeNamedMedium "lobes_g_0_{}"'), ("mitsuba", "xml", '<medium type="homogeneous" id="lobes_g_0_{}">'),
     ("materialx", "mtlx", '<surfacematerial name="lobes_g_0_{}_volume"'), ("usd", "usda", 'defaultPrim = "lobes_g_0_{}"'),
