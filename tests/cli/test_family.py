@@ -48,6 +48,8 @@ def test_plan_and_bake(call, tmp_path, monkeypatch):
     (["--sweep", "medium.phase.gg=[0.1, 0.2]"], 'found the unknown key "gg"'),
     (["--set", "multiple_scattering={}", "--sweep", "multiple_scattering.length=[1, 2]"], "changes nothing of the medium"),
     (["-o", "fresh"], "name it fresh.h5"),
+    (["--sweep", "medium.albedo=[0.1, 0.2]", "--sweep", "medium.albedo=0.5"],
+     '--sweep: found "medium.albedo=[0.1, 0.2]" and "medium.albedo=0.5"; give each once'),
 ])
 def test_wrong_calls(call, lobes, monkeypatch, options, says):
     monkeypatch.chdir(lobes.parent)
@@ -70,6 +72,8 @@ def test_query_inspect_and_export_a_place(call, lobes):
     assert status == 0 and float(out.splitlines()[1].split()[1]) == pytest.approx(0.5, abs=1e-3)
     status, out, err = call("query", lobes, "medium/g")
     assert status == 2 and "--at says which" in err
+    status, out, err = call("query", lobes, "medium/g", "--at", "g=0.3", "--at", "g=0.2")
+    assert status == 2 and err == '--at: found "g=0.3" and "g=0.2"; give each once\n'
     status, out, err = call("inspect", lobes)
     assert status == 0 and "a family of 3 assets, cubic between them, not measured" in out
     assert "g: 0, 0.5, 0.8 (medium.phase.g)" in out
