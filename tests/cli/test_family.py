@@ -67,6 +67,14 @@ def test_what_knows_one_asset_says_so(call, lobes, milk):
     assert "is one asset, not a family" in call("query", milk.with_suffix(".h5"), "medium/g", "--at", "g=0.5")[2]
 
 
+def test_an_asset_is_no_recipe(call, lobes):
+    for command in "bake", "plan", "trade":
+        status, out, err = call(command, lobes)
+        assert status == 2 and not out
+        assert err.endswith(f"{lobes}: found an asset; expected a text, such as the recipe of it; `bake inspect` shows what an "
+                            "asset holds\n")
+
+
 def test_query_inspect_and_export_a_place(call, lobes):
     status, out, err = call("query", lobes, "medium/g", "--at", "g=0.5")
     assert status == 0 and float(out.splitlines()[1].split()[1]) == pytest.approx(0.5, abs=1e-3)
