@@ -65,6 +65,17 @@ def test_phase_functions_are_drawn_as_the_command_draws_them(asset):
         type(asset.medium.phase)(asset.medium.theta, asset.medium["phase"][0]).plot()
 
 
+def test_pictures_are_saved_by_the_ending_of_the_path(asset, tmp_path, undrawn):
+    picture = asset.medium.phase.plot()
+    assert picture.save(tmp_path / "phase.png").read_bytes().startswith(b"\x89PNG")
+    assert picture.save(f"{tmp_path}/phase.SVG").read_bytes().startswith(b"<svg")
+    assert picture.save(tmp_path / "phase.csv").read_text().startswith("theta [rad],phase at 0.61 um [1/sr],")
+    with pytest.raises(UsageError, match=r"found a name that does not end in .png, .svg or .csv; \S+phase.png would do"):
+        picture.save(tmp_path / "phase.jpg")
+    with pytest.raises(UsageError, match="cannot be written: No such file"):
+        picture.save(tmp_path / "missing" / "phase.png")
+
+
 def test_notebooks_show_tables_and_pictures(asset, monkeypatch):
     monkeypatch.setattr("bakery.draw.picture.drawn", lambda picture, forms, of="": {"png": b"PNG of " + picture.name.encode()})
     image = 'src="data:image/png;base64,UE5HIG9mIHBoYXNl"'  # "PNG of phase"
