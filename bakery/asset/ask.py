@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy as np
 from bakery.asset.lookup import lookup
 from bakery.errors import UsageError
 from bakery.family.tree import is_family
+from bakery.grammar.text import show
 from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
 from bakery.stages import all_stages
 from bakery.stages.conform import FAMILY
@@ -70,11 +72,23 @@ def _value(name: str, value, queries: Iterable[Query]) -> float | tuple[float, .
         known = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries)]
         raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(known)))
     if not isinstance(value, str):
-        return float(value) if np.ndim(value) == 0 else tuple(map(float, np.ravel(value)))
+        return _numbers(name, value)
     try:
         return parse_list(value, kinds[name]) if is_list(value) else parse(value, kinds[name])
     except Wrong as wrong:
         raise UsageError(f"{name}: {wrong.found}; {wrong.expected}") from None
+
+
+def _numbers(name: str, value) -> float | tuple[float, ...]:
+    """One or more finite numbers; UsageError for all else."""
+    try:
+        values = tuple(map(float, np.ravel(value)))
+    except (TypeError, ValueError):  # ValueError: lists of unequal lengths as well
+        raise UsageError(f"{name}: found {show(value)}; expected a number, several of them, or text with a unit") from None
+    wrong = next((each for each in values if not math.isfinite(each)), None)
+    if wrong is not None:
+        raise UsageError(f"{name}: found {wrong:g}; expected a finite number")
+    return values if np.ndim(value) else values[0]
 
 
 def _find(asset: str, root: Group, path: str):

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
+from bakery.family.tree import is_family
 from bakery.stages import all_stages
+from bakery.stages.conform import FAMILY
 from bakery.stages.coordinates import ERROR, coordinate
 from bakery.store.tree import Group
+
+# axes of a family's datasets behind those of its points
+_OF_POINTS = {name: ("L",) for name in ("sigma_t", "sigma_s", "sigma_a", "albedo", "g")} | {
+    "phase": ("L", "A"), "ratios": ("L", "-", "A")}
 
 
 def axes(root: Group, path: str) -> tuple[str, ...]:
@@ -14,11 +22,23 @@ def axes(root: Group, path: str) -> tuple[str, ...]:
     member = root[path]
     if path == "wavelength":
         return ("L",)
+    if points := of_points(root, path):
+        return ("-",) * len(points) + _OF_POINTS.get(path.partition("/")[2], ())
     letters = _declared(root, path) or _declared(root, path.removesuffix(ERROR))
     if len(letters) != member.data.ndim:
         letters = ("-",) * member.data.ndim
     lengths = zip(letters, member.data.shape, strict=True)
     return tuple(letter if _fits(root, path, letter, length) else "-" for letter, length in lengths)
+
+
+def of_points(root: Group, path: str) -> list[tuple[str, str, np.ndarray]]:
+    """Name, unit and values of a family's axes, over which a dataset of it is tabulated first; none of any other dataset."""
+    group, _, inner = path.partition("/")
+    if group != FAMILY or not is_family(root) or inner.partition("/")[0] not in (*_OF_POINTS, "members"):
+        return []
+    groups = root[FAMILY]["axes"].members
+    names = sorted(groups, key=lambda name: groups[name].attributes["order"])
+    return [(name, groups[name]["value"].units, groups[name]["value"].data) for name in names]
 
 
 def _fits(root: Group, path: str, letter: str, length: int) -> bool:

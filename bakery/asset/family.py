@@ -20,6 +20,7 @@ from bakery.family.pictures import pictures
 from bakery.family.point import asset_at, place_of, place_path
 from bakery.family.tree import axes_of
 from bakery.grammar.fields import nearest
+from bakery.grammar.text import show
 from bakery.grammar.units import Wrong, parse, quantity_of
 from bakery.stages import sections_for
 from bakery.stages.conform import FAMILY, faults, stages_of
@@ -209,7 +210,12 @@ def _axis(group: Group, key: Swept) -> FamilyAxis:
 def _number(axis: Swept, value: float | str) -> float:
     """A value in the units of an axis."""
     if not isinstance(value, str):
-        return float(value)
+        try:
+            if np.ndim(value) == 0:
+                return float(value)
+        except (TypeError, ValueError):  # ValueError: lists of unequal lengths
+            pass
+        raise UsageError(f"{axis.name}: found {show(value)}; expected one number, or text with a unit")
     try:
         quantity = quantity_of(value)
         if quantity.base != axis.units:

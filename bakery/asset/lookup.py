@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bakery.asset.axes import axes
+from bakery.asset.axes import axes, of_points
 from bakery.errors import UsageError
 from bakery.physics.medium.phase import evaluate
 from bakery.stages.conform import stages_of
@@ -30,7 +30,7 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     UsageError : an argument that has no effect on this dataset, or lies outside of what is stored
     """
     member = root[path]
-    letters = axes(root, path)
+    letters, points = axes(root, path), of_points(root, path)
     names = [COORDINATES.get(letter) for letter in letters]
     useless = [name for name in arguments if name not in names]
     if useless:
@@ -39,7 +39,8 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
                          "it takes no arguments"))
     values, error = member.data, stated_error(root, path)
     left, remarks = [], []
-    for letter, name in zip(letters, names, strict=True):
+    left += points
+    for letter, name in list(zip(letters, names, strict=True))[len(points):]:
         axis = len(left)
         found = coordinate(root, path, letter)
         if name is None or found is None:
@@ -73,7 +74,8 @@ def _by_wavelength(nodes, wanted, member: Dataset):
     """Linear between the stored wavelengths; a stored one as it is."""
     order = np.argsort(nodes)
     ascending = nodes[order]
-    if (wanted < ascending[0] * (1 - SAME)).any() or (wanted > ascending[-1] * (1 + SAME)).any():
+    # not: so that nan, which is neither below nor above, is outside as well
+    if not ((wanted >= ascending[0] * (1 - SAME)) & (wanted <= ascending[-1] * (1 + SAME))).all():
         raise UsageError(f"wavelength: found {_numbers(wanted)} um; the asset holds {_numbers(nodes)} um"
                          + (" and what lies between" if nodes.size > 1 else ""))
     nearest = order[np.argmin(np.abs(ascending - wanted[..., None]), axis=-1)]
@@ -100,7 +102,7 @@ def _by_theta(nodes, wanted, member: Dataset):
 
 def _by_radius(nodes, wanted, member: Dataset):
     """The nearest node: spheres of other sizes were not computed."""
-    if (wanted < nodes.min() * (1 - SAME)).any() or (wanted > nodes.max() * (1 + SAME)).any():
+    if not ((wanted >= nodes.min() * (1 - SAME)) & (wanted <= nodes.max() * (1 + SAME))).all():
         raise UsageError(f"radius: found {_numbers(wanted)} um; the asset holds {nodes.min():g} to {nodes.max():g} um")
     nearest = np.argmin(np.abs(nodes - wanted[..., None]), axis=-1)
     exact = (np.abs(nodes[nearest] - wanted) <= SAME * nodes[nearest]).all()

@@ -53,6 +53,7 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     from bakery.run import files_of
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
+    from bakery.run.dask import check_address
     from bakery.run.progress import choose
     from bakery.store.outputs import ASSET, DEPFILE, check_outputs
 
@@ -60,6 +61,8 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
         raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each NAME.h5 into a folder')
     if len(recipes) > 1 and depfile:
         raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; one call a recipe would do")
+    if cluster is not None:
+        check_address(cluster)
     progress = choose(quiet or dry_run)
     try:
         cache = Cache(say=progress.say)

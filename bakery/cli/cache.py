@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import click
 
-from bakery.cli.options import json_option, print_json
+from bakery.cli.options import FiniteRange, json_option, print_json
 from bakery.errors import StoreError, UsageError
 from bakery.system.terminal import clean, remark, say
 
@@ -69,7 +69,7 @@ def _show(place: str, held: dict) -> None:
 @command.command()
 @click.option("--max-size", metavar="SIZE", default="1GB", show_default=True,
               help="Keep the last used up to this size (kB, MB, GB).")
-@click.option("--max-age", metavar="DAYS", type=click.FloatRange(0), help="Remove what was not used for so many days.")
+@click.option("--max-age", metavar="DAYS", type=FiniteRange(0), help="Remove what was not used for so many days.")
 @json_option
 def prune(max_size, max_age, as_json):
     """Remove the entries that were not used for longest, and what was set aside as damaged; of this machine only."""

@@ -66,6 +66,8 @@ def command(asset, target, output, each_wavelength, within, place, overwrite, as
         files, losses, lines = _forms(opened, target)
     else:
         files, losses, lines, first = _mitsuba(opened, stem, each_wavelength)
+    if (target in LOBES or target == "mitsuba") and not each_wavelength:
+        first += _beyond(opened, next(iter(files)))
     for warning in first:
         click.echo(f"warning: {warning}", err=True)
     folder = folder_for(Path(output) if output else Path(opened.path).with_name(f"{stem}-{target}"))
@@ -75,6 +77,19 @@ def command(asset, target, output, each_wavelength, within, place, overwrite, as
         print_json({"files": paths, "warnings": first, "lost": losses})
         return
     _print(paths, lines)
+
+
+def _beyond(asset, file: str) -> list[str]:
+    """What a file in colour has of bands that the asset's wavelengths do not reach."""
+    from bakery.export.bands import beyond
+    from renderers.colour import BANDS
+
+    return [f"{file}: {line}" for line in beyond(asset.wavelength, dict(zip(("red", "green", "blue"), BANDS, strict=True)))]
+
+
+def _identity(asset) -> str:
+    """What the medium is called in a file: as the asset, of a place of a family as its file, for two places in one scene."""
+    return Path(asset.path).stem if hasattr(asset, "save") else asset.name
 
 
 def _csv(asset):
@@ -125,7 +140,7 @@ def _mitsuba(asset, stem: str, each_wavelength: bool):
     from bakery.system.terminal import table
     from renderers.colour import band_matrix
 
-    parts = fragments(asset.tree, asset.name, band_matrix(asset.wavelength), each_wavelength)
+    parts = fragments(asset.tree, _identity(asset), band_matrix(asset.wavelength), each_wavelength)
     lines: list = []
     for part in parts:
         head = [("  lost against the asset", "mean error", "largest error", "error of g", "forward peak cut")]
@@ -168,16 +183,16 @@ def _lobes(asset, stem: str, target: str, within: float):
     from bakery.export.pbrt import pbrt_text
     from renderers.colour import band_matrix, rgb_order
 
-    fitted = cycles_medium if target == "blender" else one_lobe
+    fitted, name = cycles_medium if target == "blender" else one_lobe, _identity(asset)
     medium, bands = fitted(asset.tree, asset.name, within), band_matrix(asset.wavelength)
     said = _lobe_lines(medium, None if within or medium.misdirected < WORTH else fitted(asset.tree, asset.name, PEAK))
     if target == "pbrt":
-        file, content = f"{stem}.pbrt", pbrt_text(asset.name, medium)
+        file, content = f"{stem}.pbrt", pbrt_text(name, medium)
     elif target == "blender":
-        file, content = f"{stem}.py", blender_text(asset.name, medium, bands)
+        file, content = f"{stem}.py", blender_text(name, medium, bands)
     else:
         end, text = {"materialx": ("mtlx", materialx_text), "usd": ("usda", usd_text)}[target]
-        file, content = f"{stem}.{end}", text(asset.name, surfaces(medium, bands), medium.remarks())
+        file, content = f"{stem}.{end}", text(name, surfaces(medium, bands), medium.remarks())
     if target != "pbrt" and asset.wavelength.size > 1 and rgb_order(asset.wavelength) is None:
         said.append("Coefficients are means over a red, a green and a blue band of the asset's.")
     return {file: content}, medium.as_dicts(), said, [f"{file}: {line}" for line in medium.useless()]

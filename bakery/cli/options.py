@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import click
@@ -10,6 +11,15 @@ import click
 from bakery.cli import offers
 from bakery.errors import UsageError
 from bakery.system.terminal import write
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range; unlike click's own it takes no nan, which compares false with every bound, and no infinity."""
+
+    def convert(self, value, param, ctx):
+        number = super().convert(value, param, ctx)
+        return number if math.isfinite(number) else self.fail(f"{value!r} is not a finite number.", param, ctx)
+
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
@@ -45,7 +55,7 @@ def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]
 
     values = dict(_pair("--set", setting, 'particles.number_density="2e8 /m^3"') for setting in settings)
     values |= {f"sweep.{key}": value for key, value in
-               (_pair("--sweep", setting, "'particles.components.droplets.size.radius=[2, 4, 8] um'") for setting in sweeps)}
+               _once("--sweep", sweeps, "'particles.components.droplets.size.radius=[2, 4, 8] um'").items()}
     return overrides(quality, tolerance, seed, values)
 
 
@@ -57,6 +67,17 @@ def _pair(option: str, text: str, example: str) -> tuple[str, str]:
     return key.strip(), value
 
 
+def _once(option: str, texts, example: str) -> dict[str, str]:
+    """Pairs of a repeatable option, each key given once."""
+    found = {}
+    for text in texts:
+        key, value = _pair(option, text, example)
+        if key in found:
+            raise UsageError(f'{option}: found "{key}={found[key]}" and "{key}={value}"; give each once')
+        found[key] = value
+    return found
+
+
 def opened(asset: str, place):
     """What `bakery.open` gives for a file, of a family the asset at a place, where one is named: `AXIS=VALUE` each."""
     import bakery
@@ -66,7 +87,7 @@ def opened(asset: str, place):
         return found
     if not isinstance(found, bakery.Family):
         raise UsageError(f"--at: {asset} is one asset, not a family; leave the option out")
-    return found.at(**dict(_pair("--at", text, "radius=5um") for text in place))
+    return found.at(**_once("--at", place, "radius=5um"))
 
 
 def one_asset(asset: str, place):

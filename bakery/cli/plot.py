@@ -22,6 +22,7 @@ def command(asset, output, place, overwrite, as_json):
 
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
+    import bakery
     from bakery.draw.files import csv_text, folder_for
     from bakery.draw.picture import drawn
     from bakery.report.figures import pictures, title_of
@@ -29,6 +30,8 @@ def command(asset, output, place, overwrite, as_json):
     from bakery.store.put import put
 
     found = opened(asset, place)
+    if isinstance(found, bakery.Family) and len(found.members) == 1:  # nothing lies between: its only place is drawn
+        found = found.at(**found.members[0].at)
     root = found.tree
     figures = list(pictures(root))
     if not figures:

@@ -1,14 +1,18 @@
-"""One figure: what it shows, and the numbers behind it; notebooks show it inline."""
+"""One figure: what it shows, and the numbers behind it; notebooks show it inline, `save` writes it."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from bakery.draw.files import csv_text
 from bakery.draw.html import figure as html_figure
 from bakery.draw.style import QUIET, look, saved
+from bakery.errors import UsageError
 
 _CSS_INCH = 96  # pixels
 _HEAD = 0.24  # inches above a picture for the asset's name
@@ -33,6 +37,22 @@ class Picture:
     size: tuple[float, float]
     draw: Callable
     columns: tuple[tuple[str, np.ndarray], ...]
+
+    def save(self, path: str | os.PathLike) -> Path:
+        """Write it as PNG or SVG, or its data as CSV, by the ending of the path; what stands there is replaced.
+
+        Raises UsageError for another ending, or where nothing can be written.
+        """
+        path = Path(path)
+        form = path.suffix.removeprefix(".").lower()
+        if form not in ("png", "svg", "csv"):
+            raise UsageError(f"{path}: found a name that does not end in .png, .svg or .csv; {path.with_suffix('.png')} would do")
+        data = csv_text(self.columns).encode() if form == "csv" else drawn(self, (form,))[form]
+        try:
+            path.write_bytes(data)
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+        return path
 
     def _repr_html_(self) -> str:
         return html_figure(drawn(self, ("png",))["png"], f"{self.title}. {self.caption}", _CSS_INCH * self.size[0])

@@ -14,6 +14,9 @@ from bakery.physics.medium.phase import mean_cosine
 from bakery.store.tree import Group
 
 USELESS = 0.3  # of the light to another angle: what is said first
+# Error of the reduced scattering up to which thick media are about right, and above which it is said first.  What a thick body
+# reflects and lets through varies more slowly than its reduced scattering: about as the square root where it absorbs little.
+RIGHT, WRONG = 0.1, 0.2
 WIDEST = math.radians(10)  # light that is deflected by more always counts as scattered
 
 
@@ -74,13 +77,22 @@ class Mixture:
         """1, largest share of the scattered light that is in a forward peak which counts as unscattered."""
         return max(loss.unscattered for loss in self.losses)
 
+    @property
+    def reduced(self) -> tuple[float, float]:
+        """um and 1: the wavelength where the relative error of the reduced scattering coefficient is largest, and that error."""
+        return max(zip(self.um.tolist(), (loss.reduced for loss in self.losses), strict=True), key=lambda pair: abs(pair[1]))
+
     def useless(self) -> list[str]:
         """What is to be said first."""
-        if self.misdirected <= USELESS:
-            return []
-        lobes = "one lobe sends" if len(self.lobes.g) == 1 else "the lobes send"
-        return [f"{lobes} {100 * self.misdirected:.2g} % of the light to another angle; thick media are about right, "
-                "thin ones and halos around lamps are not"]
+        said, (um, error) = [], self.reduced
+        if self.misdirected > USELESS:
+            lobes = "one lobe sends" if len(self.lobes.g) == 1 else "the lobes send"
+            right = ("thick media are about right, thin ones and halos around lamps are not" if abs(error) <= RIGHT else
+                     "thin media and halos around lamps are not right")
+            said.append(f"{lobes} {100 * self.misdirected:.2g} % of the light to another angle; {right}")
+        if abs(error) > WRONG:
+            said.append(f"reduced scattering is off by {100 * error:+.2g} % at {um:g} um, and thick media with it")
+        return said
 
     def remarks(self) -> list[str]:
         """Lines for a comment in the file: what stands for the phase functions, and what that loses."""

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from bakery.errors import Problem, RecipeError
 
 MAX_BYTES, MAX_LINES, MAX_DEPTH, MAX_NODES = 1 << 20, 50_000, 32, 20_000
+ASSET = b"bakery-asset "  # how an asset begins (bakery/store/container.py)
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]|[\u2028\u2029\ufeff]")
 # a list followed by one unit, `[0.84, 0.75, 0.68] mm` or `[1, 2] 1/mm`: never valid YAML otherwise, because text cannot follow
 # a closing bracket
@@ -117,7 +118,10 @@ Node = Scalar | Mapping | Sequence
 
 
 def decode(data: bytes, label: str) -> str:
-    """The text of a file; RecipeError if it is too large or no clean UTF-8."""
+    """The text of a file; RecipeError if it is an asset, too large or no clean UTF-8."""
+    if data.startswith(ASSET):
+        raise RecipeError([Problem(label, None, None, "", "found an asset",
+                                   "expected a text, such as the recipe of it; `bake inspect` shows what an asset holds")])
     if len(data) > MAX_BYTES:
         raise RecipeError([Problem(label, None, None, "", f"found {len(data):,} bytes", f"a recipe has at most {MAX_BYTES:,}")])
     try:

@@ -11,6 +11,7 @@ from bakery.errors import StageError
 from bakery.plan import Plan
 from bakery.run import Baked, execute, overrides, prepare
 from bakery.run.cache import Cache
+from bakery.run.dask import check_address
 from bakery.run.family import FamilyPlan, execute_family, prepare_family
 from bakery.run.progress import Progress
 
@@ -67,6 +68,8 @@ def bake(
     >>> print(bakery.bake("fog.yaml", output="fog.h5"))
     fog.h5
     """
+    if cluster is not None:
+        check_address(cluster)
     cache = Cache(say=progress.say if progress else lambda text: None)
     plan = planned(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
                    cache=cache, jobs=jobs, overwrite=overwrite, progress=progress)

@@ -29,10 +29,18 @@ OWN = 0.5  # weight of the model among bakes
 
 
 def places() -> tuple[Path, str | None]:
-    """The folder of the cache, the user's own by default, and the address of what is shared behind it; BAKERY_CACHE is either."""
+    """The folder of the cache, the user's own by default, and the address of what is shared behind it; BAKERY_CACHE is either.
+
+    Raises UsageError where it names a file, or a folder that cannot be made because a file is in its way.
+    """
     chosen = os.environ.get("BAKERY_CACHE")
     if chosen and not is_shared(chosen):
-        return Path(chosen).absolute(), None
+        folder = Path(chosen).absolute()
+        stands = next(path for path in (folder, *folder.parents) if path == path.parent or os.path.lexists(path))
+        if not os.path.isdir(stands):
+            raise UsageError(f'BAKERY_CACHE: found "{chosen}", but {stands} is no folder; '
+                             "a folder, there or to be made, would do")
+        return folder, None
     from platformdirs import user_cache_path
 
     own = user_cache_path("bakery")

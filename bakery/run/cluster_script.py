@@ -63,7 +63,9 @@ until [ -s "$FOLDER/scheduler.json" ]; do
 done
 ADDRESS=$("$PYTHON" -c 'import json, sys; print(json.load(open(sys.argv[1]))["address"])' "$FOLDER/scheduler.json")
 if [ $# -gt 0 ]; then
-    "$PYTHON" -m bakery "$@" --cluster "$ADDRESS"
+    # behind: bash would run the traps only after a command in front has ended
+    "$PYTHON" -m bakery "$@" --cluster "$ADDRESS" <&0 &
+    wait $!
 else
     echo "bake RECIPE… --cluster $ADDRESS"
     wait

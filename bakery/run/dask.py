@@ -13,7 +13,7 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from bakery.errors import StageError, UsageError
 from bakery.run.executors import library_versions
@@ -150,19 +150,42 @@ def cluster(address: str, say: Callable[[str], None] = lambda text: None) -> Ite
 
     `say` takes remarks on workers: those that are refused for their versions, that die, that are slow.
     """
+    check_address(address)
     try:
-        from distributed import Client
+        import distributed  # noqa: F401  # before `_quiet`, which needs its loggers
     except ImportError:
         raise UsageError('--cluster needs Dask: pip install ".[cluster]" in the folder of bakery\'s sources') from None
-    if not re.fullmatch(r"([a-z]+://)?[^\s/]+:\d{1,5}", address):
+    with _quiet(), _client(address) as client:
+        yield _connected(client, say)
+
+
+def check_address(address: str) -> None:
+    """UsageError for what is no address of a Dask scheduler, before anything is asked there."""
+    match = re.fullmatch(r"(?:(tcp|tls)://)?[^\s/]+:(\d{1,5})", address)
+    if not match or not 0 < int(match[2]) < 65536:
         raise UsageError(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786')
-    with _quiet():
-        try:
-            client = Client(address, timeout=_ANSWER, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise UsageError(f'--cluster: found "{address}", where no Dask scheduler answers ({error})') from None
-        with client:
-            yield _connected(client, say)
+
+
+def _client(address: str):
+    """A `distributed.Client` that is connected."""
+    from distributed import Client
+    from distributed.security import Security
+
+    # made in two steps, to be held where the second fails: left to itself, a half-made one waits for a minute to be collected
+    client = Client.__new__(Client)
+    try:
+        if address.startswith("tls://") and Security().get_connection_args("client")["ssl_context"] is None:
+            raise UsageError(f'--cluster: found "{address}", but Dask has no certificates for it; its options '
+                             "distributed.comm.tls.ca-file and .client.cert name them (docs/clusters.md)")
+        client.__init__(address, timeout=_ANSWER, set_as_default=False)
+    except BaseException as error:
+        with suppress(Exception):
+            client.close(timeout=1)
+        client.status = "closed"
+        if isinstance(error, UsageError) or not isinstance(error, Exception):
+            raise
+        raise UsageError(f'--cluster: found "{address}", where no Dask scheduler answers ({error})') from None
+    return client
 
 
 def _connected(client, say) -> Cluster:

@@ -192,7 +192,9 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
             found = given(sweep.axes, baking.medium)
         members = {point: baking.member(point) for point in points(found.values)}
     root = _root(plan, found, members, baking)
+    before = _listed(plan)
     written = _write(plan.output, root, progress)
+    _remove(plan, before - _listed(plan), progress)
     lines = _misses(root)
     count = sum(not member.reason for member in members.values())
     progress.done(FAMILY, f"{count} of {len(members)} points, {found.method} between them"
@@ -330,6 +332,28 @@ def _write(path: Path, root: Group, progress: Progress) -> bool:
     with progress.during(f"writing {path.name}"):
         write(path, root, check=lambda root: departures(root) or physics(root))
     return True
+
+
+def _listed(plan: FamilyPlan) -> set[Path]:
+    """Files in the folder of the members that the family at the output says are its own; none where no family is readable."""
+    try:
+        root = read(plan.output)
+        files = [plan.output.parent / member.file for _, _, member in listed(root)] if is_family(root) else []
+    except (AssetError, StoreError, LookupError, ValueError):
+        return set()
+    return {file for file in files if file.parent == plan.folder}
+
+
+def _remove(plan: FamilyPlan, files: set[Path], progress: Progress) -> None:
+    """Remove members that the family had and has no more: they would look like some of the recipe that stands now."""
+    for file in sorted(files):
+        try:
+            read(file)
+            file.unlink()
+        except AssetError:
+            continue  # gone, or a file of someone else by that name
+        except (StoreError, OSError) as error:
+            progress.say(f"warning: {file}: was a member and is none any more, and could not be removed: {error}")
 
 
 def _misses(root: Group) -> tuple[str, ...]:

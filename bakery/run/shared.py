@@ -174,7 +174,7 @@ def _place_of(address: str) -> _Place:
     if scheme == "file" and rest.startswith("/"):
         return Folder(Path(rest))
     root = rest.strip("/")
-    if scheme not in PACKAGES or not root:
+    if scheme not in PACKAGES or not root or rest.startswith("/"):  # s3:///x names no bucket
         stores = ", ".join(f"{known}://BUCKET/PREFIX" for known in PACKAGES)
         raise UsageError(f'BAKERY_CACHE: found "{address}"; a folder, file:///FOLDER for one that is shared, or an object store '
                          f"{stores} would do")

@@ -141,7 +141,9 @@ class Answer:
         values, error = self.values[whole], None if self.error is None else np.asarray(self.error)[whole]
         for index in np.ndindex(values.shape[:-1]):
             places = zip(across, index, strict=True)
-            place = ", ".join(f"index {i}" if name == "index" else f"{axis[i]:g} {unit}" for (name, unit, axis), i in places)
+            place = ", ".join(f"index {i}" if name == "index" else
+                              ("" if name == "wavelength" else f"{name} ") + f"{axis[i]:g} {unit}".removesuffix(" 1")
+                              for (name, unit, axis), i in places)
             columns.append((quantity + (f" at {place}" if place else ""), values[index]))
             if error is not None:
                 columns.append((f"+- at {place}" if place else "+-", error[index]))

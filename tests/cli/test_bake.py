@@ -227,6 +227,8 @@ def test_cache_commands(call, drops, tmp_path):
     assert "2 entries" in call("cache", "info")[1]
     assert call("cache", "prune", "--max-size", "0B")[1] == "2 entries removed\n"
     assert call("cache", "prune", "--max-size", "many")[0] == 2
+    status, out, err = call("cache", "prune", "--max-age", "nan")
+    assert status == 2 and not out and "--max-age" in err
     assert call(drops, "-o", tmp_path / "a.h5", "--force")[0] == 0
     assert call("cache", "clear")[1] == "2 entries removed\n"
     # the asset itself holds the stages: an empty cache does not make them run again

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import subprocess
+import time
 
 import pytest
 
 from bakery.store.read import read
+
+# stands for the Python of a script: a scheduler and workers that only wait, and a bake that does what its first argument says
+STAND_IN = """\
+#!/usr/bin/env bash
+case "$2" in
+*dask_scheduler) echo '{}' >"$4"; exec sleep 600;;
+*dask_worker) exec sleep 600;;
+bakery) echo "$$"; exec bash -c "$3";;
+*) echo tcp://127.0.0.1:1;;
+esac
+"""
 
 
 @pytest.mark.parametrize(("kind", "more", "held"), [
@@ -25,6 +39,36 @@ def test_wrong_options_of_a_script(call):
     assert call("cluster-script", "slurm", "--time", "soon")[0] == 2
     assert call("cluster-script", "local", "--time", "1:00:00")[0] == 2
     assert call("cluster-script", "pbs")[0] == 2
+    for memory in "nan", "inf", "0":
+        status, out, err = call("cluster-script", "local", "--memory", memory)
+        assert status == 2 and not out and "--memory" in err
+
+
+@pytest.fixture
+def local(call, tmp_path, monkeypatch):
+    """The local script with what stands for Python; its folder is in `tmp_path`."""
+    (tmp_path / "python").write_text(STAND_IN)
+    (tmp_path / "python").chmod(0o755)
+    text = call("cluster-script", "local", "--workers", 1)[1]
+    (tmp_path / "cluster.sh").write_text(re.sub("(?m)^PYTHON=.*", f"PYTHON={shlex.quote(str(tmp_path / 'python'))}", text))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    return tmp_path / "cluster.sh"
+
+
+def test_a_script_that_is_ended_ends_its_bake(local, tmp_path):
+    with subprocess.Popen(["bash", local, "exec sleep 60"], stdout=subprocess.PIPE, text=True) as process:
+        bake = process.stdout.readline().strip()
+        started = time.monotonic()
+        process.terminate()
+        process.communicate(timeout=120)
+    assert process.returncode == 143 and time.monotonic() - started < 20  # a moment, on a busy machine
+    assert subprocess.run(["ps", "-p", bake], capture_output=True).returncode == 1
+    assert not list(tmp_path.glob("bakery-cluster-*"))
+
+
+def test_a_script_has_the_status_and_the_standard_input_of_its_bake(local, tmp_path):
+    done = subprocess.run(["bash", local, "cat; exit 3"], input="a recipe", capture_output=True, text=True, timeout=120)
+    assert done.returncode == 3 and done.stdout.endswith("\na recipe") and not list(tmp_path.glob("bakery-cluster-*"))
 
 
 @pytest.mark.slow

@@ -10,12 +10,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bakery.export.mixture import identifier
+from bakery.export.bands import beyond
+from bakery.export.mixture import Loss, Mixture, identifier
 from bakery.export.openpbr import observed_colour
 from bakery.physics.medium.lobe_fits import best_hg
-from bakery.physics.medium.phase import evaluate, normalised
+from bakery.physics.medium.lobes import Lobes, misfit
+from bakery.physics.medium.phase import cumulative, evaluate, normalised
 from bakery.store.tree import Dataset
 from bakery.store.write import write
+from renderers.colour import BANDS
 from tests import pbrt
 from tests.samples import small_asset, with_member
 
@@ -54,7 +57,10 @@ NM = np.arange(360, 831)  # what pbrt samples
 def test_pbrt_reads_the_medium(call, fog, root, tmp_path):
     status, out, err = call("export", fog, "--to", "pbrt", "-o", tmp_path, "--json")
     report = json.loads(out)
-    assert status == 0 and not err and report["warnings"] == [] and report["files"] == [str(tmp_path / "fog.pbrt")]
+    # one g for a medium with 0.8 and 0.7
+    warning = "fog.pbrt: reduced scattering is off by +25 % at 0.61 um, and thick media with it"
+    assert status == 0 and report["warnings"] == [warning] and err == f"warning: {warning}\n"
+    assert report["files"] == [str(tmp_path / "fog.pbrt")]
     text = (tmp_path / "fog.pbrt").read_text()
     ((directive, names, given),) = pbrt.directives(text)
     assert (directive, names) == ("MakeNamedMedium", ["fog"])
@@ -126,6 +132,67 @@ def test_a_lobe_of_little_use_is_said_first(call, root, tmp_path):
     write(tmp_path / "odd.h5", with_member(root, "medium/phase", Dataset(phase, "1/sr", "phase function")))
     status, _, err = call("export", tmp_path / "odd.h5", "--to", "pbrt")
     assert status == 0 and re.match(r"warning: odd\.pbrt: one lobe sends \d\d % of the light", err)
+    # thick media are off by the factor of ten and more that (1 - g) sigma_s is
+    assert "right, thin ones" not in err and re.search(r"reduced scattering is off by \S+ % at 0.61 um, and thick media", err)
+
+
+def test_thick_media_are_right_where_the_reduced_scattering_is():
+    """Half of the light in a forward peak: one lobe of the right g misdirects much, and thick media are right."""
+    theta = np.union1d(np.geomspace(1e-6, math.pi, 4000), np.linspace(0, math.pi, 400))
+    phase = 0.5 * henyey_greenstein(0.999, theta) + 0.5 * henyey_greenstein(0.5, theta)
+    lobe = Lobes((1.0,), (0.75,), (0.0,))
+    lost = misfit(theta, normalised(theta, phase)[0], lobe)
+
+    def said(reduced):
+        losses = tuple(Loss(lost, error, 0.0) for error in (0.0, reduced))
+        return Mixture(np.array([0.5, 1.0]), np.ones(2), np.ones(2), lobe, losses, 0.0, 0.0).useless()
+
+    (line,) = said(-0.05)
+    assert line.endswith("thick media are about right, thin ones and halos around lamps are not")
+    (line,) = said(-0.15)
+    assert line.endswith("; thin media and halos around lamps are not right")
+    assert said(-0.25)[1:] == ["reduced scattering is off by -25 % at 1 um, and thick media with it"]
+
+
+@pytest.mark.parametrize(("target", "file", "g"), [("pbrt", "steep.pbrt", 0.9995), ("materialx", "steep.mtlx", 0.9995),
+                                                   ("blender", "steep.py", 0.9995)])
+def test_a_lobe_that_a_format_cannot_hold_is_warned_of(call, root, tmp_path, target, file, g):
+    """Formats clip g, and thick media scatter by a multiple of what they should."""
+    theta = np.union1d(np.concatenate([[0.0], np.geomspace(1e-7, math.pi, 4000)]), root["medium/theta"].data)
+    phase = np.tile(normalised(theta, henyey_greenstein(g, theta))[0], (2, 1))
+    tree = with_member(with_member(root, "optics", None), "medium/theta", Dataset(theta, "rad", "theta"))
+    for name, data in {"phase": phase, "cdf": cumulative(theta, phase), "phase_bias": 0 * phase}.items():
+        tree = with_member(tree, f"medium/{name}", Dataset(data, root[f"medium/{name}"].units, name))
+    for name in {"s11", "s12", "s33", "s34"} & root["medium"].members.keys():
+        tree = with_member(tree, f"medium/{name}", None)
+    write(tmp_path / "steep.h5", tree)
+    status, out, err = call("export", tmp_path / "steep.h5", "--to", target, "-o", tmp_path / "o", "--json")
+    assert status == 0 and "about right" not in err
+    assert any(line.startswith(f"{file}: reduced scattering is off by +") for line in json.loads(out)["warnings"])
+
+
+@pytest.mark.parametrize(("um", "said"), [
+    ((1.0, 1.5), "red, green and blue (0.4 to 0.7 um) lie beyond the asset's wavelengths, 1 to 1.5 um, and have the values at "
+                 "1 um"),
+    ((0.7, 0.5), "blue (0.4 to 0.5 um) lies beyond the asset's wavelengths, 0.5 to 0.7 um, and has the values at 0.5 um"),
+    ((0.35, 0.45), "red and green (0.5 to 0.7 um) lie beyond the asset's wavelengths, 0.35 to 0.45 um, and have the values at "
+                   "0.45 um"),
+    ((0.69, 0.49), ""),
+])
+def test_bands_beyond_the_wavelengths_are_warned_of(call, root, tmp_path, um, said):
+    write(tmp_path / "fog.h5", with_member(root, "wavelength", Dataset(np.array(um), "um", "wavelengths in vacuum")))
+    for target, file in {"pbrt": "fog.pbrt", "materialx": "fog.mtlx", "usd": "fog.usda", "blender": "fog.py",
+                         "mitsuba": "fog.xml"}.items():
+        out = call("export", tmp_path / "fog.h5", "--to", target, "-o", tmp_path / "o", "--json")[1]
+        found = [line for line in json.loads(out)["warnings"] if "beyond" in line]
+        assert found == ([f"{file}: {said}"] if said else [])
+    out = call("export", tmp_path / "fog.h5", "--to", "mitsuba", "--each-wavelength", "-o", tmp_path / "o", "--json")[1]
+    assert not any("beyond" in line for line in json.loads(out)["warnings"])
+
+
+def test_one_wavelength_is_grey_and_three_colours_are_the_channels():
+    bands = dict(zip(("red", "green", "blue"), BANDS, strict=True))
+    assert beyond([1.0], bands) == beyond([0.58, 0.5, 0.4], bands) == beyond([0.61, 0.55, 0.465], bands) == []
 
 
 @pytest.mark.parametrize(("name", "plain"), [("fog", "fog"), ('a" "b\n', "a___b_"), ("2nd", "_2nd"), ("--", "__"), ("", "_"),

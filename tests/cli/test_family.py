@@ -48,6 +48,8 @@ def test_plan_and_bake(call, tmp_path, monkeypatch):
     (["--sweep", "medium.phase.gg=[0.1, 0.2]"], 'found the unknown key "gg"'),
     (["--set", "multiple_scattering={}", "--sweep", "multiple_scattering.length=[1, 2]"], "changes nothing of the medium"),
     (["-o", "fresh"], "name it fresh.h5"),
+    (["--sweep", "medium.albedo=[0.1, 0.2]", "--sweep", "medium.albedo=0.5"],
+     '--sweep: found "medium.albedo=[0.1, 0.2]" and "medium.albedo=0.5"; give each once'),
 ])
 def test_wrong_calls(call, lobes, monkeypatch, options, says):
     monkeypatch.chdir(lobes.parent)
@@ -65,17 +67,58 @@ def test_what_knows_one_asset_says_so(call, lobes, milk):
     assert "is one asset, not a family" in call("query", milk.with_suffix(".h5"), "medium/g", "--at", "g=0.5")[2]
 
 
+def test_an_asset_is_no_recipe(call, lobes):
+    for command in "bake", "plan", "trade":
+        status, out, err = call(command, lobes)
+        assert status == 2 and not out
+        assert err.endswith(f"{lobes}: found an asset; expected a text, such as the recipe of it; `bake inspect` shows what an "
+                            "asset holds\n")
+
+
 def test_query_inspect_and_export_a_place(call, lobes):
     status, out, err = call("query", lobes, "medium/g", "--at", "g=0.5")
     assert status == 0 and float(out.splitlines()[1].split()[1]) == pytest.approx(0.5, abs=1e-3)
     status, out, err = call("query", lobes, "medium/g")
     assert status == 2 and "--at says which" in err
+    status, out, err = call("query", lobes, "medium/g", "--at", "g=0.3", "--at", "g=0.2")
+    assert status == 2 and err == '--at: found "g=0.3" and "g=0.2"; give each once\n'
     status, out, err = call("inspect", lobes)
     assert status == 0 and "a family of 3 assets, cubic between them, not measured" in out
     assert "g: 0, 0.5, 0.8 (medium.phase.g)" in out
     assert len(json.loads(call("inspect", lobes, "--json")[1])["family"]["members"]) == 3
     status, out, err = call("export", lobes, "--to", "csv", "--at", "g=0.25")
     assert status == 0 and str(lobes.with_name("lobes_g_0.25-csv")) in out
+
+
+def test_query_names_the_axes_of_a_family(call, tmp_path, monkeypatch):
+    monkeypatch.setenv("BAKERY_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.5]"))
+    settings = {"sweep.medium.mean_free_path": "[1, 4] mm", "sweep.refine": "false"}
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5", settings=settings))
+    known = {name: (axis.values.units, axis.values.tolist()) for name, axis in family.axes.items()}
+    assert known == {"g": ("1", [0.1, 0.5]), "mean_free_path": ("m", [0.001, 0.004])}
+    for path, more in ("sigma_t", ["wavelength"]), ("phase", ["wavelength", "theta"]), ("members/achieved", []):
+        axes = family.query(f"family/{path}").axes
+        assert [name for name, _, _ in axes] == [*known, *more]
+        assert {name: (unit, values.tolist()) for name, unit, values in axes[:2]} == known
+    head = call("query", tmp_path / "lobes.h5", "family/sigma_t")[1].splitlines()[0].split("  ")
+    assert head[1] == "sigma_t [1/m] at mean_free_path 0.001 m, g 0.1"
+    forward = family.query("family/phase", theta=0.0, wavelength="550 nm")
+    assert forward.values.shape == (2, 2) and [name for name, _, _ in forward.axes] == list(known)
+    status, _, err = call("query", tmp_path / "lobes.h5", "family/sigma_t", "radius=5um")
+    assert status == 2 and "radius has no effect on it; wavelength would" in err
+
+
+@pytest.mark.parametrize(("target", "ending", "says"), [
+    ("pbrt", "pbrt", 'MakeNamedMedium "lobes_g_0_{}"'), ("mitsuba", "xml", '<medium type="homogeneous" id="lobes_g_0_{}">'),
+    ("materialx", "mtlx", '<surfacematerial name="lobes_g_0_{}_volume"'), ("usd", "usda", 'defaultPrim = "lobes_g_0_{}"'),
+    ("blender", "py", 'NAME = "lobes_g_0_{}"'),
+])
+def test_two_places_stand_in_one_scene(call, lobes, tmp_path, target, ending, says):
+    for digits in "25", "3":
+        status, out, _ = call("export", lobes, "--to", target, "--at", f"g=0.{digits}", "-o", tmp_path)
+        assert status == 0 and out == f"{tmp_path}/lobes_g_0.{digits}.{ending}\n"
+        assert says.format(digits) in (tmp_path / f"lobes_g_0.{digits}.{ending}").read_text()
 
 
 def test_verify_names_a_damaged_member(call, tmp_path, lobes):
@@ -92,4 +135,9 @@ def test_plot_and_diff(call, lobes, undrawn, tmp_path):
     status, out, err = call("plot", lobes, "-o", tmp_path)
     assert status == 0 and (tmp_path / "lobes_g.csv").read_text().startswith("g [1],point,sigma_t at 0.55 um")
     assert "lobes_g_phase.png" in out
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BAKERY_CACHE", str(lobes.parent / "cache"))
+        bakery.bake(lobes.with_suffix(".yaml"), tmp_path / "one.h5", settings={"sweep.medium.phase.g": "0.5"})
+    status, out, err = call("plot", tmp_path / "one.h5", "-o", tmp_path)  # of the only place
+    assert status == 0 and "one_g_0.5_phase.png" in out
     assert call("diff", lobes, lobes)[:2] == (0, f"equal: {lobes} and {lobes}\n")

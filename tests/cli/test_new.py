@@ -35,6 +35,13 @@ def test_tables_are_written_beside_a_published_material(call, tmp_path):
     assert load(tmp_path / "haze.yaml").name == "haze"
 
 
+def test_a_closing_slash_marks_a_folder(call, tmp_path):
+    assert call("new", "fog", "-o", f"{tmp_path}/")[:2] == (0, f"{tmp_path}/fog.yaml\n")
+    assert load(tmp_path / "fog.yaml").name == "fog"
+    status, _, err = call("new", "fog", "-o", f"{tmp_path}/missing/")
+    assert status == 2 and "its folder does not exist" in err
+
+
 @pytest.mark.parametrize("name", [slow(name) for name, start in starts().items() if start.folder != KINDS])
 def test_published_materials_can_be_started_from(name, call, tmp_path):
     assert call("new", name, "-o", tmp_path / "mine.yaml")[0] == 0

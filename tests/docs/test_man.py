@@ -7,6 +7,7 @@ import re
 import runpy
 import shutil
 import subprocess
+import sys
 
 import click
 import pytest
@@ -22,6 +23,12 @@ def pages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("man")
     runpy.run_path(str(ROOT / "docs/man.py"))["main"](folder)
     return folder / "man1"
+
+
+def test_help_makes_no_folder(tmp_path):
+    done = subprocess.run([sys.executable, ROOT / "docs/man.py", "--help"], cwd=tmp_path, capture_output=True, text=True,
+                          env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert done.returncode == 0 and "Man pages of all commands" in done.stdout and not list(tmp_path.iterdir())
 
 
 def test_every_command_has_a_page_with_all_its_options(pages):

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import bakery
 from bakery.errors import StageError, UsageError
 from bakery.run import dask, many, messages
 from bakery.run.executors import library_versions
@@ -66,9 +67,26 @@ def test_workers_of_another_version_are_refused(call, monkeypatch, scheduler, dr
     assert not (tmp_path / "a.h5").exists()
 
 
-def test_no_scheduler(call, drops, tmp_path):
-    status, _, err = call(drops, "-o", tmp_path / "a.h5", "--cluster", "nonsense")
-    assert status == 2 and "nonsense" in err
+@pytest.mark.parametrize("address", ["nonsense", "", "ucx://h:1", "inproc://x:1", "tcp://localhost:99999", "localhost:0"])
+def test_what_is_no_address_is_refused(call, drops, tmp_path, address):
+    status, out, err = call(drops, "-o", tmp_path / "a.h5", "--cluster", address)
+    assert status == 2 and not out and not (tmp_path / "a.h5").exists()
+    assert err.endswith(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786\n')
+    with pytest.raises(UsageError, match="the address of a Dask scheduler would do"):
+        bakery.bake(drops, tmp_path / "a.h5", cluster=address)
+
+
+@pytest.mark.parametrize(("address", "encrypted", "says"), [
+    ("tls://localhost:9", "False", "Dask has no certificates for it; its options distributed.comm.tls.ca-file"),
+    ("tcp://localhost:9", "True", "where no Dask scheduler answers (encryption required by Dask configuration"),
+])
+def test_an_address_that_dask_cannot_call_ends_at_once(drops, tmp_path, address, encrypted, says):
+    """Clients that fail while they connect wait for a minute to be collected, unless they are closed."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": encrypted}
+    done = subprocess.run([sys.executable, "-m", "bakery", drops, "-o", tmp_path / "a.h5", "--force", "--cluster", address],
+                          capture_output=True, text=True, timeout=45, env=environment)
+    assert done.returncode == 2 and not done.stdout
+    assert says in done.stderr and "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
 
 
 def test_blocks_come_back_in_order_and_what_they_share_goes_once(workers):

@@ -159,6 +159,9 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     ({"h": 0.5}, 'found "h"; the axes of the family are g (1)'),
     ({}, "found no value of g"),
     ({"g": "5 um"}, 'g: found "5 um"; expected a number without unit'),
+    ({"g": float("nan")}, "g: found nan; the family covers 0 to 0.8"),
+    ({"g": [0.1, 0.2]}, 'g: found "[0.1, 0.2]"; expected one number, or text with a unit'),
+    ({"g": None}, 'g: found "None"; expected one number, or text with a unit'),
 ])
 def test_places_that_there_are_not(lobes, values, says):
     with pytest.raises(bakery.UsageError) as error:
@@ -189,6 +192,28 @@ def test_a_member_that_is_gone_is_baked_again(own, monkeypatch):
     plan = planned(recipe, own)
     assert plan.write
     assert not executed(plan).written and gone.exists()  # the family's own file is as it was
+
+
+def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
+    monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
+    recipe, folder = own.with_suffix(".yaml"), own.with_suffix("")
+    before = {path.name for path in folder.iterdir()}
+    shutil.copy(folder / "g_0.5.h5", folder / "mine.h5")  # what the family does not list stays
+    added = sorted(before - {"g_0.h5", "g_0.5.h5", "g_0.8.h5"})
+    (folder / added[0]).write_text("no asset")
+    bakery.bake(recipe, own, settings={"medium.albedo": "0.2", "sweep.refine": "false"})
+    assert len(added) > 1
+    assert {path.name for path in folder.iterdir()} == {"g_0.h5", "g_0.5.h5", "g_0.8.h5", "mine.h5", added[0]}
+    assert broken(own, read(own)) == []
+
+
+def test_a_family_that_moved_leaves_the_members_of_its_old_name(own, monkeypatch):
+    """Its file lists them until it is baked again; another family of that name may have them."""
+    monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
+    before = {path.name for path in own.with_suffix("").iterdir()}
+    moved = own.rename(own.with_name("moved.h5"))
+    bakery.bake(own.with_suffix(".yaml"), moved, settings={"sweep.refine": "false"})
+    assert {path.name for path in own.with_suffix("").iterdir()} == before and len(list(moved.with_suffix("").iterdir())) == 3
 
 
 @pytest.mark.parametrize("damage, says", [

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 import bakery
+from bakery.asset.lookup import lookup
 from bakery.errors import UsageError
 from bakery.store.tree import Dataset
 from bakery.store.write import write
@@ -34,10 +37,21 @@ def test_queries_take_text_with_units_and_numbers(asset):
     ("medium/phase", {"tetha": 0.1}, 'found "tetha"; did you mean theta=…?'),
     ("medium/g", {"wavelength": "550"}, "the asset holds 0.61, 0.465 um"),
     ("name", {"theta": 1.0}, "theta has no effect on it"),
+    ("medium/g", {"wavelength": math.nan}, "wavelength: found nan; expected a finite number"),
+    ("medium/g", {"wavelength": [0.5, math.nan]}, "wavelength: found nan; expected a finite number"),
+    ("optics/droplets/sigma_t", {"radius": math.inf}, "radius: found inf; expected a finite number"),
+    ("medium/g", {"wavelength": None}, 'wavelength: found "None"; expected a number, several of them, or text with a unit'),
+    ("medium/g", {"wavelength": ["550 nm"]}, "expected a number, several of them, or text with a unit"),
 ])
 def test_wrong_questions_are_told(asset, path, arguments, said):
     with pytest.raises(UsageError, match=said.replace("?", r"\?").replace("(", r"\(")):
         asset.query(path, **arguments)
+
+
+@pytest.mark.parametrize("name", ["wavelength", "theta"])
+def test_a_look_up_itself_takes_no_nan(asset, name):
+    with pytest.raises(UsageError, match=f"{name}: found nan"):
+        lookup(asset.tree, "medium/phase", {name: math.nan})
 
 
 def test_phase_functions_are_drawn_as_the_command_draws_them(asset):
@@ -49,6 +63,17 @@ def test_phase_functions_are_drawn_as_the_command_draws_them(asset):
     assert np.array_equal(asset.optics.droplets.phase.plot().columns[1][1], asset.optics.droplets["phase"][0])
     with pytest.raises(UsageError, match="one curve a wavelength"):
         type(asset.medium.phase)(asset.medium.theta, asset.medium["phase"][0]).plot()
+
+
+def test_pictures_are_saved_by_the_ending_of_the_path(asset, tmp_path, undrawn):
+    picture = asset.medium.phase.plot()
+    assert picture.save(tmp_path / "phase.png").read_bytes().startswith(b"\x89PNG")
+    assert picture.save(f"{tmp_path}/phase.SVG").read_bytes().startswith(b"<svg")
+    assert picture.save(tmp_path / "phase.csv").read_text().startswith("theta [rad],phase at 0.61 um [1/sr],")
+    with pytest.raises(UsageError, match=r"found a name that does not end in .png, .svg or .csv; \S+phase.png would do"):
+        picture.save(tmp_path / "phase.jpg")
+    with pytest.raises(UsageError, match="cannot be written: No such file"):
+        picture.save(tmp_path / "missing" / "phase.png")
 
 
 def test_notebooks_show_tables_and_pictures(asset, monkeypatch):
