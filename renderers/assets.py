@@ -44,7 +44,8 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
             shares.append(required.share)
             return required
 
-        found[key] = Path(ensured(recipe, place, require=require, progress=progress, overwrite=overwrite).output)
+        found[key] = Path(ensured(recipe, place, require=require, progress=progress, overwrite=overwrite,
+                                  by=str(scene.path)).output)
     paths = tuple(found[one.asset, one.recipe] for one in named)
     return dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(shares))
 

@@ -102,3 +102,8 @@ def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float])
         return splits[-1]
     return best._replace(why=f"baking takes about {least - rendering(best):.2g} s and noise {rendering(best):.2g} s of a core "
                              "then, of three splits the least")
+
+
+def percent(share: float) -> str:
+    """A share in words, of two figures or all before the point: 2.2 %, 110 %."""
+    return f"{100 * share:.0f} %" if share >= 0.995 else f"{100 * share:.2g} %"

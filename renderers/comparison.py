@@ -231,7 +231,10 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
 
 
 def _taken(job, kept):
-    return Made(job, kept["report"], kept["processor"], kept["compiling"], Paced(*kept["pace"]), True)
+    # paths are of this call: an earlier one may have been made from another folder
+    assets = dict.fromkeys(map(str, job.scene.assets))
+    here = {"scene": str(job.scene.path), "asset": ", ".join(assets), "files": [str(path) for path in job.pair]}
+    return Made(job, kept["report"] | here, kept["processor"], kept["compiling"], Paced(*kept["pace"]), True)
 
 
 def _stopping(job, stop):

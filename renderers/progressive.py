@@ -26,8 +26,9 @@ import numpy as np
 
 from bakery.errors import Interrupted, UsageError
 from renderers import colour
+from renderers.budget import percent
 from renderers.mitsuba import bitmaps
-from renderers.running import percent, rgb_layers
+from renderers.running import rgb_layers
 
 # times the noise; samples and time by its square
 QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}

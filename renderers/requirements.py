@@ -112,14 +112,17 @@ class About:
     ----------
     scene : `renderers.scene.Scene`; its assets need not be there
     recipe : checked values of the recipe
-    bodies : of the scene that the recipe is the material of, positions in `scene.bodies`
+    bodies : of the scene that the recipe is the material of, positions in `scene.bodies`; all, where it is no body's
+    guessed : whether it is no body's
     split : `renderers.budget.Split` of the tolerance; a rule is asked with several
     """
 
     def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None):
         self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
         self.split = budget.of(scene, budget.HALF)
-        self.bodies = _bodies(scene, recipe) if bodies is None else list(bodies)
+        own = _bodies(scene, recipe) if bodies is None else list(bodies)
+        self.guessed = not own and bool(scene.bodies)
+        self.bodies = own or list(range(len(scene.bodies)))
 
     @property
     def tolerance(self) -> float:
@@ -207,7 +210,8 @@ def _shared_out(about, rules, seconds) -> Required:
     """
     def needs(split):
         about.split = split
-        return Required(tuple(rules(about)), tuple(_out_of_reach(about)), split.share)
+        said = [f"{about.scene.path}: no body is made of {about.recipe.path}, which is taken for all"] * about.guessed
+        return Required(tuple(rules(about)), (*said, *_out_of_reach(about)), split.share)
 
     scene = about.scene
     pace, named = getattr(scene.rules, "PACE", None), [one.asset for one in (scene.values, *scene.bodies)]
@@ -267,14 +271,14 @@ def _rules(scene) -> Callable:
 
 
 def _bodies(scene, recipe) -> list[int]:
-    """Positions of the bodies that are made of a recipe: it is theirs, or an asset of its name; all, where it is no body's."""
+    """Positions of the bodies that are made of a recipe: it is theirs, or an asset of its name."""
     found = []
     for number, body in enumerate(scene.bodies):
         one = body if body.asset or body.recipe else scene.values
         same = one.recipe and scene.file(one.recipe).resolve() == Path(recipe.path).resolve()
         if same or one.asset and Path(one.asset).stem == recipe.name:
             found.append(number)
-    return found or list(range(len(scene.bodies)))
+    return found
 
 
 # ---- the union

@@ -9,6 +9,7 @@ import time
 
 import bakery
 from renderers import assets, images, scene
+from renderers.budget import percent
 from renderers.mitsuba import bitmaps
 from renderers.progress import share
 
@@ -103,11 +104,6 @@ def describe(report, more=None) -> list[str]:
     parts = ", ".join(f"{name} {spent:.1f} s" for name, spent in report["seconds"].items() if name != "total")
     return [f"pictures: {', '.join(report['files'])}", *(_made(report) if more is None else more),
             f"time: {report['seconds']['total']:.1f} s ({parts})"]
-
-
-def percent(share: float) -> str:
-    """Two figures, or all before the point: 2.2 %, 110 %."""
-    return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
 
 
 def _made(report):

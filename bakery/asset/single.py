@@ -69,7 +69,8 @@ class Asset:
         if sections := sections_for(name):
             wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in each) for each in sections))
             raise MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give its "
-                               f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`")
+                               f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`, or "
+                               f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")
         raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
 
     def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:

@@ -117,7 +117,8 @@ def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress
         return Asked(settings, tuple(stages), (), ())
     from renderers import requirements
 
-    wanted = asked(recipe, settings, lambda *about: requirements.of(scenes, *about), cache, progress)
+    wanted = asked(recipe, settings, lambda *about: requirements.of(scenes, *about), cache, progress,
+                   " and ".join(scenes))
     for line in told(recipe, wanted, " and ".join(scenes)):
         click.echo(line, err=True)
     return replace(wanted, stages=tuple(stages)) if stages else wanted

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bakery.errors import RecipeError, UsageError
 from bakery.plan import chosen
 from bakery.run import Baked, draft, execute, prepare
 from bakery.run.cache import Cache
@@ -52,8 +53,8 @@ class Asked:
 
 
 def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Callable, cache: Cache | None = None,
-          progress: Progress | None = None) -> Asked:
-    """What to bake of a recipe so that it serves those that `require` it; what the settings say wins.
+          progress: Progress | None = None, by: str = "the scene") -> Asked:
+    """What to bake of a recipe so that it serves those that `require` it, which messages call `by`; what the settings say wins.
 
     Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
@@ -70,17 +71,36 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
         return added, sections | knobs | dict(settings), sections | dict(settings)
 
     def seconds(required):
-        every = load(recipe, overrides(required)[1])
+        every = _loaded(recipe, *overrides(required)[:2], by)
         return sum(stage.cost(every).seconds for stage in chosen(every, required.stages))
 
     required = require(values, lambda: draft.medium(values, settings, cache, progress), seconds)
     added, every, whole = overrides(required)
-    kept = {stage.name for stage in chosen(load(recipe, every), required.stages)} if required.stages else set(own)
+    kept = {stage.name for stage in chosen(_loaded(recipe, added, every, by), required.stages)} if required.stages else set(own)
     leaves = load(recipe, whole).leaves
     more = any(knob.demand(knob.value) > knob.demand(leaves.get(knob.key)) for one in required.needs if one.needed
                for knob in one.knobs)
     return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), whole, more,
                  tuple(_as_set(one, settings) for one in required.needs), required.remarks, tuple(required.read))
+
+
+def _loaded(recipe, added: Sequence[str], settings: Mapping[str, str], by: str):
+    """The recipe with sections of stages that it does not ask for; UsageError where one of them cannot be left to defaults."""
+    from bakery.recipe import load
+
+    try:
+        return load(recipe, settings)
+    except RecipeError as error:
+        absent: dict[str, str] = {}
+        for every in map(sections_for, added):
+            names = " or ".join(" and ".join(sections) for sections in every)
+            for problem in error.problems:
+                if problem.file == f"--set {every[0][0]}":
+                    absent.setdefault(names, f"{problem.key}: {problem.expected}")
+        if not absent:
+            raise
+        raise UsageError(f"{recipe}: has no section {' and no section '.join(absent)}, which {by} needs; "
+                         f"{'; '.join(absent.values())}") from None
 
 
 def _as_set(need, settings: Mapping[str, str]):
@@ -96,7 +116,7 @@ def _said(key: str, settings: Mapping[str, str]) -> bool:
 
 
 def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
-            progress: Progress | None = None, overwrite: bool = False) -> Baked:
+            progress: Progress | None = None, overwrite: bool = False, by: str = "the scene") -> Baked:
     """Bakes a recipe unless its asset is up to date, with what is asked of it or, as it stands, with more.
 
     Parameters
@@ -106,6 +126,7 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     require : what is asked of it, see the head of this module
     progress : what is baked, remarks and missed targets are told to it
     overwrite : replace what stands at `output` also where it is no asset
+    by : what messages call those that ask
 
     Raises
     ------
@@ -113,7 +134,7 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     """
     progress = progress or Progress()
     cache = Cache(say=progress.say)
-    wanted = asked(recipe, {}, require, cache, progress)
+    wanted = asked(recipe, {}, require, cache, progress, by)
     plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress, overwrite=overwrite, read=wanted.read)
     if plan.write or wanted.more:
         plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=overwrite, **wanted.of_plan)

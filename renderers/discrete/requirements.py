@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from renderers import colour
+from renderers.budget import percent
 from renderers.discrete import seen
 from renderers.requirements import Knob, Need
 
@@ -33,7 +34,7 @@ def needs(about) -> list[Need]:
     wanted = about.tables * (_ALONE * math.sqrt(count) / sharp if sharp else _FEWER * _EACH)
     value = float(np.clip(wanted, _LEAST, _MOST))
     text, why = f"{100 * value:.3g}%", about.share + \
-        (f"; {100 * sharp:.2g} % of it are particles in light from one direction" if sharp else "")
+        (f"; {percent(sharp)} of it are particles in light from one direction" if sharp else "")
     if about.dark:
         text, value, why = f"{100 * _MOST:g}%", _MOST, "nothing in the scene shines: its picture is black"
     tolerances = [Knob("tolerance", value, text, why, larger=False),

@@ -1,6 +1,7 @@
 """What a scene of the renderer of particles may say: where the medium is, how it is rendered, how it moves."""
 
 # no annotations from __future__: pydantic would have to compile each of them again
+import math
 from collections.abc import Iterator
 from typing import Annotated
 
@@ -9,8 +10,8 @@ from pydantic import Discriminator, Field, Tag
 from bakery.errors import Problem
 from bakery.grammar.fields import Path, leaf, number, scalar, word
 from bakery.grammar.section import Section
-from bakery.grammar.text import Mapping, owner
-from bakery.grammar.units import ANGLE, Quantity, parse
+from bakery.grammar.text import Mapping, owner, show
+from bakery.grammar.units import ANGLE, Quantity, Wrong, parse
 from renderers.common import LENGTH, Common, Grid, Position, box_problems, node_at, vector
 
 METHODS = ("auto", "particles", "continuous", "query", "explicit")
@@ -60,7 +61,12 @@ Where = Annotated[
 def _peak(node):
     """`keep`, `auto`, or an angle in rad."""
     value = scalar(node, "keep, auto, or an angle such as 0.1 deg")
-    return value.text if value.text in ("keep", "auto") else parse(value.text, ANGLE)
+    if value.text in ("keep", "auto"):
+        return value.text
+    angle = parse(value.text, ANGLE)
+    if not 0 <= angle <= math.pi:
+        raise Wrong(f"found {show(value.text)}", "expected keep, auto, or an angle from 0 to 180 deg")
+    return angle
 
 
 class Discrete(Section):

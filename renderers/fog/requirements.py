@@ -36,7 +36,8 @@ def needs(about) -> list[Need]:
 
 def _beam(deepest):
     value = float(np.clip(_DEEPER * deepest, 0.01, 1000))
-    yield Knob("beam.depth", value, f"{value:.4g}", f"the optical depth of {deepest:.3g} and a quarter more")
+    why = "tables end there" if _too_deep(deepest) else f"the optical depth of {deepest:.3g} and a quarter more"
+    yield Knob("beam.depth", value, f"{value:.4g}", why)
     yield Knob("beam.tolerance", _STATED, f"{100 * _STATED:g}%", "it changes no table: photons only measure their error",
                larger=False)
 
@@ -58,7 +59,8 @@ def _optics(about, median, said) -> Need:
     """
     wanted = 2 * about.tables / max(median, 1.0) / _TRUE
     value = float(np.clip(wanted, _LEAST, _MOST))
-    why = f"light is scattered {max(median, 1.0):.2g} times, and tables may take {100 * about.tables:.2g} % of the picture"
+    times = "once at most" if median <= 1 else f"{median:.2g} times"
+    why = f"light is scattered {times}, and tables may take {100 * about.tables:.2g} % of the picture"
     knobs = (Knob("tolerance", value, f"{100 * value:.3g}%", why, larger=False),
              Knob("measure", "integrated", "integrated", "the filter reads shares of light, no single angle",
                   words=("integrated", "pointwise")))

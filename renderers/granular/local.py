@@ -38,6 +38,15 @@ def local_of(scene, body, asset, fraction, vertices) -> Local:
                  says.mixture and _mixture(scene, f"{key}.mixture", says.mixture, asset, vertices))
 
 
+def check(scene, body, vertices) -> None:
+    """UsageError with the key where a grid of a body, by its number, does not hold its mesh, vertices (V, 3) m."""
+    says, key = scene.values.granular.bodies[body], scene.values.granular.key(body)
+    if says.fraction:
+        _read(scene, f"{key}.fraction", says.fraction, vertices)
+    for name, one in (says.mixture or {}).items():
+        _read(scene, f"{key}.mixture.{name}", one, vertices)
+
+
 def _read(scene, key, where, vertices):
     """Values and box of a grid that holds a mesh."""
     values, lo, hi = grids.placed(scene, key, where)

@@ -24,6 +24,8 @@ _WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqr
 def needs(about) -> list[Need]:
     """Requirements of the stages packing, grains and medium; see `renderers.requirements`."""
     method = about.scene.values.granular.method
+    if about.recipe.grains is None:
+        return [Need(stage, True, "the renderer reads it") for stage in ("grains", "packing", "medium")]
     triangles, apart = _triangles(about, method)
     lacking = ""
     if about.dark:
@@ -73,6 +75,8 @@ def _triangles(about, method):
 
 def _pixels(about):
     """Diameter of the largest grain at the nearest point of its bodies, pixels."""
+    from renderers.granular import local
+
     radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
     camera, nearest = about.world.camera, math.inf
     bodies = about.scene.values.granular.bodies
@@ -83,6 +87,7 @@ def _pixels(about):
             vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
         except ValueError as fault:
             raise about.scene.wrong(f"{about.scene.values.granular.key(number)}.mesh", fault) from None
+        local.check(about.scene, number, bodies[number].unit * vertices)
         nearest = min(nearest, _distance(camera.origin, bodies[number].unit * vertices[faces]))
     return 2 * radius / (pixel * max(nearest, radius))
 

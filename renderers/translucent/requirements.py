@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from bakery import kernels
+from renderers.budget import percent
 from renderers.requirements import Knob, Need
 from renderers.translucent import thin
-from renderers.translucent.scene import READERS
+from renderers.translucent.scene import READERS, index_fault
 
 # The stated error of tables over the tolerance that they were asked for, 10 %: 0.40 (bumpy_sphere), 0.22 (wax), 0.11 (skin); the
 # true error is half of that (docs/multiple-tables.md)
@@ -49,7 +50,7 @@ def _reduced(medium):
 
 
 def _percent(share) -> str:
-    return f"{100 * share:.2g} %" if share > 1e-12 else "0 %"  # rounding is all that is below
+    return percent(share if share > 1e-12 else 0.0)  # rounding is all that is below
 
 
 # ---- sizes
@@ -64,6 +65,9 @@ def _shapes(about):
         if name not in named or named[name].faces is None:
             key = f"translucent.bodies[{number}].shape"
             raise about.scene.wrong(key, f"found {name!r}, which is no mesh of the Mitsuba scene")
+        said = about.scene.values.translucent.bodies[number].boundary
+        if named[name].index is not None and (fault := index_fault(name, said and said.index, named[name].index)):
+            raise about.scene.wrong(f"translucent.bodies[{number}].boundary.index", fault)
         found.append(named[name])
     return found
 

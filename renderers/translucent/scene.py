@@ -9,7 +9,7 @@ from pydantic import Field
 from bakery.errors import Problem
 from bakery.grammar.fields import Path, Text, number, word
 from bakery.grammar.section import Section
-from bakery.grammar.text import Mapping, owner
+from bakery.grammar.text import Mapping, Sequence, owner, show
 from renderers.common import Common, node_at
 
 METHODS = ("auto", "paths", "shells", "vrl", "vrl+tables", "beams", "beams+tables", "dipole")
@@ -74,11 +74,26 @@ class SceneFile(Common):
     translucent: Translucent = Field(description="Translucent bodies.")
 
 
+def index_fault(shape: str, index: float | None, own: float) -> str:
+    """What is wrong with the index that a scene says of a shape whose BSDF has `own`; "" where it is that, or none is said."""
+    if index is None or abs(index - own) <= 1e-3 * index:
+        return ""
+    return f"found {index:g}, and the BSDF of {shape} has {own:g}; the same would do"
+
+
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys."""
     method = values.get("translucent.method", "auto")
     if (node := node_at(root, "translucent.boundary")) is not None and method not in ("auto", "vrl+tables", "beams+tables"):
         yield owner(node).problem(f"found a boundary of tables, which method {method} does not use",
                                   "expected it with method: vrl+tables")
+    named: dict[str, str] = {}
+    bodies = node_at(root, "translucent.bodies")
+    for entry in range(len(bodies) if isinstance(bodies, Sequence) else 0):
+        key = f"translucent.bodies[{entry}].shape"
+        name, node = values.get(key), node_at(root, key)
+        if name is not None and named.setdefault(name, key) != key:
+            yield node.place.problem(f"found {show(name)}, which is {named[name].removesuffix('.shape')} already",
+                                     "expected each shape once")
     if node_at(root, "scene") is None:
         yield owner(root).problem("missing", "expected scene: {mitsuba: …}, with the shapes that are bodies", key="scene")

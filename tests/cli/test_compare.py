@@ -121,12 +121,16 @@ def test_numbers_and_page(call, place):
 
 
 @pytest.mark.slow
-def test_what_is_there_is_taken(call, place):
+def test_what_is_there_is_taken(call, place, monkeypatch):
     """Until something that it depends on changes; samples go on with --resume, all begin anew with --force."""
     compared(call, place)
     status, out, err = call("compare", place / "haze.yaml", "--methods", "isotropic,single")
     pictures = [f"{place}/haze_compare/{name}.{kind}" for name in ("isotropic", "single") for kind in ("png", "exr")]
     assert status == 0 and out.split() == [str(place / "haze_compare.html"), *pictures], err
+    with monkeypatch.context() as elsewhere:  # paths are as this call sees them
+        elsewhere.chdir(place.parent)
+        status, near, _ = call("compare", f"{place.name}/haze.yaml", "--methods", "isotropic,single")
+    assert status == 0 and near.split() == [str(path).removeprefix(f"{place.parent}/") for path in out.split()]
     assert len(render.asked) == 2 and "single: error 9.2 %, bias −9.1" in err and err.count("(rendered before)") == 2
     found = compared(call, place, "--noise", "4%")  # reached after 4 passes
     assert [samples for *_, samples in render.asked[2:]] == [4, 4] and found["overrides"] == {"stop.noise": "4%"}

@@ -180,6 +180,8 @@ def test_baked_from_its_recipe(call, assets, place):
     (["discrete.footprint=1"], "which method particles does not use"),
     (["discrete={method: explicit, peak: keep}"], "found a peak"),
     (["discrete.peak=5 um"], "discrete.peak"),
+    (["discrete.peak=200 deg"], "an angle from 0 to 180 deg"),
+    (["discrete.peak=-5 deg"], "an angle from 0 to 180 deg"),
     (["discrete.velocity=3 m/s"], "discrete.velocity"),
     (["discrete.time=3 um"], "discrete.time"),
     (["discrete.where={box: {lo: [0, 0, 0] um, hi: [80, 80, 90] um}}"], "its places are stored"),

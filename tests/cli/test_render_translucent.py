@@ -177,6 +177,7 @@ def test_what_is_the_quickest(call, place):
     assert status == 0, err
     found = json.loads(out)
     paths, *others = found["methods"]
+    assert next(one["stated_bias"] for one in others if one["name"] == "dipole") is None  # which nobody states
     assert found["reference"] == paths["name"] == "paths" and {one["name"] for one in others} == {"vrl+tables", "dipole"}
     tables = next(one["difference"] for one in others if one["name"] == "vrl+tables")
     assert abs(tables["bias"]) < 4.5 * tables["bias_error"] + 0.05  # 7e-6, and the tables' own error

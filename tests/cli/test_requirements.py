@@ -148,6 +148,43 @@ def test_a_scene_that_cannot_be_rendered_is_told_before_the_bake(call, place):
     assert status == 2 and "sensor" in err and not (place / "wax.h5").exists()
 
 
+@pytest.mark.parametrize("scene, section", [
+    ("granular: {where: {mesh: ball.ply, unit: 1 mm}}", "grains and no section packing"),
+    ("discrete: {where: {box: {lo: [0, 0, 0] m, hi: [1, 1, 1] m}}}", "discrete")])
+def test_recipes_without_a_section_that_a_scene_needs(call, place, scene, section):
+    (place / "s.yaml").write_text(SCENE.replace("translucent: {bodies: [{shape: ball}]}", scene))
+    for words in (("plan", place / "wax.yaml", "--scene", place / "s.yaml"), ("render", place / "s.yaml")):
+        status, _, err = call(*words)
+        assert status == 2 and f"has no section {section}, which {place / 's.yaml'} needs" in err and "--set" not in err, err
+
+
+def test_what_a_body_says_is_held_against_its_shape(call, place):
+    """Before anything is baked: an index that its BSDF has not, and a shape that is another body's already."""
+    (place / "s.yaml").write_text(SCENE.replace("shape: ball", "shape: ball, boundary: {index: 1.3}"))
+    assert "found 1.3, and the BSDF of ball has 1; the same" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
+    status, _, err = call("render", place / "s.yaml")
+    assert status == 2 and "s.yaml:7: translucent.bodies[0].boundary.index" in err and not (place / "wax.h5").exists()
+    (place / "s.yaml").write_text(SCENE.replace("{shape: ball}", "{shape: ball}, {shape: ball}"))
+    status, _, err = call("render", place / "s.yaml")
+    assert status == 2 and 'found "ball", which is translucent.bodies[0] already' in err and "s.yaml:7" in err
+
+
+def test_a_scene_of_another_material_is_taken_for_this_one(call, place):
+    (place / "s.yaml").write_text(SCENE.replace("wax", "haze"))
+    stages, _, _, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+    assert stages == ["medium", "multiple"] and f"no body is made of {place / 'wax.yaml'}, which is taken for all" in err
+    assert "taken for all" not in needs(call, place / "haze.yaml", "--scene", place / "s.yaml")[3]
+
+
+def test_an_asset_that_a_scene_left_without_tables(call, place):
+    """The recipe has the section: what helps is to bake it for the scene that needs the stage."""
+    (place / "s.yaml").write_text(SCENE.replace("bodies:", "method: paths, bodies:"))
+    assert call(place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "s.yaml")[0] == 0
+    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: wax.h5"))
+    status, _, err = call("render", place / "s.yaml")
+    assert status == 2 and f"bake RECIPE --scene SCENE -o {place / 'wax.h5'}" in err
+
+
 def test_machines_are_told_what_the_screen_says(call, place):
     """Needs, keys that stay as the recipe has them, and remarks, of plans and of bakes."""
     (place / "s.yaml").write_text(SCENE.replace("samples: 1", "samples: 1, noise: 19.9%"))

@@ -47,8 +47,9 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
           "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
-          "mitsuba": {"camera", "colour", "images", "inputs"}, "running": {"assets", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
+          "mitsuba": {"camera", "colour", "images", "inputs"},
+          "running": {"assets", "budget", "images", "mitsuba", "progress", "scene"},
+          "progressive": {"budget", "colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
           "comparison": {"assets", "images", "pace", "progressive", "scene"}}
