@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -39,6 +40,8 @@ from bakery.family.tree import (
 from bakery.plan import Plan
 from bakery.run import Baked, execute, files_of, origin, prepare, target_of, touch
 from bakery.run.cache import Cache
+from bakery.run.dask import cluster
+from bakery.run.messages import ClusterLost
 from bakery.run.progress import Progress
 from bakery.stages.conform import FAMILY
 from bakery.store.files import free_space
@@ -169,7 +172,8 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
                    address: str | None = None, progress: Progress | None = None) -> Baked:
     """Bake what is not there yet and write the family's file; arguments as of `bakery.run.execute`.
 
-    A point that cannot be baked is left out and named; StageError where all of them fail.
+    A point that cannot be baked is left out and named; StageError where all of them fail.  Where the cluster is lost, ClusterLost
+    and no family: members that were baked stay, and the same call goes on from there.
     """
     progress, cache = progress or Progress(), cache or Cache()
     for warning in plan.recipe.warnings:
@@ -177,15 +181,19 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
     if not plan.write:
         touch(plan.output)
         return Baked(plan.output, False, (), files_of(plan.recipe), plan.missed, plan.recipe.warnings)
-    try:
-        plan.folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
     started = time.monotonic()
     sweep = plan.recipe.sweep
-    progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
-    with tempfile.TemporaryDirectory(prefix="bakery-family-") as folder:
-        baking = _Baking(plan, Path(folder), {"cache": cache, "jobs": jobs, "executor": executor, "address": address}, progress)
+    with ExitStack() as stack:
+        if address:  # one call for all points: each would wait for its own answer
+            with progress.during(f"calling {address}"):
+                executor = stack.enter_context(cluster(address, progress.say))
+        try:
+            plan.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
+        progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="bakery-family-"))
+        baking = _Baking(plan, Path(folder), {"cache": cache, "jobs": jobs, "executor": executor}, progress)
         if sweep.refine:
             found = refined(sweep.axes, baking.medium, sweep.tolerance, plan.recipe.measure == "integrated", baking.told)
         else:
@@ -240,6 +248,8 @@ class _Baking:
         try:
             baked = execute(_plan_of(self._plan, point, path, self._options["cache"], force),
                             progress=_Compiling(self._progress), **self._options)
+        except ClusterLost:
+            raise  # that is no fault of the point
         except (RecipeError, StageError, UsageError) as error:
             reason = str(error).splitlines()[0]
             self._media[point], self._members[point] = None, Member(name, "", 0.0, reason)
