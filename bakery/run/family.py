@@ -380,6 +380,8 @@ def _standing(plan: FamilyPlan) -> Group | None:
         for _, _, member in listed(root):
             if member.reason or fault_of(plan.output, member):
                 return None  # what failed is tried again
+        if any("measured" in axis.members and not axis["measured"].data.all() for axis in root[FAMILY]["axes"].members.values()):
+            return None  # so is a place between points
     except (AssetError, StoreError, OSError):
         return None
     return root

@@ -323,6 +323,23 @@ def test_a_lost_cluster_is_no_fault_of_a_point(tmp_path, monkeypatch):
     assert not any(member.reason for member in bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")).members)
 
 
+def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
+    def tabulated(kind, tolerance, wavelengths, g, *rest):
+        if g[0] == 0.4:
+            raise ValueError("no such lobe")
+        return original(kind, tolerance, wavelengths, g, *rest)
+
+    original = analytic.tabulated
+    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.8]"))
+    with pytest.raises(bakery.StageError, match="its error is not known: a point there failed"):
+        bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
+    assert bakery.open(tmp_path / "lobes.h5").achieved_error is None
+    monkeypatch.setattr(analytic, "tabulated", original)
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5"))
+    assert len(family.members) > 2 and 0 < family.achieved_error < family.tolerance
+
+
 def test_no_point_at_all(tmp_path, monkeypatch):
     def tabulated(*_):
         raise ValueError("no such lobe")
