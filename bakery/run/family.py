@@ -202,7 +202,8 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
     root = _root(plan, found, members, baking)
     before = _listed(plan)
     written = _write(plan.output, root, progress)
-    _remove(plan, before - _listed(plan), progress)
+    now = _listed(plan)
+    _remove(plan, {file: digest for file, digest in before.items() if file not in now}, progress)
     lines = _misses(root)
     count = sum(not member.reason for member in members.values())
     progress.done(FAMILY, f"{count} of {len(members)} points, {found.method} between them"
@@ -344,24 +345,26 @@ def _write(path: Path, root: Group, progress: Progress) -> bool:
     return True
 
 
-def _listed(plan: FamilyPlan) -> set[Path]:
-    """Files in the folder of the members that the family at the output says are its own; none where no family is readable."""
+def _listed(plan: FamilyPlan) -> dict[Path, str]:
+    """Files in the folder of the members that the family at the output says are its own, with the content hash that it gives of
+    each; none where no family is readable."""
     try:
         root = read(plan.output)
-        files = [plan.output.parent / member.file for _, _, member in listed(root)] if is_family(root) else []
+        members = [member for _, _, member in listed(root)] if is_family(root) else []
     except (AssetError, StoreError, LookupError, ValueError):
-        return set()
-    return {file for file in files if file.parent == plan.folder}
+        return {}
+    files = {plan.output.parent / member.file: member.content_hash for member in members}
+    return {file: digest for file, digest in files.items() if file.parent == plan.folder}
 
 
-def _remove(plan: FamilyPlan, files: set[Path], progress: Progress) -> None:
+def _remove(plan: FamilyPlan, files: Mapping[Path, str], progress: Progress) -> None:
     """Remove members that the family had and has no more: they would look like some of the recipe that stands now."""
-    for file in sorted(files):
+    for file, digest in sorted(files.items()):
         try:
-            read(file)
-            file.unlink()
+            if read(file).attributes.get(HASH) == digest:  # else it is a file of someone else by that name
+                file.unlink()
         except AssetError:
-            continue  # gone, or a file of someone else by that name
+            continue  # gone, or damaged
         except (StoreError, OSError) as error:
             progress.say(f"warning: {file}: was a member and is none any more, and could not be removed: {error}")
 
