@@ -165,8 +165,9 @@ def cluster(address: str, say: Callable[[str], None] = lambda text: None) -> Ite
 
 def check_address(address: str) -> None:
     """UsageError for what is no address of a Dask scheduler, before anything is asked there."""
-    match = re.fullmatch(r"(?:(tcp|tls)://)?[^\s/]+:(\d{1,5})", address)
-    if not match or not 0 < int(match[2]) < 65536:
+    # tcp:8786 is half an address, and no host of that name
+    match = re.fullmatch(r"(?:(?:tcp|tls)://|(?!(?:tcp|tls):))[^\s/]+:(\d{1,5})", address)
+    if not match or not 0 < int(match[1]) < 65536:
         raise UsageError(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786')
 
 

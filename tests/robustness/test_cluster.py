@@ -67,7 +67,8 @@ def test_workers_of_another_version_are_refused(call, monkeypatch, scheduler, dr
     assert not (tmp_path / "a.h5").exists()
 
 
-@pytest.mark.parametrize("address", ["nonsense", "", "ucx://h:1", "inproc://x:1", "tcp://localhost:99999", "localhost:0"])
+@pytest.mark.parametrize("address", ["nonsense", "", "ucx://h:1", "inproc://x:1", "tcp://localhost:99999", "localhost:0",
+                                     "tcp:8786"])
 def test_what_is_no_address_is_refused(call, drops, tmp_path, address):
     status, out, err = call(drops, "-o", tmp_path / "a.h5", "--cluster", address)
     assert status == 2 and not out and not (tmp_path / "a.h5").exists()
