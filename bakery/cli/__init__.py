@@ -195,15 +195,22 @@ class _Terminated(BaseException):
     pass
 
 
-# Exceptions, not exits: part files are removed on the way out.  A second signal ends at once.
+# Exceptions, not exits: part files are removed on the way out, which the other signal must not break off: a script that is
+# interrupted with its bake ends it as well.  The same one a second time ends at once.
 def _interrupted(number, _frame):
+    signal.signal(signal.SIGTERM, _ignored)
     signal.signal(number, signal.SIG_DFL)
     raise KeyboardInterrupt
 
 
 def _terminated(number, _frame):
+    signal.signal(signal.SIGINT, _ignored)
     signal.signal(number, signal.SIG_DFL)
     raise _Terminated
+
+
+def _ignored(number, _frame):
+    """In place of SIG_IGN, for which Python complains of a signal that has come already and that it has not handled yet."""
 
 
 def _complain(message: str) -> None:

@@ -54,8 +54,11 @@ def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]
     from bakery.run import overrides
 
     values = dict(_pair("--set", setting, 'particles.number_density="2e8 /m^3"') for setting in settings)
-    values |= {f"sweep.{key}": value for key, value in
-               _once("--sweep", sweeps, "'particles.components.droplets.size.radius=[2, 4, 8] um'").items()}
+    for key, value in _once("--sweep", sweeps, "'particles.components.droplets.size.radius=[2, 4, 8] um'").items():
+        below = f"sweep.{key}"
+        if below in values:
+            raise UsageError(f'--sweep: found "{key}={value}", and --set "{below}={values[below]}"; give each once')
+        values[below] = value
     return overrides(quality, tolerance, seed, values)
 
 

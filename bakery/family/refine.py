@@ -45,10 +45,12 @@ class Refined:
 
     @property
     def error(self) -> float | None:
-        """Of the interpolation, where it is known: axes add up, and other places than middles may be worse by a quarter."""
-        if any(error is None and len(values) > 1 for error, values in zip(self.errors, self.values, strict=True)):
+        """Of the interpolation, where it is known: axes add up, and other places than middles may be worse by a quarter.  None
+        where an axis of several points has no known error."""
+        several = [error for error, values in zip(self.errors, self.values, strict=True) if len(values) > 1]
+        if any(error is None or not np.isfinite(error).any() for error in several):
             return None
-        return sum(float(error[np.isfinite(error)].max(initial=0.0)) for error in self.errors if error is not None) / ROOM
+        return sum(float(error[np.isfinite(error)].max()) for error in several) / ROOM
 
 
 def given(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics | None]) -> Refined:

@@ -89,6 +89,7 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
             found += error.problems
     for key in read.keys if not found else ():
         found += _fixed(key, first)
+    found += _twice(read.keys) if not found else ()
     if found:
         raise RecipeError(distinct(found))
     names = _names([key.key for key in read.keys])
@@ -288,6 +289,15 @@ def _fixed(key: _Key, recipe: Recipe):
     if not isinstance(value, float):
         yield key.problem("found a key that cannot be swept",
                           "expected one that takes any number in a range, such as a radius, a density, an albedo")
+
+
+def _twice(keys: SequenceOf[_Key]):
+    """Keys that are one, written in two ways."""
+    first = {}
+    for key in keys:
+        other = first.setdefault(key.key, key)
+        if other is not key:
+            yield key.problem(f"found the key of sweep.{other.written} once more", "expected each key once")
 
 
 def _names(keys: SequenceOf[str]) -> dict[str, str]:

@@ -47,7 +47,8 @@ end() {{
     rm -rf "$FOLDER"
 }}
 trap end EXIT
-trap 'exit 143' INT TERM
+trap 'exit 130' INT
+trap 'exit 143' TERM
 
 start() {{
     local kind=$1; shift

@@ -27,6 +27,10 @@ _LOGGERS = "distributed", "distributed.client", "distributed.gc", "tornado", "to
 _REMEDY = "install the same there and start it again"
 
 
+class NoCluster(UsageError):
+    """There is no such cluster, or it has no worker that may run blocks: no bake can use it."""
+
+
 class Cluster(Executor):
     """Runs blocks on those workers of a Dask scheduler that have the versions of this process.
 
@@ -148,21 +152,22 @@ class Cluster(Executor):
 def cluster(address: str, say: Callable[[str], None] = lambda text: None) -> Iterator[Cluster]:
     """The workers of a Dask scheduler, which run the same bakery and the same libraries; its own messages are kept quiet.
 
-    `say` takes remarks on workers: those that are refused for their versions, that die, that are slow.
+    `say` takes remarks on workers: those that are refused for their versions, that die, that are slow.  Raises NoCluster.
     """
     check_address(address)
     try:
         import distributed  # noqa: F401  # before `_quiet`, which needs its loggers
     except ImportError:
-        raise UsageError('--cluster needs Dask: pip install ".[cluster]" in the folder of bakery\'s sources') from None
+        raise NoCluster('--cluster needs Dask: pip install ".[cluster]" in the folder of bakery\'s sources') from None
     with _quiet(), _client(address) as client:
         yield _connected(client, say)
 
 
 def check_address(address: str) -> None:
     """UsageError for what is no address of a Dask scheduler, before anything is asked there."""
-    match = re.fullmatch(r"(?:(tcp|tls)://)?[^\s/]+:(\d{1,5})", address)
-    if not match or not 0 < int(match[2]) < 65536:
+    # tcp:8786 is half an address, and no host of that name
+    match = re.fullmatch(r"(?:(?:tcp|tls)://|(?!(?:tcp|tls):))[^\s/]+:(\d{1,5})", address)
+    if not match or not 0 < int(match[1]) < 65536:
         raise UsageError(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786')
 
 
@@ -175,16 +180,16 @@ def _client(address: str):
     client = Client.__new__(Client)
     try:
         if address.startswith("tls://") and Security().get_connection_args("client")["ssl_context"] is None:
-            raise UsageError(f'--cluster: found "{address}", but Dask has no certificates for it; its options '
-                             "distributed.comm.tls.ca-file and .client.cert name them (docs/clusters.md)")
+            raise NoCluster(f'--cluster: found "{address}", but Dask has no certificates for it; its options '
+                            "distributed.comm.tls.ca-file and .client.cert name them (docs/clusters.md)")
         client.__init__(address, timeout=_ANSWER, set_as_default=False)
     except BaseException as error:
         with suppress(Exception):
             client.close(timeout=1)
         client.status = "closed"
-        if isinstance(error, UsageError) or not isinstance(error, Exception):
+        if isinstance(error, NoCluster) or not isinstance(error, Exception):
             raise
-        raise UsageError(f'--cluster: found "{address}", where no Dask scheduler answers ({error})') from None
+        raise NoCluster(f'--cluster: found "{address}", where no Dask scheduler answers ({error})') from None
     return client
 
 
@@ -193,12 +198,12 @@ def _connected(client, say) -> Cluster:
     try:
         client.wait_for_workers(1, timeout=_ANSWER)
     except TimeoutError:
-        raise UsageError(f"--cluster: the scheduler at {client.scheduler.address} has no workers") from None
+        raise NoCluster(f"--cluster: the scheduler at {client.scheduler.address} has no workers") from None
     found = Cluster(client, say)
     found.look()
     if found.refused and not found.threads:
         address, reason = next(iter(found.refused.items()))
-        raise UsageError(f"--cluster: worker {address} gets no blocks: {reason}; equal versions give equal values: {_REMEDY}")
+        raise NoCluster(f"--cluster: worker {address} gets no blocks: {reason}; equal versions give equal values: {_REMEDY}")
     return found
 
 

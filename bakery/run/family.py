@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -39,6 +40,8 @@ from bakery.family.tree import (
 from bakery.plan import Plan
 from bakery.run import Baked, execute, files_of, origin, prepare, target_of, touch
 from bakery.run.cache import Cache
+from bakery.run.dask import cluster
+from bakery.run.messages import ClusterLost
 from bakery.run.progress import Progress
 from bakery.stages.conform import FAMILY
 from bakery.store.files import free_space
@@ -169,7 +172,8 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
                    address: str | None = None, progress: Progress | None = None) -> Baked:
     """Bake what is not there yet and write the family's file; arguments as of `bakery.run.execute`.
 
-    A point that cannot be baked is left out and named; StageError where all of them fail.
+    A point that cannot be baked is left out and named; StageError where all of them fail.  Where the cluster is lost, ClusterLost
+    and no family: members that were baked stay, and the same call goes on from there.
     """
     progress, cache = progress or Progress(), cache or Cache()
     for warning in plan.recipe.warnings:
@@ -177,15 +181,19 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
     if not plan.write:
         touch(plan.output)
         return Baked(plan.output, False, (), files_of(plan.recipe), plan.missed, plan.recipe.warnings)
-    try:
-        plan.folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
     started = time.monotonic()
     sweep = plan.recipe.sweep
-    progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
-    with tempfile.TemporaryDirectory(prefix="bakery-family-") as folder:
-        baking = _Baking(plan, Path(folder), {"cache": cache, "jobs": jobs, "executor": executor, "address": address}, progress)
+    with ExitStack() as stack:
+        if address:  # one call for all points: each would wait for its own answer
+            with progress.during(f"calling {address}"):
+                executor = stack.enter_context(cluster(address, progress.say))
+        try:
+            plan.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
+        progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="bakery-family-"))
+        baking = _Baking(plan, Path(folder), {"cache": cache, "jobs": jobs, "executor": executor}, progress)
         if sweep.refine:
             found = refined(sweep.axes, baking.medium, sweep.tolerance, plan.recipe.measure == "integrated", baking.told)
         else:
@@ -194,7 +202,8 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
     root = _root(plan, found, members, baking)
     before = _listed(plan)
     written = _write(plan.output, root, progress)
-    _remove(plan, before - _listed(plan), progress)
+    now = _listed(plan)
+    _remove(plan, {file: digest for file, digest in before.items() if file not in now}, progress)
     lines = _misses(root)
     count = sum(not member.reason for member in members.values())
     progress.done(FAMILY, f"{count} of {len(members)} points, {found.method} between them"
@@ -240,6 +249,8 @@ class _Baking:
         try:
             baked = execute(_plan_of(self._plan, point, path, self._options["cache"], force),
                             progress=_Compiling(self._progress), **self._options)
+        except ClusterLost:
+            raise  # that is no fault of the point
         except (RecipeError, StageError, UsageError) as error:
             reason = str(error).splitlines()[0]
             self._media[point], self._members[point] = None, Member(name, "", 0.0, reason)
@@ -334,24 +345,26 @@ def _write(path: Path, root: Group, progress: Progress) -> bool:
     return True
 
 
-def _listed(plan: FamilyPlan) -> set[Path]:
-    """Files in the folder of the members that the family at the output says are its own; none where no family is readable."""
+def _listed(plan: FamilyPlan) -> dict[Path, str]:
+    """Files in the folder of the members that the family at the output says are its own, with the content hash that it gives of
+    each; none where no family is readable."""
     try:
         root = read(plan.output)
-        files = [plan.output.parent / member.file for _, _, member in listed(root)] if is_family(root) else []
+        members = [member for _, _, member in listed(root)] if is_family(root) else []
     except (AssetError, StoreError, LookupError, ValueError):
-        return set()
-    return {file for file in files if file.parent == plan.folder}
+        return {}
+    files = {plan.output.parent / member.file: member.content_hash for member in members}
+    return {file: digest for file, digest in files.items() if file.parent == plan.folder}
 
 
-def _remove(plan: FamilyPlan, files: set[Path], progress: Progress) -> None:
+def _remove(plan: FamilyPlan, files: Mapping[Path, str], progress: Progress) -> None:
     """Remove members that the family had and has no more: they would look like some of the recipe that stands now."""
-    for file in sorted(files):
+    for file, digest in sorted(files.items()):
         try:
-            read(file)
-            file.unlink()
+            if read(file).attributes.get(HASH) == digest:  # else it is a file of someone else by that name
+                file.unlink()
         except AssetError:
-            continue  # gone, or a file of someone else by that name
+            continue  # gone, or damaged
         except (StoreError, OSError) as error:
             progress.say(f"warning: {file}: was a member and is none any more, and could not be removed: {error}")
 
@@ -370,6 +383,8 @@ def _standing(plan: FamilyPlan) -> Group | None:
         for _, _, member in listed(root):
             if member.reason or fault_of(plan.output, member):
                 return None  # what failed is tried again
+        if any("measured" in axis.members and not axis["measured"].data.all() for axis in root[FAMILY]["axes"].members.values()):
+            return None  # so is a place between points
     except (AssetError, StoreError, OSError):
         return None
     return root

@@ -24,7 +24,7 @@ from bakery.run import SHARE_OF_MEMORY, Baked, compiling
 from bakery.run.bake import executed
 from bakery.run.board import EACH, Board
 from bakery.run.cache import Cache
-from bakery.run.dask import cluster
+from bakery.run.dask import NoCluster, cluster
 from bakery.run.messages import ClusterLost
 from bakery.run.progress import Progress
 from bakery.run.wire import Wire
@@ -112,7 +112,7 @@ def _one_by_one(plans: Sequence, jobs, cache: Cache, address, board: Board):
             baked = executed(plan, cache=cache, jobs=jobs, address=address, progress=board.part(index))
             outcome = Outcome(index, baked)
         except BakeryError as error:
-            outcome, final = Outcome(index, None, str(error), error.exit_status), isinstance(error, ClusterLost)
+            outcome, final = Outcome(index, None, str(error), error.exit_status), isinstance(error, (ClusterLost, NoCluster))
         board.ended(index, outcome.baked is None)
         if (yield outcome, final):
             return

@@ -19,7 +19,7 @@ from queue import SimpleQueue
 from bakery.errors import BakeryError
 from bakery.run.bake import executed
 from bakery.run.cache import Cache
-from bakery.run.dask import cluster
+from bakery.run.dask import NoCluster, cluster
 from bakery.run.executors import Lent
 from bakery.run.messages import ClusterLost
 from bakery.run.wire import Sent, Wire
@@ -51,9 +51,10 @@ class _Baker:
             baked = executed(plan, cache=Cache(self._where, say=told.say), jobs=self._workers, executor=self._executor(told),
                              progress=told)
         except BakeryError as error:
-            if isinstance(error, ClusterLost):
+            lost = isinstance(error, (ClusterLost, NoCluster))
+            if lost:
                 self.close()
-            self._wire.send("failed", str(error), error.exit_status, isinstance(error, ClusterLost))
+            self._wire.send("failed", str(error), error.exit_status, lost)
         except MemoryError:
             self._wire.send("failed", "out of memory; fewer --jobs, or see `bake plan`", 3, False)
         else:

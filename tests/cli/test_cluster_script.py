@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import signal
 import subprocess
 import time
 
@@ -55,13 +56,14 @@ def local(call, tmp_path, monkeypatch):
     return tmp_path / "cluster.sh"
 
 
-def test_a_script_that_is_ended_ends_its_bake(local, tmp_path):
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_script_that_is_ended_ends_its_bake(local, tmp_path, number, status):
     with subprocess.Popen(["bash", local, "exec sleep 60"], stdout=subprocess.PIPE, text=True) as process:
         bake = process.stdout.readline().strip()
         started = time.monotonic()
-        process.terminate()
+        process.send_signal(number)
         process.communicate(timeout=120)
-    assert process.returncode == 143 and time.monotonic() - started < 20  # a moment, on a busy machine
+    assert process.returncode == status and time.monotonic() - started < 20  # a moment, on a busy machine
     assert subprocess.run(["ps", "-p", bake], capture_output=True).returncode == 1
     assert not list(tmp_path.glob("bakery-cluster-*"))
 

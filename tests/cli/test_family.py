@@ -50,6 +50,8 @@ def test_plan_and_bake(call, tmp_path, monkeypatch):
     (["-o", "fresh"], "name it fresh.h5"),
     (["--sweep", "medium.albedo=[0.1, 0.2]", "--sweep", "medium.albedo=0.5"],
      '--sweep: found "medium.albedo=[0.1, 0.2]" and "medium.albedo=0.5"; give each once'),
+    (["--sweep", "medium.albedo=[0.1, 0.2]", "--set", "sweep.medium.albedo=0.5"],
+     '--sweep: found "medium.albedo=[0.1, 0.2]", and --set "sweep.medium.albedo=0.5"; give each once'),
 ])
 def test_wrong_calls(call, lobes, monkeypatch, options, says):
     monkeypatch.chdir(lobes.parent)

@@ -67,7 +67,8 @@ def test_workers_of_another_version_are_refused(call, monkeypatch, scheduler, dr
     assert not (tmp_path / "a.h5").exists()
 
 
-@pytest.mark.parametrize("address", ["nonsense", "", "ucx://h:1", "inproc://x:1", "tcp://localhost:99999", "localhost:0"])
+@pytest.mark.parametrize("address", ["nonsense", "", "ucx://h:1", "inproc://x:1", "tcp://localhost:99999", "localhost:0",
+                                     "tcp:8786"])
 def test_what_is_no_address_is_refused(call, drops, tmp_path, address):
     status, out, err = call(drops, "-o", tmp_path / "a.h5", "--cluster", address)
     assert status == 2 and not out and not (tmp_path / "a.h5").exists()
@@ -87,6 +88,25 @@ def test_an_address_that_dask_cannot_call_ends_at_once(drops, tmp_path, address,
                           capture_output=True, text=True, timeout=45, env=environment)
     assert done.returncode == 2 and not done.stdout
     assert says in done.stderr and "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
+
+
+SWEPT = ("bakery: 1\nname: lobes\nwavelengths: [0.55]\ntolerance: 5%\n"
+         "medium: {albedo: 0.9, mean_free_path: 1 mm, phase: {type: hg, g: 0.5}}\n"
+         "sweep: {medium.phase.g: [0.1, 0.2, 0.3], refine: false}\n")
+
+
+def test_a_family_calls_its_cluster_once(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask, "_ANSWER", "1s")
+    (tmp_path / "lobes.yaml").write_text(SWEPT)
+    status, out, err = call(tmp_path / "lobes.yaml", "-o", tmp_path / "a.h5", "--cluster", "localhost:9")
+    assert status == 2 and not out and "no Dask scheduler answers" in err and "point" not in err
+    assert {path.name for path in tmp_path.iterdir()} <= {"lobes.yaml", "cache"}
+
+
+def test_no_recipe_is_started_after_one_that_found_no_cluster(call, drops, milk, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask, "_ANSWER", "1s")
+    status, out, err = call(drops, milk, "-o", f"{tmp_path}/", "--force", "--keep-going", "--jobs", 1, "--cluster", "localhost:9")
+    assert status == 2 and not out and err.count("no Dask scheduler answers") == 1 and "1 not started" in err
 
 
 def test_blocks_come_back_in_order_and_what_they_share_goes_once(workers):

@@ -91,6 +91,19 @@ def test_signals_leave_nothing_behind(tmp_path, number, status):
     assert no_parts(tmp_path)
 
 
+@pytest.mark.parametrize(("first", "other", "status"),
+                         [(signal.SIGINT, signal.SIGTERM, 130), (signal.SIGTERM, signal.SIGINT, 143)])
+def test_the_other_signal_does_not_break_off_the_clean_up(first, other, status):
+    code = ("import os, sys, time\nfrom bakery import cli\n"
+            "def work(**_):\n"
+            "    try:\n        os.kill(os.getpid(), int(sys.argv[1]))\n        time.sleep(60)\n"
+            "    finally:\n        os.kill(os.getpid(), int(sys.argv[2]))\n        time.sleep(0.1)\n        print('cleaned up')\n"
+            "cli.cli.main = work\ncli.main([])\n")
+    done = subprocess.run([sys.executable, "-c", code, str(int(first)), str(int(other))], capture_output=True, text=True,
+                          timeout=60, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert (done.returncode, done.stdout) == (status, "cleaned up\n") and "Traceback" not in done.stderr
+
+
 @pytest.mark.slow
 def test_bakes_at_once(drops, tmp_path, undisturbed):
     expected, _ = undisturbed

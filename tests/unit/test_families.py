@@ -18,6 +18,7 @@ from bakery.family.tree import departures, physics
 from bakery.physics.medium import analytic
 from bakery.physics.medium.between import Optics, common_angles, difference, hole, interpolated, tabulated
 from bakery.run.bake import executed, planned
+from bakery.run.messages import ClusterLost
 from bakery.store.missed import missed
 from bakery.store.read import read
 from bakery.store.write import write
@@ -201,9 +202,10 @@ def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
     shutil.copy(folder / "g_0.5.h5", folder / "mine.h5")  # what the family does not list stays
     added = sorted(before - {"g_0.h5", "g_0.5.h5", "g_0.8.h5"})
     (folder / added[0]).write_text("no asset")
+    shutil.copy(folder / "g_0.5.h5", folder / added[1])  # nor does it list this one: it is another asset
     bakery.bake(recipe, own, settings={"medium.albedo": "0.2", "sweep.refine": "false"})
-    assert len(added) > 1
-    assert {path.name for path in folder.iterdir()} == {"g_0.h5", "g_0.5.h5", "g_0.8.h5", "mine.h5", added[0]}
+    assert len(added) > 2
+    assert {path.name for path in folder.iterdir()} == {"g_0.h5", "g_0.5.h5", "g_0.8.h5", "mine.h5", *added[:2]}
     assert broken(own, read(own)) == []
 
 
@@ -303,6 +305,40 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
         family.at(g=0.6)
     monkeypatch.setattr(analytic, "tabulated", original)
     assert bakery.open(bakery.bake(path, tmp_path / "lobes.h5")).method == "cubic"  # what failed is tried again
+
+
+def test_a_lost_cluster_is_no_fault_of_a_point(tmp_path, monkeypatch):
+    """No family with holes is written; what was baked stays, and the same call goes on."""
+    def tabulated(kind, tolerance, wavelengths, g, *rest):
+        if g[0] == 0.5:
+            raise ClusterLost("the scheduler of the cluster is gone")
+        return original(kind, tolerance, wavelengths, g, *rest)
+
+    original = analytic.tabulated
+    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    (tmp_path / "lobes.yaml").write_text(LOBES)
+    with pytest.raises(ClusterLost):
+        bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
+    assert not (tmp_path / "lobes.h5").exists() and [path.name for path in (tmp_path / "lobes").iterdir()] == ["g_0.h5"]
+    monkeypatch.setattr(analytic, "tabulated", original)
+    assert not any(member.reason for member in bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")).members)
+
+
+def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
+    def tabulated(kind, tolerance, wavelengths, g, *rest):
+        if g[0] == 0.4:
+            raise ValueError("no such lobe")
+        return original(kind, tolerance, wavelengths, g, *rest)
+
+    original = analytic.tabulated
+    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.8]"))
+    with pytest.raises(bakery.StageError, match="its error is not known: a point there failed"):
+        bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
+    assert bakery.open(tmp_path / "lobes.h5").achieved_error is None
+    monkeypatch.setattr(analytic, "tabulated", original)
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5"))
+    assert len(family.members) > 2 and 0 < family.achieved_error < family.tolerance
 
 
 def test_no_point_at_all(tmp_path, monkeypatch):

@@ -104,6 +104,8 @@ def test_a_sweep_is_set_and_unset(recipe):
     ([f"{RADIUS}: [2, 4] um", f"{VARIANCE}: [0.1, 0.2, 0.3]", "combine: zip"], "found 3 values beside 2"),
     ([f"{RADIUS}: {{from: 2 um, to: 8 um, count: 200}}", f"{VARIANCE}: {{from: 0.1, to: 0.2, count: 100}}"],
      "found 20,000 points"),
+    ([f"{OTHER}: [0.1, 0.2]", f"{VARIANCE}: [0.2, 0.3]"], f"fog.yaml:12: sweep.{VARIANCE}: found the key of sweep.{OTHER} once "
+     "more; expected each key once"),
     (["tolerance: 1%"], "found no key to sweep"),
     ([f"{RADIUS}: [2, 4] um", "tolerance: 90%"], 'fog.yaml:12: sweep.tolerance: found "90%"'),
     ([f"{RADIUS}: [2, 4] um", "combine: zipp"], 'fog.yaml:12: sweep.combine: found "zipp"; expected product or zip (zip?)'),
