@@ -57,6 +57,8 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         remarks += [Remark(remark)] if remark else []
     if member.choices:
         values = np.array(member.choices)[values.astype(int)]
+    if values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
     for stage in stages_of(root):
         remarks += stage.remarks(root, path, letters, arguments)
     return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks))

@@ -120,5 +120,7 @@ def _print(answer, stage) -> None:
 
 
 def _digits(value) -> str:
-    """As many digits as distinguish a float from its neighbours."""
-    return str(value.item() if hasattr(value, "item") else value)
+    """As many digits as distinguish a float from its neighbours; texts as a terminal may show them."""
+    from bakery.system.terminal import clean
+
+    return clean(value.item() if hasattr(value, "item") else value)

@@ -121,6 +121,13 @@ def test_two_places_stand_in_one_scene(call, lobes, tmp_path, target, ending, sa
         assert says.format(digits) in (tmp_path / f"lobes_g_0.{digits}.{ending}").read_text()
 
 
+def test_query_answers_texts_of_members(call, lobes):
+    status, out, _ = call("query", lobes, "family/members/file")
+    assert status == 0 and [line.split() for line in out.splitlines()[1:]] == [
+        ["0.0", "lobes/g_0.h5"], ["0.5", "lobes/g_0.5.h5"], ["0.8", "lobes/g_0.8.h5"]]
+    assert json.loads(call("query", lobes, "family/members/reason", "--json")[1])["value"] == ["", "", ""]
+
+
 def test_verify_names_a_damaged_member(call, tmp_path, lobes):
     import shutil
 
