@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bakery.asset.ask import ask
+from bakery.asset.ask import ask, reals
 from bakery.asset.single import Asset, read_checked
 from bakery.draw.html import first_picture, table
 from bakery.errors import AssetError, UsageError
@@ -210,11 +210,9 @@ def _axis(group: Group, key: Swept) -> FamilyAxis:
 def _number(axis: Swept, value: float | str) -> float:
     """A value in the units of an axis."""
     if not isinstance(value, str):
-        try:
-            if np.ndim(value) == 0:
-                return float(value)
-        except (TypeError, ValueError):  # ValueError: lists of unequal lengths
-            pass
+        values = reals(value)
+        if len(values) == 1:
+            return values[0]
         raise UsageError(f"{axis.name}: found {show(value)}; expected one number, or text with a unit")
     try:
         quantity = quantity_of(value)

@@ -135,6 +135,7 @@ def test_points_are_added_and_places_between_are_within_the_tolerance(lobes):
         worst = max(worst, np.max(np.abs(medium["phase"][0] / hg(medium.theta, g) - 1)), abs(medium.g[0] - g))
     assert 0.003 < worst < family.tolerance
     assert family.at(g=0.5).medium.albedo[0] == pytest.approx(0.9)
+    assert family.at(g=np.array([0.5])).content_hash == family.at(g=np.float64(0.5)).content_hash == family.at(g=0.5).content_hash
 
 
 def test_a_place_is_an_asset(lobes, tmp_path):
@@ -162,6 +163,9 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     ({"g": float("nan")}, "g: found nan; the family covers 0 to 0.8"),
     ({"g": [0.1, 0.2]}, 'g: found "[0.1, 0.2]"; expected one number, or text with a unit'),
     ({"g": None}, 'g: found "None"; expected one number, or text with a unit'),
+    ({"g": 10**400}, "g: found inf; the family covers 0 to 0.8"),
+    ({"g": np.complex64(0.3 + 1j)}, "expected one number, or text with a unit"),
+    ({"g": b"0.3"}, "expected one number, or text with a unit"),
 ])
 def test_places_that_there_are_not(lobes, values, says):
     with pytest.raises(bakery.UsageError) as error:

@@ -42,7 +42,10 @@ def test_queries_take_text_with_units_and_numbers(asset):
     ("medium/g", {"wavelength": [0.5, math.nan]}, "wavelength: found nan; expected a finite number"),
     ("optics/droplets/sigma_t", {"radius": math.inf}, "radius: found inf; expected a finite number"),
     ("medium/g", {"wavelength": None}, 'wavelength: found "None"; expected a number, several of them, or text with a unit'),
-    ("medium/g", {"wavelength": ["550 nm"]}, "expected a number, several of them, or text with a unit"),
+    *(("medium/g", {"wavelength": odd}, "expected a number, several of them, or text with a unit")
+      for odd in (["550 nm"], ["0.55"], b"0.55", [0.55 + 1j], np.complex64(0.55), [], [[0.5], [0.5, 0.6]])),
+    *(("medium/g", {"wavelength": large}, "wavelength: found inf; expected a finite number")
+      for large in (10**400, [0.5, 10**400])),
 ])
 def test_wrong_questions_are_told(asset, path, arguments, said):
     with pytest.raises(UsageError, match=said.replace("?", r"\?").replace("(", r"\(")):
