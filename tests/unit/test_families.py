@@ -305,6 +305,10 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
     assert family.at(g=0.1).medium.g[0] == pytest.approx(0.1, abs=0.02)
     with pytest.raises(bakery.AssetError, match=r"g 0.6 needs the point g 0.5, which failed: phase function hg: no such lobe"):
         family.at(g=0.6)
+    answer = family.query("family/g")
+    assert answer.values[2, 0] == 0
+    assert [remark.text for remark in answer.remarks] == ["zeros stand for points that failed: g 0.5"]
+    assert not family.query("family/members/reason").remarks
     monkeypatch.setattr(analytic, "tabulated", original)
     assert bakery.open(bakery.bake(path, tmp_path / "lobes.h5")).method == "cubic"  # what failed is tried again
 
