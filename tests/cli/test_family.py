@@ -121,6 +121,13 @@ def test_two_places_stand_in_one_scene(call, lobes, tmp_path, target, ending, sa
         assert says.format(digits) in (tmp_path / f"lobes_g_0.{digits}.{ending}").read_text()
 
 
+def test_members_and_saved_places_stand_in_one_scene(call, lobes, tmp_path):
+    saved = bakery.open(lobes).at(g=0.3).save(tmp_path / "place.h5")
+    for asset, name in (lobes.with_suffix("") / "g_0.5.h5", "lobes_g_0_5"), (saved, "lobes_place"):
+        assert call("export", asset, "--to", "pbrt", "-o", tmp_path)[0] == 0
+        assert f'MakeNamedMedium "{name}"' in (tmp_path / f"{asset.stem}.pbrt").read_text()
+
+
 def test_query_answers_texts_of_members(call, lobes):
     status, out, _ = call("query", lobes, "family/members/file")
     assert status == 0 and [line.split() for line in out.splitlines()[1:]] == [
