@@ -275,12 +275,15 @@ def test_values_that_are_no_media_are_found(lobes):
 # ---- extremes
 
 
-def test_one_point(tmp_path):
+def test_one_point(tmp_path, monkeypatch):
     path = tmp_path / "one.yaml"
     path.write_text(LOBES.replace("[0.0, 0.5, 0.8]", "0.5"))
     family = bakery.open(bakery.bake(path, tmp_path / "one.h5"))
     assert len(family.members) == 1 and family.achieved_error == 0
     assert family.at(g=0.5).medium.g[0] == pytest.approx(0.5, abs=1e-3)
+    assert "'lobes', 1 asset, " in repr(family) and "  g  0.5, medium.phase.g" in repr(family)
+    monkeypatch.setattr("bakery.draw.picture.drawn", lambda picture, forms, of="": {"png": b"PNG of " + picture.name.encode()})
+    assert "data:image/png;base64,UE5HIG9mIHBoYXNl" in family._repr_html_()  # "PNG of phase": its only place, as of `bake plot`
     with pytest.raises(bakery.UsageError, match="covers 0.5 alone"):
         family.at(g=0.4)
 
