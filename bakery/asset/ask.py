@@ -40,8 +40,13 @@ def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | 
     UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is stored
     """
     queries = {query.path: query for stage in all_stages() for query in stage.queries}
-    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
     root, path = found.tree, path.strip("/")
+    # tables of a family have wavelength and theta beside its own axes
+    swept = root[f"{FAMILY}/axes"].members.keys() - {"wavelength", "theta"} if is_family(root) else ()
+    if name := next((name for name in arguments if name in swept), ""):
+        raise UsageError(f"{path}: {name} is an axis of the family; --at {name}=…, in Python `at({name}=…)`, takes the asset of "
+                         "a place, which is asked for medium/…")
+    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
     member = _find(found.path, root, path)
     if path in queries and values:
         return queries[path].answer(found, path, values)

@@ -107,6 +107,8 @@ def test_query_names_the_axes_of_a_family(call, tmp_path, monkeypatch):
     assert forward.values.shape == (2, 2) and [name for name, _, _ in forward.axes] == list(known)
     status, _, err = call("query", tmp_path / "lobes.h5", "family/sigma_t", "radius=5um")
     assert status == 2 and "radius has no effect on it; wavelength would" in err
+    status, _, err = call("query", tmp_path / "lobes.h5", "family/sigma_t", "g=0.3")
+    assert status == 2 and "family/sigma_t: g is an axis of the family; --at g=…" in err
 
 
 @pytest.mark.parametrize(("target", "ending", "says"), [
