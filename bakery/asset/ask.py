@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,8 +40,13 @@ def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | 
     UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is stored
     """
     queries = {query.path: query for stage in all_stages() for query in stage.queries}
-    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
     root, path = found.tree, path.strip("/")
+    # tables of a family have wavelength and theta beside its own axes
+    swept = root[f"{FAMILY}/axes"].members.keys() - {"wavelength", "theta"} if is_family(root) else ()
+    if name := next((name for name in arguments if name in swept), ""):
+        raise UsageError(f"{path}: {name} is an axis of the family; --at {name}=…, in Python `at({name}=…)`, takes the asset of "
+                         "a place, which is asked for medium/…")
+    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
     member = _find(found.path, root, path)
     if path in queries and values:
         return queries[path].answer(found, path, values)
@@ -79,12 +85,23 @@ def _value(name: str, value, queries: Iterable[Query]) -> float | tuple[float, .
         raise UsageError(f"{name}: {wrong.found}; {wrong.expected}") from None
 
 
+def reals(value) -> tuple[float, ...]:
+    """The real numbers of a number or an array of any shape; none where it holds anything else, or is empty."""
+    try:
+        numbers = np.ravel(value)
+        # asked for, as float() also takes "0.55" and b"0.55", and of numpy's complex numbers the real part
+        return tuple(map(float, numbers)) if all(isinstance(each, Real) for each in numbers) else ()
+    except ValueError:  # lists of unequal lengths
+        return ()
+    except OverflowError:  # 10**400
+        return (math.inf,)
+
+
 def _numbers(name: str, value) -> float | tuple[float, ...]:
     """One or more finite numbers; UsageError for all else."""
-    try:
-        values = tuple(map(float, np.ravel(value)))
-    except (TypeError, ValueError):  # ValueError: lists of unequal lengths as well
-        raise UsageError(f"{name}: found {show(value)}; expected a number, several of them, or text with a unit") from None
+    values = reals(value)
+    if not values:
+        raise UsageError(f"{name}: found {show(value)}; expected a number, several of them, or text with a unit")
     wrong = next((each for each in values if not math.isfinite(each)), None)
     if wrong is not None:
         raise UsageError(f"{name}: found {wrong:g}; expected a finite number")

@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bakery.asset.ask import ask
-from bakery.asset.single import Asset, read_checked
+from bakery.asset.ask import ask, reals
+from bakery.asset.single import Asset, read_checked, rendered
 from bakery.draw.html import first_picture, table
 from bakery.errors import AssetError, UsageError
 from bakery.family.axes import Swept
@@ -188,17 +188,24 @@ class Family:
         return "\n".join([f"family {self._title()}", *lines])
 
     def _repr_html_(self) -> str:
-        return table(("axis", "values", "key of the recipe"), self._rows(), 3, f"Family {self._title()}") + first_picture(
-            pictures(self.tree))
+        # where there is one point alone, nothing lies between: it is drawn itself, as `bake plot` does
+        drawn = pictures(self.tree) if len(self.members) > 1 else rendered(self.at(**self.members[0].at).tree)
+        return table(("axis", "values", "key of the recipe"), self._rows(), 3, f"Family {self._title()}") + first_picture(drawn)
 
     def _title(self) -> str:
         reached = "not measured" if self.achieved_error is None else f"{self.achieved_error:.2g} of {self.tolerance:.2g}"
-        return (f"{self.name!r}, {len(self.members)} assets, {self.method} between them, error {reached}, "
+        assets = f"{len(self.members)} asset{'s' * (len(self.members) > 1)}"
+        return (f"{self.name!r}, {assets}, {self.method} between them, error {reached}, "
                 f"content {self.content_hash[:12]}")
 
     def _rows(self) -> list[tuple[str, str, str]]:
-        return [(name, f"{len(axis.values)} values, {axis.values[0]:.6g} to {axis.values[-1]:.6g} {axis.values.units}", axis.key)
-                for name, axis in self.axes.items()]
+        return [(name, _span(axis.values), axis.key) for name, axis in self.axes.items()]
+
+
+def _span(values: Values) -> str:
+    """The values of an axis in words."""
+    unit = f" {values.units}".removesuffix(" 1")
+    return f"{len(values)} values, {values[0]:.6g} to {values[-1]:.6g}{unit}" if len(values) > 1 else f"{values[0]:.6g}{unit}"
 
 
 def _axis(group: Group, key: Swept) -> FamilyAxis:
@@ -210,11 +217,9 @@ def _axis(group: Group, key: Swept) -> FamilyAxis:
 def _number(axis: Swept, value: float | str) -> float:
     """A value in the units of an axis."""
     if not isinstance(value, str):
-        try:
-            if np.ndim(value) == 0:
-                return float(value)
-        except (TypeError, ValueError):  # ValueError: lists of unequal lengths
-            pass
+        values = reals(value)
+        if len(values) == 1:
+            return values[0]
         raise UsageError(f"{axis.name}: found {show(value)}; expected one number, or text with a unit")
     try:
         quantity = quantity_of(value)

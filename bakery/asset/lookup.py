@@ -8,12 +8,14 @@ import numpy as np
 
 from bakery.asset.axes import axes, of_points
 from bakery.errors import UsageError
+from bakery.family.members import listed
 from bakery.physics.medium.phase import evaluate
 from bakery.stages.conform import stages_of
 from bakery.stages.coordinates import COORDINATES, coordinate, stated_error
 from bakery.stages.declaration import Answer, Remark
 from bakery.store.tree import Dataset, Group
 
+NAMED = 8  # points that failed, one by one
 SAME = 1e-9  # relative distance below which an argument is a stored wavelength
 
 
@@ -40,6 +42,9 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     values, error = member.data, stated_error(root, path)
     left, remarks = [], []
     left += points
+    if points and values.dtype.kind == "f" and (failed := [words for _, words, member in listed(root) if member.reason]):
+        named = [*failed[:NAMED], *(["…"] if len(failed) > NAMED else [])]
+        remarks.append(Remark(f"zeros stand for points that failed: {'; '.join(named)}"))
     for letter, name in list(zip(letters, names, strict=True))[len(points):]:
         axis = len(left)
         found = coordinate(root, path, letter)
@@ -57,6 +62,8 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         remarks += [Remark(remark)] if remark else []
     if member.choices:
         values = np.array(member.choices)[values.astype(int)]
+    if values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
     for stage in stages_of(root):
         remarks += stage.remarks(root, path, letters, arguments)
     return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks))

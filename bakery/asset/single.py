@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import MappingProxyType
 
 from bakery.asset.ask import ask
 from bakery.draw.html import first_picture, table
+from bakery.draw.picture import Picture
 from bakery.errors import AssetError
 from bakery.family.tree import departures, is_family
 from bakery.stages import all_stages, conform, sections_for
@@ -29,6 +30,11 @@ def read_checked(path: str | os.PathLike) -> Group:
     if is_family(root) and (faults := departures(root)):
         raise AssetError(f"{os.fspath(path)}: damaged, or not written by bakery: {faults[0]}; `bake verify` lists all")
     return root
+
+
+def rendered(root: Group) -> Iterator[Picture]:
+    """Pictures of what renderers take of an asset."""
+    return (each for stage in stages_of(root) if stage.rendered for each in stage.pictures(root))
 
 
 class Asset:
@@ -107,5 +113,4 @@ class Asset:
     def _repr_html_(self) -> str:
         rows = [(name, error_of(stage).strip(), headline(self._groups[name])) for name, stage in self.stages.items()]
         title = f"{self.name}, wavelength {in_words(self.wavelength, self.wavelength.units)}, content {self.content_hash[:12]}"
-        return table(("stage", "error", "holds"), rows, 3, title) + first_picture(
-            each for stage in stages_of(self.tree) if stage.rendered for each in stage.pictures(self.tree))
+        return table(("stage", "error", "holds"), rows, 3, title) + first_picture(rendered(self.tree))

@@ -55,15 +55,19 @@ def _counted(entries) -> dict:
             "stages": {name: {"entries": len(sizes), "bytes": sum(sizes)} for name, sizes in sorted(stages.items())}}
 
 
+def _entries(count: int) -> str:
+    return f"{count} entr{'y' if count == 1 else 'ies'}"
+
+
 def _show(place: str, held: dict) -> None:
     from bakery.system.resources import in_words
 
     if "problem" in held:
         say(f"{place}: {held['problem']}")
         return
-    say(f"{place}: {held['entries']} entries, {in_words(held['bytes'])}")
+    say(f"{place}: {_entries(held['entries'])}, {in_words(held['bytes'])}")
     for name, stage in held["stages"].items():
-        say(f"  {clean(name):<8} {stage['entries']} entries, {in_words(stage['bytes'])}")
+        say(f"  {clean(name):<8} {_entries(stage['entries'])}, {in_words(stage['bytes'])}")
 
 
 @command.command()
@@ -95,7 +99,7 @@ def _tell(cache, removed, as_json: bool) -> None:
     if as_json:
         print_json({"removed": [path.name for path in removed]})
     else:
-        say(f"{len(removed)} entries removed")
+        say(f"{_entries(len(removed))} removed")
 
 
 def _bytes(text: str) -> float:

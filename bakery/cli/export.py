@@ -88,8 +88,9 @@ def _beyond(asset, file: str) -> list[str]:
 
 
 def _identity(asset) -> str:
-    """What the medium is called in a file: as the asset, of a place of a family as its file, for two places in one scene."""
-    return Path(asset.path).stem if hasattr(asset, "save") else asset.name
+    """What the medium is called in a file: as the asset and its file, as several assets of one recipe stand in one scene."""
+    stem = Path(asset.path).stem
+    return stem if stem.startswith(asset.name) else f"{asset.name}_{stem}"
 
 
 def _csv(asset):

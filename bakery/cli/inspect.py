@@ -52,7 +52,7 @@ def _print_family(family: dict) -> None:
     members = family["members"]
     error = family["achieved_error"]
     said = "not measured" if error is None else f"error {_short(error)} of {_short(family['tolerance'])}"
-    say(f"a family of {len(members)} assets, {family['method']} between them, {said}")
+    say(f"a family of {len(members)} asset{'s' * (len(members) > 1)}, {family['method']} between them, {said}")
     for axis in family["axes"]:
         unit = axis["units"].removeprefix("1") if axis["units"] != "1" else "1"
         values = [shown(value, unit) for value in axis["values"]]

@@ -15,7 +15,7 @@ from bakery.errors import UsageError
 @click.command(name="new", short_help="write a commented recipe to start from")
 @click.argument("kind", default="", metavar="[KIND]", shell_complete=offers.starts)
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
-              help="The recipe; DIR/ puts KIND.yaml into a folder.  Default: KIND.yaml in the current folder.")
+              help="The recipe; DIR/, or a folder that is there, takes KIND.yaml.  Default: KIND.yaml in the current folder.")
 @click.option("--force", is_flag=True, help="Write over what stands there.")
 @json_option
 def command(kind, output, force, as_json):
@@ -30,7 +30,9 @@ def command(kind, output, force, as_json):
         _list(starts().values(), as_json)
         return
     found = start(kind)
-    target = Path(output) if output and not output.endswith("/") else Path(output or "", f"{found.name}.yaml")
+    target = Path(output or "")
+    if (output or "").endswith("/") or target.is_dir():
+        target /= f"{found.name}.yaml"
     if target.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{target}: found a name that does not end in .yaml; {target.with_suffix('.yaml')} would do")
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,63}", target.stem):

@@ -112,7 +112,7 @@ def _print(answer, stage) -> None:
         for line in table(answer.rows(_digits), right=range(answer.values.ndim + 64)):
             say(line)
     for remark in answer.remarks:
-        say(f"# {remark.text}")
+        say(f"# {clean(remark.text)}")
     if stage is not None and stage["missed"]:
         say(f"# MISSED by stage {stage['group']}: {clean(stage['missed'])}; the error is the {clean(stage['error_measure'])}")
     elif stage is not None:
@@ -120,5 +120,7 @@ def _print(answer, stage) -> None:
 
 
 def _digits(value) -> str:
-    """As many digits as distinguish a float from its neighbours."""
-    return str(value.item() if hasattr(value, "item") else value)
+    """As many digits as distinguish a float from its neighbours; texts as a terminal may show them."""
+    from bakery.system.terminal import clean
+
+    return clean(value.item() if hasattr(value, "item") else value)

@@ -39,20 +39,21 @@ class Picture:
     columns: tuple[tuple[str, np.ndarray], ...]
 
     def save(self, path: str | os.PathLike) -> Path:
-        """Write it as PNG or SVG, or its data as CSV, by the ending of the path; what stands there is replaced.
+        """Write it as PNG or SVG, or its data as CSV, by the ending of the path; what stands there is replaced, as a whole.
 
-        Raises UsageError for another ending, or where nothing can be written.
+        Raises
+        ------
+        UsageError : another ending, or nothing can be written there
+        StoreError : the system refused; what stood there still does
         """
+        from bakery.store.put import put
+
         path = Path(path)
         form = path.suffix.removeprefix(".").lower()
         if form not in ("png", "svg", "csv"):
-            raise UsageError(f"{path}: found a name that does not end in .png, .svg or .csv; {path.with_suffix('.png')} would do")
-        data = csv_text(self.columns).encode() if form == "csv" else drawn(self, (form,))[form]
-        try:
-            path.write_bytes(data)
-        except OSError as error:
-            raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
-        return path
+            better = path / f"{self.name}.png" if path.is_dir() else path.with_suffix(".png")
+            raise UsageError(f"{path}: found a name that does not end in .png, .svg or .csv; {better} would do")
+        return put(path, csv_text(self.columns) if form == "csv" else drawn(self, (form,))[form])
 
     def _repr_html_(self) -> str:
         return html_figure(drawn(self, ("png",))["png"], f"{self.title}. {self.caption}", _CSS_INCH * self.size[0])

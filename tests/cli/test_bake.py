@@ -224,7 +224,8 @@ def test_cache_commands(call, drops, tmp_path):
     assert call(drops, "-o", tmp_path / "a.h5")[0] == 0
     info = json.loads(call("cache", "info", "--json")[1])
     assert info["entries"] == 2 and set(info["stages"]) == {"optics", "medium"}
-    assert "2 entries" in call("cache", "info")[1]
+    out = call("cache", "info")[1]
+    assert ": 2 entries, " in out and "  medium   1 entry, " in out
     assert call("cache", "prune", "--max-size", "0B")[1] == "2 entries removed\n"
     assert call("cache", "prune", "--max-size", "many")[0] == 2
     status, out, err = call("cache", "prune", "--max-age", "nan")

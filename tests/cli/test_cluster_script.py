@@ -40,9 +40,10 @@ def test_wrong_options_of_a_script(call):
     assert call("cluster-script", "slurm", "--time", "soon")[0] == 2
     assert call("cluster-script", "local", "--time", "1:00:00")[0] == 2
     assert call("cluster-script", "pbs")[0] == 2
-    for memory in "nan", "inf", "0":
-        status, out, err = call("cluster-script", "local", "--memory", memory)
-        assert status == 2 and not out and "--memory" in err
+    for option, values in {"--memory": ("nan", "inf", "0", "1e300"), "--workers": ("0", 10**20)}.items():
+        for value in values:
+            status, out, err = call("cluster-script", "local", option, value)
+            assert status == 2 and not out and option in err
 
 
 @pytest.fixture

@@ -214,7 +214,8 @@ def test_colour_in_stock_mitsuba(call, root, tmp_path):
     scene = mi.load_file(str(tmp_path / "thick-mitsuba" / "thick.xml"))
     assert scene is not None
     (tmp_path / "scene.xml").write_text('<scene version="3.0.0"><include filename="thick-mitsuba/thick.xml"/>'
-                                        '<shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape></scene>')
+                                        '<shape type="cube"><bsdf type="null"/><ref name="interior" id="fog_thick"/></shape>'
+                                        '</scene>')
     medium = mi.load_file(str(tmp_path / "scene.xml")).shapes()[0].interior_medium()
     scattering, _, extinction = medium.get_scattering_coefficients(mi.MediumInteraction3f())
     assert np.allclose(np.array(extinction), sigma_t[[1, 2, 0]], rtol=1e-6)

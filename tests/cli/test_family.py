@@ -109,6 +109,8 @@ def test_query_names_the_axes_of_a_family(call, tmp_path, monkeypatch):
     assert forward.values.shape == (2, 2) and [name for name, _, _ in forward.axes] == list(known)
     status, _, err = call("query", tmp_path / "lobes.h5", "family/sigma_t", "radius=5um")
     assert status == 2 and "radius has no effect on it; wavelength would" in err
+    status, _, err = call("query", tmp_path / "lobes.h5", "family/sigma_t", "g=0.3")
+    assert status == 2 and "family/sigma_t: g is an axis of the family; --at g=…" in err
 
 
 @pytest.mark.parametrize(("target", "ending", "says"), [
@@ -121,6 +123,20 @@ def test_two_places_stand_in_one_scene(call, lobes, tmp_path, target, ending, sa
         status, out, _ = call("export", lobes, "--to", target, "--at", f"g=0.{digits}", "-o", tmp_path)
         assert status == 0 and out == f"{tmp_path}/lobes_g_0.{digits}.{ending}\n"
         assert says.format(digits) in (tmp_path / f"lobes_g_0.{digits}.{ending}").read_text()
+
+
+def test_members_and_saved_places_stand_in_one_scene(call, lobes, tmp_path):
+    saved = bakery.open(lobes).at(g=0.3).save(tmp_path / "place.h5")
+    for asset, name in (lobes.with_suffix("") / "g_0.5.h5", "lobes_g_0_5"), (saved, "lobes_place"):
+        assert call("export", asset, "--to", "pbrt", "-o", tmp_path)[0] == 0
+        assert f'MakeNamedMedium "{name}"' in (tmp_path / f"{asset.stem}.pbrt").read_text()
+
+
+def test_query_answers_texts_of_members(call, lobes):
+    status, out, _ = call("query", lobes, "family/members/file")
+    assert status == 0 and [line.split() for line in out.splitlines()[1:]] == [
+        ["0.0", "lobes/g_0.h5"], ["0.5", "lobes/g_0.5.h5"], ["0.8", "lobes/g_0.8.h5"]]
+    assert json.loads(call("query", lobes, "family/members/reason", "--json")[1])["value"] == ["", "", ""]
 
 
 def test_verify_names_a_damaged_member(call, tmp_path, lobes):

@@ -35,9 +35,11 @@ def test_tables_are_written_beside_a_published_material(call, tmp_path):
     assert load(tmp_path / "haze.yaml").name == "haze"
 
 
-def test_a_closing_slash_marks_a_folder(call, tmp_path):
+def test_a_closing_slash_marks_a_folder(call, tmp_path, monkeypatch):
     assert call("new", "fog", "-o", f"{tmp_path}/")[:2] == (0, f"{tmp_path}/fog.yaml\n")
     assert load(tmp_path / "fog.yaml").name == "fog"
+    monkeypatch.chdir(tmp_path)
+    assert call("new", "sand", "-o", ".")[:2] == (0, "sand.yaml\n")  # so does a folder that is there
     status, _, err = call("new", "fog", "-o", f"{tmp_path}/missing/")
     assert status == 2 and "its folder does not exist" in err
 

@@ -136,6 +136,7 @@ def test_points_are_added_and_places_between_are_within_the_tolerance(lobes):
         worst = max(worst, np.max(np.abs(medium["phase"][0] / hg(medium.theta, g) - 1)), abs(medium.g[0] - g))
     assert 0.003 < worst < family.tolerance
     assert family.at(g=0.5).medium.albedo[0] == pytest.approx(0.9)
+    assert family.at(g=np.array([0.5])).content_hash == family.at(g=np.float64(0.5)).content_hash == family.at(g=0.5).content_hash
 
 
 def test_a_place_is_an_asset(lobes, tmp_path):
@@ -163,6 +164,9 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     ({"g": float("nan")}, "g: found nan; the family covers 0 to 0.8"),
     ({"g": [0.1, 0.2]}, 'g: found "[0.1, 0.2]"; expected one number, or text with a unit'),
     ({"g": None}, 'g: found "None"; expected one number, or text with a unit'),
+    ({"g": 10**400}, "g: found inf; the family covers 0 to 0.8"),
+    ({"g": np.complex64(0.3 + 1j)}, "expected one number, or text with a unit"),
+    ({"g": b"0.3"}, "expected one number, or text with a unit"),
 ])
 def test_places_that_there_are_not(lobes, values, says):
     with pytest.raises(bakery.UsageError) as error:
@@ -273,12 +277,15 @@ def test_values_that_are_no_media_are_found(lobes):
 # ---- extremes
 
 
-def test_one_point(tmp_path):
+def test_one_point(tmp_path, monkeypatch):
     path = tmp_path / "one.yaml"
     path.write_text(LOBES.replace("[0.0, 0.5, 0.8]", "0.5"))
     family = bakery.open(bakery.bake(path, tmp_path / "one.h5"))
     assert len(family.members) == 1 and family.achieved_error == 0
     assert family.at(g=0.5).medium.g[0] == pytest.approx(0.5, abs=1e-3)
+    assert "'lobes', 1 asset, " in repr(family) and "  g  0.5, medium.phase.g" in repr(family)
+    monkeypatch.setattr("bakery.draw.picture.drawn", lambda picture, forms, of="": {"png": b"PNG of " + picture.name.encode()})
+    assert "data:image/png;base64,UE5HIG9mIHBoYXNl" in family._repr_html_()  # "PNG of phase": its only place, as of `bake plot`
     with pytest.raises(bakery.UsageError, match="covers 0.5 alone"):
         family.at(g=0.4)
 
@@ -303,6 +310,10 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
     assert family.at(g=0.1).medium.g[0] == pytest.approx(0.1, abs=0.02)
     with pytest.raises(bakery.AssetError, match=r"g 0.6 needs the point g 0.5, which failed: phase function hg: no such lobe"):
         family.at(g=0.6)
+    answer = family.query("family/g")
+    assert answer.values[2, 0] == 0
+    assert [remark.text for remark in answer.remarks] == ["zeros stand for points that failed: g 0.5"]
+    assert not family.query("family/members/reason").remarks
     monkeypatch.setattr(analytic, "tabulated", original)
     assert bakery.open(bakery.bake(path, tmp_path / "lobes.h5")).method == "cubic"  # what failed is tried again
 

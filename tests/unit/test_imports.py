@@ -19,7 +19,7 @@ MAY = {
     "grammar": set(),
     "physics": {"rng", "system.llvm"},
     "store": set(),
-    "draw": set(),
+    "draw": {"store.put"},
     "stages": {"draw", "grammar", "physics", "rng", "store"},
     "family": {"draw", "grammar", "physics.medium", "stages", "store"},
     "recipe": {"family.axes", "grammar", "physics", "stages"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import bakery
 from bakery.asset.lookup import lookup
-from bakery.errors import UsageError
+from bakery.errors import StoreError, UsageError
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from tests.samples import small_asset, with_member
@@ -41,7 +42,10 @@ def test_queries_take_text_with_units_and_numbers(asset):
     ("medium/g", {"wavelength": [0.5, math.nan]}, "wavelength: found nan; expected a finite number"),
     ("optics/droplets/sigma_t", {"radius": math.inf}, "radius: found inf; expected a finite number"),
     ("medium/g", {"wavelength": None}, 'wavelength: found "None"; expected a number, several of them, or text with a unit'),
-    ("medium/g", {"wavelength": ["550 nm"]}, "expected a number, several of them, or text with a unit"),
+    *(("medium/g", {"wavelength": odd}, "expected a number, several of them, or text with a unit")
+      for odd in (["550 nm"], ["0.55"], b"0.55", [0.55 + 1j], np.complex64(0.55), [], [[0.5], [0.5, 0.6]])),
+    *(("medium/g", {"wavelength": large}, "wavelength: found inf; expected a finite number")
+      for large in (10**400, [0.5, 10**400])),
 ])
 def test_wrong_questions_are_told(asset, path, arguments, said):
     with pytest.raises(UsageError, match=said.replace("?", r"\?").replace("(", r"\(")):
@@ -72,8 +76,24 @@ def test_pictures_are_saved_by_the_ending_of_the_path(asset, tmp_path, undrawn):
     assert picture.save(tmp_path / "phase.csv").read_text().startswith("theta [rad],phase at 0.61 um [1/sr],")
     with pytest.raises(UsageError, match=r"found a name that does not end in .png, .svg or .csv; \S+phase.png would do"):
         picture.save(tmp_path / "phase.jpg")
-    with pytest.raises(UsageError, match="cannot be written: No such file"):
+    for folder in ".", "":
+        with pytest.raises(UsageError, match=f"{picture.name}.png would do"):
+            picture.save(folder)
+    with pytest.raises(UsageError, match="its folder does not exist"):
         picture.save(tmp_path / "missing" / "phase.png")
+
+
+def test_a_picture_is_written_whole_or_not_at_all(asset, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    picture, path = asset.medium.phase.plot(), tmp_path / "phase.csv"
+    picture.save(path)
+    before = path.read_bytes()
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(StoreError, match="No space left"):
+        picture.save(path)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
 
 def test_notebooks_show_tables_and_pictures(asset, monkeypatch):
