@@ -49,8 +49,9 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
 
     path, scratch = Path(source), ExitStack()
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise UsageError(f'found "{source}", which is no file; a scene (.yaml or .xml) or an asset (.h5) would do')
+    if not path.is_file() or suffix in (".png", ".exr"):
+        kind = "a picture" if path.is_file() else "no file"
+        raise UsageError(f'found "{source}", which is {kind}; a scene (.yaml or .xml) or an asset (.h5) would do')
     values = settings_of(None, None, None, settings)
     options = {"quality": quality, "variant": variant, "seed": seed, "overwrite": overwrite}
     prepared = None  # (path, progress) -> what is drawn

@@ -208,6 +208,7 @@ def test_pictures_are_not_written_over_what_a_scene_reads(call, place):
                                 ("s.yaml", "linked.png", "under the name"), ("s.yaml", "notes.exr", "not a PNG picture"),
                                 ("w.yaml", "deep/bark.png", "bark.exr: is read by this very call"),
                                 ("wood.xml", "deep/bark.exr", "bark.exr: is read by this very call"),
+                                ("clear.exr", "new.png", "which is a picture; a scene"),
                                 ("fog.h5", "notes.png", "not a PNG picture")):
         status, out, err = call("render", place / scene, "-o", place / output)
         assert status == 2 and said in err and not out, err
