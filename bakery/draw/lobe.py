@@ -38,6 +38,7 @@ def polar(axes, theta, value, limits: tuple[float, float], inks: Sequence, label
     rays = [Path(np.outer((INNER, 1.0), way)) for way in zip(across, up, strict=True)]
     axes.add_patch(PathPatch(Path.make_compound_path(*rings, *rays), fill=False, edgecolor=FAINT, linewidth=0.7, zorder=1))
     axes.add_patch(PathPatch(rings[0], fill=False, edgecolor=QUIET, linewidth=0.8, zorder=1.5))
+    theta, value = each_degree(theta, value)
     around = np.concatenate([theta, 2 * np.pi - theta[::-1]])
     for row, ink, label in zip(value, inks, labels, strict=True):
         radius = radius_of(np.log10(np.clip(row, 10**low, 10**high)), low, high)
@@ -53,6 +54,12 @@ def polar(axes, theta, value, limits: tuple[float, float], inks: Sequence, label
     for x, y, text, ink, size, beside, height in words:
         # within the limits of the axes, so the layout need not measure it
         axes.text(x, y, text, color=ink, fontsize=size, ha=beside, va=height, parse_math=False).set_in_layout(False)
+
+
+def each_degree(theta, value):
+    """A table (L, A) at its angles and at every degree between them, linear in their cosine: few angles make chords of an arc."""
+    every = np.union1d(theta, np.radians(np.arange(np.degrees(theta[0]) // 1 + 1, 180)))
+    return every, np.array([np.interp(-np.cos(every), -np.cos(theta), row) for row in value])
 
 
 def radius_of(exponent, low: float, high: float):

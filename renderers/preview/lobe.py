@@ -229,6 +229,10 @@ def _polar(page, theta, value, colours):
     for decade in np.arange(bottom + 1, top + 1):
         radius = (decade - bottom) / (top - bottom)
         axes.plot(radius * np.cos(ring), radius * np.sin(ring), color=_GRID, lw=0.4)
+    # a table of few angles, such as the two of an isotropic medium, is linear between them in the cosine: arcs, not chords
+    every = np.union1d(theta, np.radians(np.arange(np.ceil(np.degrees(theta[0])), 180)))
+    value = np.array([np.interp(-np.cos(every), -np.cos(theta), row) for row in value])
+    theta = every
     for row, tint in zip(value, colours):
         radius = np.maximum(np.log10(np.maximum(row, 1e-300)) - bottom, 0.0) / (top - bottom)
         x, y = radius * np.cos(theta), radius * np.sin(theta)

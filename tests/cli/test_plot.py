@@ -216,6 +216,16 @@ def test_lobes_look_forward_to_the_right():
     assert np.allclose(radius[x > np.cos(0.9)], 1) and np.allclose(radius[x < 0], INNER + (1 - INNER) / 3)
 
 
+def test_an_isotropic_lobe_is_a_circle():
+    """Its table has two angles."""
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    polar(axes, np.array([0, np.pi]), np.full((1, 2), 1.0), (-1.0, 1.0), ["k"], ["x"])
+    x, y = axes.lines[0].get_xydata().T
+    assert np.allclose(np.hypot(x, y), INNER + (1 - INNER) / 2) and np.diff(np.unwrap(np.arctan2(y, x))).max() < 0.02
+
+
 def test_a_png_holds_the_pixels():
     from PIL import Image
 
