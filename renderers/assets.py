@@ -6,7 +6,7 @@ import dataclasses
 import os
 from pathlib import Path
 
-from bakery.run.ensure import ensured
+from bakery.run.ensure import ensured, output_of
 from renderers import budget, requirements
 from renderers.scene import Scene, beside
 
@@ -29,6 +29,7 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
     if scene.assets:
         return scene
     named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
+    _check_apart(scene, named)
     found, shares = {}, [0.0]
     for one in named:
         if (key := (one.asset, one.recipe)) in found:
@@ -48,6 +49,20 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
                                   by=str(scene.path)).output)
     paths = tuple(found[one.asset, one.recipe] for one in named)
     return dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(shares))
+
+
+def _check_apart(scene: Scene, named) -> None:
+    """UsageError where the asset of a recipe would go where that of another body stands or goes."""
+    taken: dict[Path, tuple[str, Path]] = {}
+    for number, one in enumerate(named):
+        recipe, place = _recipe(scene, one)
+        path = Path(place) if recipe is None else output_of(recipe, place)
+        word, of = ("asset", path) if recipe is None else ("recipe", Path(recipe))
+        first, other = taken.setdefault(path.resolve(), (word, of.resolve()))
+        if other != of.resolve():
+            key = f"{scene.rules.BODIES}[{number}].{word}"
+            raise scene.wrong(key, f"{of}: its asset {path} is that of the {first} {other} as well; another name in the recipe "
+                                   "would do")
 
 
 def _recipe(scene, one):

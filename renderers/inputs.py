@@ -30,6 +30,20 @@ def files_of(path, parameters: Mapping[str, object] | None = None) -> list[Path]
     return files
 
 
+def integrators(path) -> list[str]:
+    """Types of the integrators of a Mitsuba scene; [] where it cannot be read."""
+    try:
+        return [one.get("type", "") for one in ElementTree.parse(path).iter("integrator")]
+    except (OSError, ElementTree.ParseError):
+        return []  # Mitsuba says what is wrong with it
+
+
+def sources_of(path, parameters: Mapping[str, object] | None = None) -> list[Path]:
+    """The same but for the HDF5 files that a Mitsuba scene names: assets for bakery's plugins, which bakes write."""
+    first, *others = files_of(path, parameters)
+    return [first, *(file for file in others if file.suffix.lower() != ".h5")]
+
+
 def _values(file: Path, parameters: Mapping[str, object]) -> list[str]:
     """Every text in a scene that may name a file."""
     try:

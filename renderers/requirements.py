@@ -20,7 +20,7 @@ import numpy as np
 from bakery.errors import BakeryError, RecipeError
 from renderers import budget
 from renderers import scene as scenes
-from renderers.inputs import files_of
+from renderers.inputs import sources_of
 
 
 class Knob(NamedTuple):
@@ -243,7 +243,7 @@ def _of_scene(path, recipe, medium, seconds, settings) -> Required:
     stages = scenes.needs(path)
     if path.suffix.lower() not in scenes.SUFFIXES:
         return Required(tuple(Need(stage, True, "bakery's plugins for Mitsuba read it") for stage in stages),
-                        read=tuple(files_of(path)))
+                        read=tuple(sources_of(path)))
     try:
         scene = scenes.load(path, settings, assets=False)
     except RecipeError as fault:

@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from collections.abc import Mapping as MappingType
 from importlib import import_module
 from pathlib import Path
+from xml.etree import ElementTree
 
 from pydantic import ValidationError
 
@@ -32,7 +33,7 @@ from bakery.grammar.problems import distinct, places, translate
 from bakery.grammar.text import Mapping, Node, Sequence
 from renderers import budget, common
 from renderers.common import FORMAT, Common, names_at, node_at, value_at
-from renderers.inputs import files_of
+from renderers.inputs import files_of, integrators, sources_of
 
 SUFFIXES = (".yaml", ".yml")
 # section of a scene -> the package that renders it
@@ -89,14 +90,14 @@ class Scene:
     @property
     def inputs(self) -> list[Path]:
         """The scene and every file that it is made of."""
-        return self._made_of(self.keys_of_files())
+        return self._made_of(self.keys_of_files(), files_of)
 
     @property
     def sources(self) -> list[Path]:
         """The same but for its assets, which bakes write."""
-        return self._made_of([key for key in self.keys_of_files() if not key.endswith("asset")])
+        return self._made_of([key for key in self.keys_of_files() if not key.endswith("asset")], sources_of)
 
-    def _made_of(self, keys) -> list[Path]:
+    def _made_of(self, keys, files_of) -> list[Path]:
         files = [self.path]
         for key in keys:
             value = value_at(self.values, key)
@@ -194,7 +195,7 @@ def needs(path) -> tuple[str, ...]:
         raise UsageError(f"{text.label_of(path)}: {there}; give the path of a scene (NAME.yaml or NAME.xml)")
     path = Path(path)
     if path.suffix.lower() == ".xml":
-        return ("medium",)  # Mitsuba's; bakery's plugins for it read no other stage
+        return _of_plugins(path)
     source, tree = _parsed(path)
     if tree.problems:
         raise RecipeError(tree.problems)
@@ -202,6 +203,18 @@ def needs(path) -> tuple[str, ...]:
     if not section or section not in tree.root:
         raise RecipeError([problem])
     return import_module(f"{RENDERERS[section]}.scene").NEEDS
+
+
+def _of_plugins(path: Path) -> tuple[str, ...]:
+    """Stages that bakery's plugins read in a Mitsuba scene: those of the integrators, bakedphase the medium."""
+    try:
+        ElementTree.parse(path)
+    except (OSError, ElementTree.ParseError) as error:
+        raise UsageError(f"{text.label_of(path)}: cannot be read as a Mitsuba scene: {error}") from None
+    kinds = {f"bakery_{name}": import_module(f"{package}.scene").NEEDS for name, package in RENDERERS.items()}
+    found = [stage for file in files_of(path) if file.suffix.lower() == ".xml" for one in integrators(file)
+             for stage in kinds.get(one, ())]
+    return tuple(dict.fromkeys(found)) or ("medium",)
 
 
 def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | None]:

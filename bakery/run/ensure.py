@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bakery.errors import RecipeError, UsageError
 from bakery.plan import chosen
-from bakery.run import Baked, draft, execute, prepare
+from bakery.run import Baked, draft, execute, prepare, target_of
 from bakery.run.cache import Cache
 from bakery.run.progress import Progress
 from bakery.stages import sections_for
@@ -111,8 +111,9 @@ def _as_set(need, settings: Mapping[str, str]):
 
 
 def _said(key: str, settings: Mapping[str, str]) -> bool:
-    """Whether settings say a key themselves, or the whole section that it is in."""
-    return any(key == said or key.startswith((f"{said}.", f"{said}[")) for said in settings)
+    """Whether settings say a key themselves, or the whole section that it is in; or, of a stage's tolerance, that of all."""
+    return any(key == said or key.startswith((f"{said}.", f"{said}[")) for said in settings) \
+        or key.endswith(".tolerance") and "tolerance" in settings
 
 
 def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
@@ -144,6 +145,13 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     for miss in baked.missed:
         progress.say(f"{baked.output}: {miss}")
     return baked
+
+
+def output_of(recipe: str | os.PathLike, output: str | os.PathLike) -> Path:
+    """Where `ensured` writes the asset of a recipe."""
+    from bakery.recipe import load
+
+    return target_of(output, load(recipe).name)
 
 
 def told(recipe: str | os.PathLike, wanted: Asked, by: str = "the scene") -> Sequence[str]:

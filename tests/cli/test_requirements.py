@@ -185,6 +185,49 @@ def test_an_asset_that_a_scene_left_without_tables(call, place):
     assert status == 2 and f"bake RECIPE --scene SCENE -o {place / 'wax.h5'}" in err
 
 
+@pytest.mark.parametrize("entry, said", [("recipe: b/wax.yaml", "recipe"), ("asset: wax.h5", "asset")])
+def test_bodies_of_two_recipes_never_share_an_asset(call, place, entry, said):
+    """Both are called wax: the second would be baked over the first."""
+    (place / "b").mkdir()
+    (place / "b" / "wax.yaml").write_text(RECIPE.format(name="wax", path="100 mm"))
+    assert call(place / "wax.yaml", "-o", place / "wax.h5")[0] == 0
+    before = (place / "wax.h5").read_bytes()
+    ball = XML[XML.index("<shape"):XML.index("LIGHT")]
+    two = (place / "lit.xml").read_text().replace("</scene>", ball.replace("ball", "other", 1) + "</scene>")
+    (place / "lit.xml").write_text(two)
+    first = "recipe: b/wax.yaml" if said == "asset" else "recipe: wax.yaml"
+    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml\n", "").replace(
+        "[{shape: ball}]", f"[{{shape: ball, {first}}}, {{shape: other, {entry}}}]"))
+    status, _, err = call("render", place / "s.yaml")
+    assert status == 2 and f"s.yaml:6: translucent.bodies[1].{said}: " in err and "another name in the recipe" in err, err
+    assert (place / "wax.h5").read_bytes() == before
+
+
+PLUGIN = XML.replace("LIGHT", """<integrator type="bakery_translucent"><string name="ball" value="wax.h5"/></integrator>""")
+
+
+def test_scenes_of_mitsuba_with_plugins(call, place):
+    """Stages of the integrator's renderer; the asset that it names is baked again, and never counts as what the bake reads."""
+    (place / "t.xml").write_text(PLUGIN)
+    (place / "wax.h5").write_bytes(b"")
+    words = (place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "t.xml", "--depfile", place / "wax.d", "--overwrite")
+    for settings in ((), (), ("--set", "medium.albedo=0.5")):
+        status, _, err = call(*words, *settings)
+        assert status == 0, err
+    assert set(bakery.open(place / "wax.h5").stages) == {"medium", "multiple"}
+    assert "t.xml" in (place / "wax.d").read_text() and (place / "wax.d").read_text().count("wax.h5") == 1  # the target
+    (place / "t.xml").write_text("<scene")
+    status, _, err = call(*words)
+    assert status == 2 and "t.xml: cannot be read as a Mitsuba scene" in err
+
+
+def test_a_tolerance_by_hand_wins_over_the_scene(call, place):
+    words = (place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "s.yaml", "--tolerance", "3%")
+    (plan,) = json.loads(call("plan", *words, "--json")[1])
+    assert not {knob["key"] for one in plan["needs"] for knob in one["knobs"]} & {"tolerance", "multiple_scattering.tolerance"}
+    assert call(*words)[0] == 0 and bakery.open(place / "wax.h5").multiple.attributes["tolerance"] == 0.03
+
+
 def test_machines_are_told_what_the_screen_says(call, place):
     """Needs, keys that stay as the recipe has them, and remarks, of plans and of bakes."""
     (place / "s.yaml").write_text(SCENE.replace("samples: 1", "samples: 1, noise: 19.9%"))
