@@ -21,7 +21,8 @@ from bakery.errors import UsageError
 def command(kind, output, force, as_json):
     """Write a recipe of a KIND (fog, sand, family, scene, …), or of a published material (espresso, opac_fog, …).
 
-    Without KIND all are listed.  The recipe takes the file's name; tables that it needs are written beside it.
+    Without KIND all are listed.  The recipe takes the file's name; tables and other files that it needs are
+    written beside it, by the same name.
     """
     from bakery.recipe.starting import start, starts
     from bakery.store.put import put
@@ -38,7 +39,7 @@ def command(kind, output, force, as_json):
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,63}", target.stem):
         raise UsageError(f'{target}: found "{target.stem}", which cannot be the name of a recipe; use letters, digits, - and _')
     files = {target: found.text(target.stem)}
-    files |= {target.with_name(path.name): path.read_text(encoding="utf-8") for path in found.beside()}
+    files |= {target.with_suffix(path.suffix): path.read_text(encoding="utf-8") for path in found.beside()}
     standing = [path for path in files if path.exists()]
     if standing and not force:
         raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --force")

@@ -55,6 +55,9 @@ class Picture:
             raise UsageError(f"{path}: found a name that does not end in .png, .svg or .csv; {better} would do")
         return put(path, csv_text(self.columns) if form == "csv" else drawn(self, (form,))[form])
 
+    def __repr__(self) -> str:
+        return f"picture {self.name!r}: {self.title}; .save(FILE) writes it"
+
     def _repr_html_(self) -> str:
         return html_figure(drawn(self, ("png",))["png"], f"{self.title}. {self.caption}", _CSS_INCH * self.size[0])
 

@@ -134,7 +134,8 @@ def _words(words: dict | None) -> list[dict]:
 
 
 def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
-    spelled = [re.escape(unit) for unit in quantity.powers] + (["µm", "μm"] if "um" in quantity.powers else [])
+    spelled = [re.sub("^/", "1?/", re.escape(unit)) for unit in quantity.powers]
+    spelled += ["µm", "μm"] if "um" in quantity.powers else []
     text = {"type": "string", "pattern": rf"^\s*{_NUMBER}\s*({'|'.join(spelled)})\s*$"}
     return ([{"type": "number", **bounds.schema()}] if quantity.bare else []) + ([text] if quantity.powers else [])
 

@@ -13,7 +13,7 @@ from bakery.grammar.files import asset_root
 
 KINDS, PUBLISHED = "starting", "catalogue"  # folders
 _SCHEMA = re.compile(r"\A# yaml-language-server: \$schema=.*\n")
-_NAME = re.compile(r"^name: *(\S+)", re.MULTILINE)
+_NAME = re.compile(r"^name: *\S+( +(?=#))?", re.MULTILINE)  # up to a comment, whose column is kept
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,13 @@ class Start:
         return tuple(path for path in sorted(self.path.parent.glob(f"{self.name}.*")) if path.suffix != ".yaml")
 
     def text(self, name: str) -> str:
-        """The recipe, called `name`; its first line names the schema where this installation has it."""
+        """The recipe, called `name` as files beside it are; its first line names the schema where this installation has it."""
         text = self.path.read_text(encoding="utf-8")
         schema = (asset_root() / "schemas" / "recipe-1.json").as_posix()
-        return _NAME.sub(f"name: {name}", _SCHEMA.sub(f"# yaml-language-server: $schema={schema}\n", text), count=1)
+        text = _SCHEMA.sub(f"# yaml-language-server: $schema={schema}\n", text)
+        text = re.sub(rf"\b{self.name}(?=\.(?:yaml|h5|png|exr|xml|csv)\b)", name, text)
+        head = f"name: {name}"
+        return _NAME.sub(lambda found: head.ljust(len(found[0]) - 1) + " " if found[1] else head, text, count=1)
 
 
 def starts() -> dict[str, Start]:

@@ -19,6 +19,8 @@ import numpy as np
 
 from bakery.draw.html import table
 from bakery.store.tree import Dataset, Group
+from bakery.system.terminal import clean
+from bakery.system.terminal import table as lines
 
 ANY = (-math.inf, math.inf)  # `within` of what may be of either sign
 SIGNED = (-1.0, 1.0)  # of cosines
@@ -155,10 +157,17 @@ class Answer:
         return np.array(self.values, dtype, copy=copy)
 
     def _repr_html_(self) -> str:
-        head, *rows = self.rows(lambda value: f"{value:.6g}" if value.dtype.kind == "f" else str(value))
-        shown = rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS], ["…"] * len(head)]
-        return table(head, shown, 0) + "".join(f"<p>{escape(remark.text)}</p>\n" for remark in self.remarks)
+        head, *rows = self._shown()
+        return table(head, rows, 0) + "".join(f"<p>{escape(remark.text)}</p>\n" for remark in self.remarks)
 
+    def __repr__(self) -> str:
+        rows = [[clean(cell) for cell in row] for row in self._shown()]
+        return "\n".join([*lines(rows, right=range(len(rows[0]))), *(f"# {clean(remark.text)}" for remark in self.remarks)])
+
+    def _shown(self) -> list[list[str]]:
+        """Headings and the first rows."""
+        head, *rows = self.rows(lambda value: f"{value:.6g}" if value.dtype.kind == "f" else str(value))
+        return [head, *(rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS], ["…"] * len(head)])]
 
 
 @dataclass(frozen=True)

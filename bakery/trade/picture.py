@@ -13,6 +13,7 @@ from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 
 _BOLD, _MARK = NEUTRAL[2], NEUTRAL[1]
 _PRESETS = {"draft": "v", "preview": "D", "final": "s"}
+_LARGEST = 9  # points, of a marker in the legend
 
 
 def picture(stage: Mapping) -> Picture:
@@ -39,7 +40,7 @@ def picture(stage: Mapping) -> Picture:
             colour = FAINT if i in others else QUIET
             axes.plot((runs[i]["least"], runs[i]["largest"]), (shown[i][1],) * 2, color=colour, linewidth=1.0, zorder=2)
         axes.plot(*_columns(shown, others), "o", color=QUIET, alpha=0.35, markersize=4.5, markeredgewidth=0, zorder=3,
-                  label=f"{len(others)} other settings")
+                  label=f"{len(others)} other setting{'s' * (len(others) != 1)}")
         axes.plot(*_columns(shown, stage["front"]), "o-", color=_BOLD, linewidth=2.2, markersize=7, zorder=5, label="front")
         for name, preset in stage["presets"].items():
             if preset["run"] in shown:
@@ -59,6 +60,7 @@ def picture(stage: Mapping) -> Picture:
         _numbers(axes, [shown[i] for i in stage["front"]])
         axes.set_title(f"{stage['stage']}: error against time")
         handles, labels = axes.get_legend_handles_labels()
+        handles = [_small(handle) for handle in handles]
         for number, i in enumerate(stage["front"], 1):
             handles.append(_digit(number))
             labels.append("\n".join(textwrap.wrap(_words(runs[i]["setting"]), 34)))
@@ -69,6 +71,18 @@ def picture(stage: Mapping) -> Picture:
     return Picture(stage["stage"], f"Error against time of {stage['stage']}", "Each point is a setting; on the line none is both "
                    "faster and more accurate.", (10.6, 5.6), draw,
                    (("setting", np.array(named, dtype=object)), ("seconds [s]", seconds), ("true error", error)))
+
+
+def _small(handle):
+    """A handle of the legend whose marker, as large as among the points, would touch those of the lines above and below."""
+    from matplotlib.lines import Line2D
+
+    if not isinstance(handle, Line2D) or handle.get_markersize() <= _LARGEST:
+        return handle
+    small = Line2D([], [])
+    small.update_from(handle)
+    small.set_markersize(_LARGEST)
+    return small
 
 
 def _digit(number: int):

@@ -88,14 +88,15 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 def describe(report) -> list[str]:
     """Lines for people."""
     from renderers import running
+    from renderers.budget import percent
 
     picture, depth = report["picture"], report["optical_depth"]
     source = f"{picture['color']} and {picture['depth']}" if picture["from"] == "files" else \
-        f"{picture['scene']}, {picture['samples']} samples a pixel, noise {100 * picture['noise']:.2g} %, " \
+        f"{picture['scene']}, {picture['samples']} samples a pixel, noise {percent(picture['noise'])}, " \
         f"{picture['variant']} ({picture['reason']})"
     sky = f"; {report['without_surface']:,} pixels without a surface" if report["without_surface"] else ""
     red, green, blue = (" / ".join(f"{depth[name][c]:.3g}" for name in depth) for c in range(3))
-    seen = [] if report["noise"] is None else [f"noise {100 * report['noise']:.2g} %"]
+    seen = [] if report["noise"] is None else [f"noise {percent(report['noise'])}"]
     return running.describe(report, [
         f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}", *seen,
         f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",

@@ -31,8 +31,22 @@ def test_what_is_written_passes_the_checks(kind, call, tmp_path):
 
 def test_tables_are_written_beside_a_published_material(call, tmp_path):
     status, out, _ = call("new", "opac_fog", "-o", tmp_path / "haze.yaml", "--json")
-    assert status == 0 and json.loads(out)["files"] == [str(tmp_path / name) for name in ("haze.yaml", "opac_fog.csv")]
+    assert status == 0 and json.loads(out)["files"] == [str(tmp_path / name) for name in ("haze.yaml", "haze.csv")]
     assert load(tmp_path / "haze.yaml").name == "haze"
+    assert call("new", "opac_fog", "-o", tmp_path / "more.yaml")[0] == 0  # has a table of its own
+
+
+def test_two_scenes_stand_in_one_folder(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("new", "scene", "-o", "a.yaml")[1].split() == ["a.yaml", "a.xml"]
+    assert call("new", "scene", "-o", "b.yaml")[1].split() == ["b.yaml", "b.xml"]
+    text = (tmp_path / "b.yaml").read_text(encoding="utf-8")
+    assert "mitsuba: b.xml" in text and "bake render b.yaml writes b.png and b.exr" in text and "recipe: particles.yaml" in text
+    first, second = [line for line in text.splitlines() if line.startswith(("bakery_scene:", "name:"))]
+    assert first.index("#") == second.index("#")
+    assert call("new", "scene", "-o", "a_name_that_is_longer_than_the_column_of_comments.yaml")[0] == 0
+    long = (tmp_path / "a_name_that_is_longer_than_the_column_of_comments.yaml").read_text(encoding="utf-8")
+    assert "name: a_name_that_is_longer_than_the_column_of_comments # bake" in long
 
 
 def test_a_closing_slash_marks_a_folder(call, tmp_path, monkeypatch):

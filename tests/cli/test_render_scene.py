@@ -355,3 +355,13 @@ def test_a_picture_larger_than_the_memory_is_refused_before_it_is_rendered(place
     assert status_of(["render", str(place / "s.yaml"), "-o", str(place / "big.png")]) == 2
     assert "32 x 18 pixels" in (err := capfd.readouterr().err) and "million pixels" in err
     assert not (place / "big.png").exists()
+
+
+def test_noise_beyond_the_mean_is_said_in_plain_numbers():
+    from renderers.fog import describe
+
+    report = {"files": ["a.png", "a.exr"], "size": [4, 3], "noise": 1.04, "share_scattered": 0.5, "share_sun": 0.0,
+              "without_surface": 0, "optical_depth": {"median": [1.0, 1.0, 1.0]}, "seconds": {"total": 1.0},
+              "picture": {"from": "mitsuba", "scene": "a.xml", "samples": 4, "noise": 1.3, "variant": "llvm", "reason": "fast"}}
+    said = " ".join(describe(report))
+    assert "noise 104 %" in said and "noise 130 %" in said and "e+" not in said

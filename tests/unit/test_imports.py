@@ -20,7 +20,7 @@ MAY = {
     "physics": {"rng", "system.llvm"},
     "store": set(),
     "draw": {"store.put"},
-    "stages": {"draw", "grammar", "physics", "rng", "store"},
+    "stages": {"draw", "grammar", "physics", "rng", "store", "system.terminal"},
     "family": {"draw", "grammar", "physics.medium", "stages", "store"},
     "recipe": {"family.axes", "grammar", "physics", "stages"},
     "plan": {"stages"},

@@ -108,6 +108,16 @@ def test_notebooks_show_tables_and_pictures(asset, monkeypatch):
     assert asset.query("medium/g", wavelength=0.61)._repr_html_().count("<tr>") == 2
 
 
+def test_a_plain_shell_shows_little(asset):
+    answer = repr(asset.query("medium/phase", wavelength=0.5)).splitlines()
+    assert len(answer) == 1 + 30 + 1 + 1 and "medium" not in answer[0] and "theta [rad]  phase [1/sr]" in answer[0]
+    assert answer[-1].startswith("# linear between the wavelengths")
+    g = repr(asset.query("medium/g", wavelength=0.61)).split()
+    assert g[:2] == ["g", "[1]"] and float(g[2]) == pytest.approx(float(asset.query("medium/g", wavelength=0.61).values), 1e-5)
+    picture = repr(asset.medium.phase.plot())
+    assert picture.startswith("picture 'phase': ") and ".save(FILE)" in picture and len(picture) < 200 and "\n" not in picture
+
+
 @pytest.mark.slow
 def test_families_show_themselves(command, tmp_path):
     from tests.conftest import MILK

@@ -421,6 +421,8 @@ def test_editors_accept_every_kind(everything):
     schema = json_schema()
     value = ruamel.yaml.YAML(typ="safe", pure=True).load(EVERYTHING)
     assert fits(value, schema, schema)
+    value["particles"]["number_density"] = "100 1/cm^3"
+    assert fits(value, schema, schema)
     value["particles"]["components"][0]["size"]["radius"] = 5
     assert not fits(value, schema, schema)
 

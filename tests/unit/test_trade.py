@@ -482,3 +482,24 @@ def test_spheres_without_absorption_have_no_error_of_it():
     theta = np.linspace(0, np.pi, 5)
     found = measures.optics(table(theta, np.ones(5), 2.0, 0.0), table(theta, np.ones(5), 2.0, 0.0))
     assert set(found.values()) == {0.0}
+
+
+def test_the_picture_says_how_many_other_settings_and_its_legend_has_room():
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    from bakery.trade.picture import picture
+
+    runs = [{"seconds": 0.01 * 2**i, "least": 0.009 * 2**i, "largest": 0.011 * 2**i, "errors": {"error": 0.1 / 2**i},
+             "setting": {"tolerance": f"{i}%"}} for i in range(3)]
+    stage = {"stage": "optics", "runs": runs, "front": [0, 1], "knee": 1, "start": 2, "tolerance": 0.01, "errors": ["error"],
+             "reference": {"floor": {"error": 0.001}},
+             "presets": {"draft": {"run": 0, "dominated_by": None}, "preview": {"run": 1, "dominated_by": None},
+                         "final": {"run": 2, "dominated_by": 1}}}
+    figure = Figure()
+    picture(stage).draw(figure)
+    legend = figure.legends[0]
+    words = [text.get_text() for text in legend.get_texts()]
+    assert "1 other setting" in words and "knee" in words
+    sizes = [handle.get_markersize() for handle in legend.legend_handles if isinstance(handle, Line2D)]
+    assert max(sizes) < legend.get_texts()[0].get_fontsize() * (1 + legend.labelspacing)

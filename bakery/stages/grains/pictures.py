@@ -318,7 +318,7 @@ def _share(part: Group) -> str:
 
 
 def _effort(name: str, part: Group) -> str:
-    """Paths, hits, meetings; shares that were contradicted or cut."""
+    """Paths, hits, interactions; shares whose inside and outside did not agree, and that were cut."""
     def of(key):
         member = part.members.get(key)
         return member.data.ravel() if isinstance(member, Dataset) and member.data.size else np.zeros(1)
@@ -326,8 +326,8 @@ def _effort(name: str, part: Group) -> str:
     if not of("paths")[0]:
         return f"{name}: in closed form, no paths"
     said = [f"{whole(of('paths')[0])} paths", f"{whole(of('hits')[0])} hits",
-            f"{np.max(of('events')):.3g} meetings with the surface a hit", f"contradicted {_part(np.max(of('contradicted')))}",
-            f"lost (cut) {_part(np.max(of('lost')))}"]
+            f"{np.max(of('events')):.3g} surface interactions a hit", f"{_part(np.max(of('contradicted')))} inconsistent",
+            f"{_part(np.max(of('lost')))} cut off"]
     return f"{name}: {', '.join(said)}"
 
 

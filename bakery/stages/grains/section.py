@@ -87,7 +87,7 @@ class Scatterometer(Section):
         limits.LEVELS["middle"], description="Triangles of a grain: coarse (1,300), middle (20,000), fine (200,000) or a number."
     )
     paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever error they leave.")
-    depth: whole(1, 10**9) = Field(100_000, description="Meetings with the surface after which a path is cut.")
+    depth: whole(1, 10**9) = Field(100_000, description="Surface interactions after which a path is cut.")
     engine: word("numba", "mitsuba") = Field("numba", description="What traces the paths.")
 
 

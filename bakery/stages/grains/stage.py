@@ -282,7 +282,7 @@ STAGE = Stage(
         Knob("paths", "scatterometer.paths", "auto", "rays through the bounding sphere", ("16384", "65536", "262144", "1048576")),
         Knob("triangles", "scatterometer.triangles", "middle", "triangles of the exemplar",
              ("300", "coarse", "5000", "middle", "fine")),
-        Knob("depth", "scatterometer.depth", 100_000, "meetings with the surface after which a path is cut",
+        Knob("depth", "scatterometer.depth", 100_000, "surface interactions after which a path is cut",
              ("10", "30", "100", "1000", "100000")),
     ),
     measures=measures,
