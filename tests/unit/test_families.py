@@ -213,6 +213,22 @@ def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
     assert broken(own, read(own)) == []
 
 
+def test_a_place_that_is_no_member_any_more_is_removed_though_it_was_baked_anew(tmp_path, monkeypatch):
+    """It is a middle of the new family, which passes; a file of someone else in such a place is not written over."""
+    monkeypatch.setenv("BAKERY_CACHE", str(tmp_path / "cache"))
+    recipe, family, folder = tmp_path / "lobes.yaml", tmp_path / "lobes.h5", tmp_path / "lobes"
+    recipe.write_text(LOBES)
+    bakery.bake(recipe, family)
+    before = {path.name for path in folder.iterdir()}
+    bakery.bake(recipe, family, settings={"sweep.tolerance": "40%", "medium.albedo": "0.2"})
+    members = {member.path.name for member in bakery.open(family).members}
+    assert {path.name for path in folder.iterdir()} == members < before
+    (other := folder / "g_0.25.h5").write_bytes((folder / "g_0.8.h5").read_bytes())  # half-way from 0 to 0.5
+    bytes_ = other.read_bytes()
+    bakery.bake(recipe, family, settings={"sweep.tolerance": "40%", "medium.albedo": "0.3"})
+    assert other.name not in members and other.read_bytes() == bytes_
+
+
 def test_a_family_that_moved_leaves_the_members_of_its_old_name(own, monkeypatch):
     """Its file lists them until it is baked again; another family of that name may have them."""
     monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
