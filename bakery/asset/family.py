@@ -18,7 +18,7 @@ from bakery.family.axes import Swept
 from bakery.family.members import listed
 from bakery.family.pictures import pictures
 from bakery.family.point import asset_at, place_of, place_path
-from bakery.family.tree import axes_of
+from bakery.family.tree import axes_of, error_of
 from bakery.grammar.fields import nearest
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong, parse, quantity_of
@@ -41,7 +41,8 @@ class FamilyAxis:
     key : of the recipe
     values : (N,) of the points, ascending; in `values.units`: m, 1/m^3, 1/m, rad or 1
     logarithmic : whether is interpolated in their logarithm
-    error : (N - 1,) measured half-way between a point and the next, in the measure of `achieved_error`; None where it was not
+    error : (N - 1,) measured half-way between a point and the next, in the measure of `achieved_error`; not a number where that
+        failed, None where nothing was measured
     """
 
     key: str
@@ -209,9 +210,7 @@ def _span(values: Values) -> str:
 
 
 def _axis(group: Group, key: Swept) -> FamilyAxis:
-    error = group.members.get("error")
-    return FamilyAxis(key.key, with_units(group["value"].data, group["value"].units), key.logarithmic,
-                      None if error is None else error.data)
+    return FamilyAxis(key.key, with_units(group["value"].data, group["value"].units), key.logarithmic, error_of(group))
 
 
 def _number(axis: Swept, value: float | str) -> float:

@@ -38,9 +38,12 @@ def command(asset, path, as_json):
 
 def _family(found) -> dict:
     """What a family says of its axes and members, in JSON's types."""
+    from bakery.asset.summary import number
+
     return {"method": found.method, "tolerance": found.tolerance, "achieved_error": found.achieved_error,
             "axes": [{"name": name, "key": axis.key, "units": axis.values.units, "values": axis.values.tolist(),
-                      "error": None if axis.error is None else axis.error.tolist()} for name, axis in found.axes.items()],
+                      "error": None if axis.error is None else [number(value) for value in axis.error]}
+                     for name, axis in found.axes.items()],
             "members": [{"at": dict(member.at), "path": str(member.path), "content_hash": member.content_hash,
                          "reason": member.reason, "there": member.path.is_file()} for member in found.members]}
 

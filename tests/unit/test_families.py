@@ -6,13 +6,16 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.figure
 import numpy as np
 import pytest
 
 import bakery
 from bakery.asset.compare_families import compare_any
+from bakery.cli.inspect import _family
 from bakery.family.axes import Axis, Swept
 from bakery.family.members import broken
+from bakery.family.pictures import pictures
 from bakery.family.refine import refined
 from bakery.family.tree import departures, physics
 from bakery.physics.medium import analytic
@@ -362,7 +365,19 @@ def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.8]"))
     with pytest.raises(bakery.StageError, match="its error is not known: a point there failed"):
         bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
-    assert bakery.open(tmp_path / "lobes.h5").achieved_error is None
+    family = bakery.open(tmp_path / "lobes.h5")
+    assert family.achieved_error is None and np.isnan(family.axes["g"].error).tolist() == [True]
+    (remark,) = family.query("family/axes/g/error").remarks
+    assert remark.text == "zeros stand for intervals whose error is not known"
+    assert _family(family)["axes"][0]["error"] == [None]  # as JSON takes it
+    assert missed(family.at(g=0.4).tree) == {
+        "medium": "the error of the interpolation between g 0 and g 0.8 is not known: a point there failed"}
+    assert missed(family.at(g=0.8).tree) == {}
+    (drawn, *_) = pictures(family.tree)
+    figure = matplotlib.figure.Figure()
+    drawn.draw(figure)
+    (panel,) = [panel for panel in figure.axes if panel.get_title() == "Error between members: not known"]
+    assert np.isnan(panel.lines[0].get_ydata()).all()
     monkeypatch.setattr(analytic, "tabulated", original)
     family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5"))
     assert len(family.members) > 2 and 0 < family.achieved_error < family.tolerance
