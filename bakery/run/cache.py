@@ -13,7 +13,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bakery.errors import AssetError, StoreError, UsageError
@@ -232,8 +232,9 @@ class Cache:
         try:
             part.write_text(json.dumps(speeds))
             os.replace(part, self.where / SPEED)
-        except OSError:
-            pass  # only the next plan's estimate is poorer
+        except OSError:  # only the next plan's estimate is poorer
+            with suppress(OSError):
+                part.unlink()
 
     def _speeds(self) -> dict[str, list[tuple[str, float, float]]]:
         try:
