@@ -209,6 +209,7 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
                   + (f", error {found.error:.2g} of {sweep.tolerance:.2g}" if found.error is not None and sweep.refine else "")
                   + f", {resources.duration(time.monotonic() - started)}")
     steps = tuple(baking.steps[point] for point in members if point in baking.steps)
+    written |= any(step["source"] == "written" for step in steps)
     return Baked(plan.output, written, steps, files_of(plan.recipe), lines, plan.recipe.warnings)
 
 
