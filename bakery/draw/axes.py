@@ -48,7 +48,16 @@ def positive_axis(axes, values) -> None:
 
 
 def plain_numbers(axes) -> None:
-    axes.ticklabel_format(axis="y", useOffset=False)
+    """Ticks of a linear axis with all that is in their numbers: a factor that they share would stand in the title's place."""
+    from matplotlib.ticker import FuncFormatter
+
+    def words(value, _) -> str:
+        low, high = axes.yaxis.get_view_interval()
+        digits = 3 - int(np.floor(np.log10(abs(high - low)))) if high != low else 12  # three more than the axis's length has
+        mantissa, _, exponent = f"{round(float(value), digits) + 0.0:.12g}".partition("e")
+        return mantissa.replace("-", "−") + (f"×{power(int(exponent))}" if exponent else "")
+
+    axes.yaxis.set_major_formatter(FuncFormatter(words))
 
 
 def power(exponent: float | str) -> str:

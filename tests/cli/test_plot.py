@@ -239,6 +239,10 @@ def test_coefficients_have_ticks_and_no_empty_panel():
     root = small_asset()
     three, _ = axes_of(root, "coefficients")
     assert [axes.get_yscale() for axes in three] == ["log", "linear", "linear"]  # 1 - albedo is about 1e-3 at both
+    clear = with_member(root, "medium/sigma_a", Dataset(root["medium/sigma_t"].data * 1e-5, "1/m", "absorption"))
+    axis = axes_of(clear, "coefficients")[0][1].yaxis
+    written = axis.get_major_formatter().format_ticks([9.5e-6, 1e-5, 0.25, -2.0])
+    assert axis.get_offset_text().get_text() == "" and written[0] == "9.5×10⁻⁶" and written[2:] == ["0.25", "−2"]
     black = with_member(root, "medium/sigma_a", Dataset(np.zeros(2), "1/m", "absorption"))
     two, caption = axes_of(black, "coefficients")
     assert len(two) == 2 and "nothing is absorbed" in caption
