@@ -168,7 +168,8 @@ class Cache:
             place(path, data)
         except (StoreError, OSError, UsageError) as error:
             self._writable = False
-            self._say(f"cache: not written ({error}); the bake goes on without it")
+            reason = error.strerror or error if isinstance(error, OSError) else error
+            self._say(f"cache: not written ({reason}); the bake goes on without it")
 
     @contextmanager
     def lock(self, name: str, key: str) -> Iterator[None]:
