@@ -177,6 +177,15 @@ def test_places_that_there_are_not(lobes, values, says):
     assert says in str(error.value)
 
 
+def test_a_key_that_goes_in_step_with_the_axis_is_told_so(tmp_path):
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.5]"))
+    settings = {"sweep.medium.mean_free_path": "[1, 4] mm", "sweep.refine": "false", "sweep.combine": "zip"}
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5", settings=settings))
+    assert list(family.axes) == ["mean_free_path"]  # the first by the alphabet
+    with pytest.raises(bakery.UsageError, match='found "g", which goes in step with mean_free_path; give mean_free_path'):
+        family.at(g=0.3)
+
+
 def test_a_family_is_no_asset(lobes):
     with pytest.raises(bakery.AssetError, match=r"is a family of assets, which has no 'medium' of its own: `at\(g=…\)`"):
         _ = bakery.open(lobes[1]).medium
@@ -326,6 +335,7 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
     family = bakery.open(tmp_path / "lobes.h5")
     assert [member.reason for member in family.members if member.at["g"] == 0.5] == ["phase function hg: no such lobe"]
     assert family.method == "linear" and "point failed" in missed(family.tree)["family"]
+    assert "'lobes', 3 assets (1 point failed), linear between them" in repr(family)
     assert broken(tmp_path / "lobes.h5", family.tree) == []
     assert family.at(g=0.1).medium.g[0] == pytest.approx(0.1, abs=0.02)
     with pytest.raises(bakery.AssetError, match=r"g 0.6 needs the point g 0.5, which failed: phase function hg: no such lobe"):
