@@ -53,9 +53,10 @@ def plain_numbers(axes) -> None:
 
     def words(value, _) -> str:
         low, high = axes.yaxis.get_view_interval()
-        digits = 3 - int(np.floor(np.log10(abs(high - low)))) if high != low else 12  # three more than the axis's length has
-        mantissa, _, exponent = f"{round(float(value), digits) + 0.0:.12g}".partition("e")
-        return mantissa.replace("-", "−") + (f"×{power(int(exponent))}" if exponent else "")
+        length, largest = (int(np.floor(np.log10(each))) for each in (high - low, max(abs(low), abs(high))))
+        value = round(float(value), 3 - length) + 0.0  # what is left of a 0 is no number to be written
+        exponent = 0 if -4 < largest < 6 or value == 0 else largest
+        return f"{value / 10.0**exponent:.12g}".replace("-", "−") + (f"×{power(exponent)}" if exponent else "")
 
     axes.yaxis.set_major_formatter(FuncFormatter(words))
 
