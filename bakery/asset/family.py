@@ -15,10 +15,10 @@ from bakery.asset.single import Asset, read_checked, rendered
 from bakery.draw.html import first_picture, table
 from bakery.errors import AssetError, UsageError
 from bakery.family.axes import Swept
-from bakery.family.members import listed
+from bakery.family.members import counted, listed
 from bakery.family.pictures import pictures
 from bakery.family.point import asset_at, place_of, place_path
-from bakery.family.tree import axes_of
+from bakery.family.tree import axes_of, error_of
 from bakery.grammar.fields import nearest
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong, parse, quantity_of
@@ -41,7 +41,8 @@ class FamilyAxis:
     key : of the recipe
     values : (N,) of the points, ascending; in `values.units`: m, 1/m^3, 1/m, rad or 1
     logarithmic : whether is interpolated in their logarithm
-    error : (N - 1,) measured half-way between a point and the next, in the measure of `achieved_error`; None where it was not
+    error : (N - 1,) measured half-way between a point and the next, in the measure of `achieved_error`; not a number where that
+        failed, None where nothing was measured
     """
 
     key: str
@@ -149,6 +150,9 @@ class Family:
         if unknown or missing:
             known = ", ".join(f"{name} ({axis.values.units})" for name, axis in self.axes.items())
             found = f'found "{unknown[0]}"' if unknown else f"found no value of {missing[0]}"
+            steps = {key.name: axis.first.name for axis in axes_of(self.tree.members[FAMILY]) for key in axis.keys[1:]}
+            if unknown and unknown[0] in steps:
+                raise UsageError(f"{self.path}: {found}, which goes in step with {steps[unknown[0]]}; give {steps[unknown[0]]}")
             near = nearest(unknown[0], self.axes) if unknown else ""
             raise UsageError(f"{self.path}: {found}; the axes of the family are {known}{near}")
         place = place_of(self.tree, [_number(self._swept[name], values[name]) for name in self.axes])
@@ -194,7 +198,7 @@ class Family:
 
     def _title(self) -> str:
         reached = "not measured" if self.achieved_error is None else f"{self.achieved_error:.2g} of {self.tolerance:.2g}"
-        assets = f"{len(self.members)} asset{'s' * (len(self.members) > 1)}"
+        assets = counted([member.reason for member in self.members])
         return (f"{self.name!r}, {assets}, {self.method} between them, error {reached}, "
                 f"content {self.content_hash[:12]}")
 
@@ -209,9 +213,7 @@ def _span(values: Values) -> str:
 
 
 def _axis(group: Group, key: Swept) -> FamilyAxis:
-    error = group.members.get("error")
-    return FamilyAxis(key.key, with_units(group["value"].data, group["value"].units), key.logarithmic,
-                      None if error is None else error.data)
+    return FamilyAxis(key.key, with_units(group["value"].data, group["value"].units), key.logarithmic, error_of(group))
 
 
 def _number(axis: Swept, value: float | str) -> float:

@@ -9,8 +9,9 @@ import numpy as np
 from bakery.asset.axes import axes, of_points
 from bakery.errors import UsageError
 from bakery.family.members import listed
+from bakery.family.tree import error_of, is_family
 from bakery.physics.medium.phase import evaluate
-from bakery.stages.conform import stages_of
+from bakery.stages.conform import FAMILY, stages_of
 from bakery.stages.coordinates import COORDINATES, coordinate, stated_error
 from bakery.stages.declaration import Answer, Remark
 from bakery.store.tree import Dataset, Group
@@ -45,6 +46,8 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     if points and values.dtype.kind == "f" and (failed := [words for _, words, member in listed(root) if member.reason]):
         named = [*failed[:NAMED], *(["…"] if len(failed) > NAMED else [])]
         remarks.append(Remark(f"zeros stand for points that failed: {'; '.join(named)}"))
+    if _unmeasured(root, path):
+        remarks.append(Remark("zeros stand for intervals whose error is not known"))
     for letter, name in list(zip(letters, names, strict=True))[len(points):]:
         axis = len(left)
         found = coordinate(root, path, letter)
@@ -67,6 +70,14 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     for stage in stages_of(root):
         remarks += stage.remarks(root, path, letters, arguments)
     return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks))
+
+
+def _unmeasured(root: Group, path: str) -> bool:
+    """Whether a dataset holds zeros for errors of a family that are not known."""
+    parent, _, name = path.rpartition("/")
+    if not is_family(root) or not parent.startswith(f"{FAMILY}/axes/") or name != "error":
+        return False
+    return bool(np.isnan(error_of(root[parent])).any())
 
 
 def _along(axis: int, data, take, several: bool):

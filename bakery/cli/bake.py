@@ -89,7 +89,7 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
             from bakery.cli.plan import show
 
             show(list(plans.values()), as_json, verbose)
-            return _tell(recipes, failures, {}) if failures else 0
+            return _tell(recipes, failures, {}, keep_going) if failures else 0
         run = {"jobs": jobs, "cache": cache, "address": cluster, "progress": progress}
         return _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
     finally:
@@ -145,7 +145,7 @@ def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
                     for index, recipe in enumerate(recipes)])
     else:
         _print_paths(recipes, done, dict.fromkeys(range(len(recipes))), printed)
-    return max(_tell(recipes, failures, done), *(3 if baked.missed else 0 for baked in done.values()), 0)
+    return max(_tell(recipes, failures, done, keep_going), *(3 if baked.missed else 0 for baked in done.values()), 0)
 
 
 def _print_paths(recipes, done, failures, printed: int) -> int:
@@ -162,11 +162,12 @@ def _failure(recipe, message: str, status: int) -> dict:
     return {"recipe": str(recipe), "failed": message or "not started", "status": status}
 
 
-def _tell(recipes, failures, done) -> int:
+def _tell(recipes, failures, done, keep_going: bool) -> int:
     """Say at the end which recipes failed, and how many were not started; the worst exit status."""
     left = len(recipes) - len(failures) - len(done)
     if failures:
-        more = f", {left} not started (--keep-going goes on)" if left else ""
+        advice = "" if keep_going else " (--keep-going goes on)"
+        more = f", {left} not started{advice}" if left else ""
         click.echo(f"{len(failures)} of {len(recipes)} recipes failed{more}:", err=True)
     for index, (message, _) in sorted(failures.items()):
         named = message if message.startswith(recipes[index]) else f"{recipes[index]}: {message}"

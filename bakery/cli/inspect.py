@@ -38,29 +38,33 @@ def command(asset, path, as_json):
 
 def _family(found) -> dict:
     """What a family says of its axes and members, in JSON's types."""
+    from bakery.asset.summary import number
+
     return {"method": found.method, "tolerance": found.tolerance, "achieved_error": found.achieved_error,
             "axes": [{"name": name, "key": axis.key, "units": axis.values.units, "values": axis.values.tolist(),
-                      "error": None if axis.error is None else axis.error.tolist()} for name, axis in found.axes.items()],
+                      "error": None if axis.error is None else [number(value) for value in axis.error]}
+                     for name, axis in found.axes.items()],
             "members": [{"at": dict(member.at), "path": str(member.path), "content_hash": member.content_hash,
                          "reason": member.reason, "there": member.path.is_file()} for member in found.members]}
 
 
 def _print_family(family: dict) -> None:
     from bakery.family.axes import shown
+    from bakery.family.members import counted
     from bakery.system.terminal import clean, say
 
     members = family["members"]
     error = family["achieved_error"]
     said = "not measured" if error is None else f"error {_short(error)} of {_short(family['tolerance'])}"
-    say(f"a family of {len(members)} asset{'s' * (len(members) > 1)}, {family['method']} between them, {said}")
+    say(f"a family of {counted([member['reason'] for member in members])}, {family['method']} between them, {said}")
+    units = {axis["name"]: axis["units"].removeprefix("1") or "1" for axis in family["axes"]}  # as recipes write them
     for axis in family["axes"]:
-        unit = axis["units"].removeprefix("1") if axis["units"] != "1" else "1"
-        values = [shown(value, unit) for value in axis["values"]]
+        values = [shown(value, units[axis["name"]]) for value in axis["values"]]
         few = values if len(values) <= 8 else [*values[:4], "...", *values[-3:]]
         say(f"  {axis['name']}: {', '.join(few)} ({clean(axis['key'])})")
     for member in members:
         if member["reason"] or not member["there"]:
-            at = ", ".join(f"{axis['name']} {shown(member['at'][axis['name']], axis['units'])}" for axis in family["axes"])
+            at = ", ".join(f"{name} {shown(member['at'][name], unit)}" for name, unit in units.items())
             say(f"  {at}: {clean(member['reason'] or 'its file ' + member['path'] + ' is not there')}")
     say()
 

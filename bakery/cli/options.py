@@ -96,11 +96,13 @@ def opened(asset: str, place):
 def one_asset(asset: str, place):
     """The same where a family as a whole will not do."""
     import bakery
+    from bakery.family.members import counted
 
     found = opened(asset, place)
     if isinstance(found, bakery.Family):
         axes = " ".join(f"--at {name}=…" for name in found.axes)
-        raise UsageError(f"{asset}: is a family of {len(found.members)} assets; {axes} takes the asset of a place, and "
+        assets = counted([member.reason for member in found.members])
+        raise UsageError(f"{asset}: is a family of {assets}; {axes} takes the asset of a place, and "
                          f"{found.members[0].path.parent}/ holds the members")
     return found
 

@@ -48,7 +48,17 @@ def positive_axis(axes, values) -> None:
 
 
 def plain_numbers(axes) -> None:
-    axes.ticklabel_format(axis="y", useOffset=False)
+    """Ticks of a linear axis with all that is in their numbers: a factor that they share would stand in the title's place."""
+    from matplotlib.ticker import FuncFormatter
+
+    def words(value, _) -> str:
+        low, high = axes.yaxis.get_view_interval()
+        length, largest = (int(np.floor(np.log10(each))) for each in (high - low, max(abs(low), abs(high))))
+        value = round(float(value), 3 - length) + 0.0  # what is left of a 0 is no number to be written
+        exponent = 0 if -4 < largest < 6 or value == 0 else largest
+        return f"{value / 10.0**exponent:.12g}".replace("-", "−") + (f"×{power(exponent)}" if exponent else "")
+
+    axes.yaxis.set_major_formatter(FuncFormatter(words))
 
 
 def power(exponent: float | str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from bakery.errors import AssetError
@@ -19,6 +20,13 @@ def listed(root: Group) -> list[tuple[tuple[float, ...], str, Member]]:
     places = points([axis.first.values for axis in axes])
     return [(place, in_words(axes, place), member)
             for place, member in zip(places, members_of(root.members[FAMILY]), strict=True)]
+
+
+def counted(reasons: Sequence[str]) -> str:
+    """`4 assets (2 points failed)`, from why there is none at each point, or nothing."""
+    failed = sum(map(bool, reasons))
+    there = len(reasons) - failed
+    return f"{there} asset{'s' * (there > 1)}" + (f" ({failed} point{'s' * (failed > 1)} failed)" if failed else "")
 
 
 def broken(path: Path, root: Group) -> list[str]:

@@ -12,7 +12,7 @@ from bakery.draw.axes import labels, legend_beside, plain_decades, plain_numbers
 from bakery.draw.picture import Picture
 from bakery.draw.style import QUIET, colours
 from bakery.family.axes import Axis, in_words
-from bakery.family.tree import axes_of, tables_of
+from bakery.family.tree import axes_of, error_of, tables_of
 from bakery.physics.medium import phase
 from bakery.physics.medium.between import Tables, hole, interpolated
 from bakery.stages.conform import FAMILY
@@ -46,8 +46,7 @@ def pictures(root: Group) -> Iterator[Picture]:
 
 def _figures(i: int, axes, middle, tables: Tables, family: Group, um, at: str) -> Picture:
     axis, line = axes[i], _along(i, axes, middle, tables, str(family.attributes["method"]))
-    name, group = axis.first.name, family[f"axes/{axis.first.name}"].members
-    error = group["error"].data if "error" in group else None
+    name, error = axis.first.name, error_of(family[f"axes/{axis.first.name}"])
 
     def draw(figure):
         *panels, last = figure.subplots(2, 2, sharex=True).ravel()
@@ -70,7 +69,7 @@ def _figures(i: int, axes, middle, tables: Tables, family: Group, um, at: str) -
 
 
 def _errors(panel, axis: Axis, error, tolerance: float) -> None:
-    """The error half-way between points, where it was measured."""
+    """The error half-way between points, where it is known."""
     scaled = np.array([axis.first.scaled(value) for value in axis.first.values])
     middles = [_scale(axis) * axis.first.unscaled(value) for value in (scaled[1:] + scaled[:-1]) / 2]
     if error is not None:
@@ -78,8 +77,9 @@ def _errors(panel, axis: Axis, error, tolerance: float) -> None:
         panel.axhline(tolerance, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))
         panel.annotate("tolerance", (0.5, tolerance), xycoords=("axes fraction", "data"), xytext=(0, 3),
                        textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
-        panel.set_ylim(0, 1.25 * max(error.max(), tolerance))
-    panel.set_title("Error between members" + ("" if error is not None else ": not measured"))
+        panel.set_ylim(0, 1.25 * max(error[np.isfinite(error)].max(initial=0.0), tolerance))
+    said = ": not measured" if error is None else "" if np.isfinite(error).any() else ": not known"
+    panel.set_title(f"Error between members{said}")
     low, high = (_scale(axis) * axis.first.values[end] for end in (0, -1))
     if axis.first.logarithmic:
         margin = (high / low) ** 0.04

@@ -13,10 +13,10 @@ import numpy as np
 import bakery
 from bakery.errors import AssetError, UsageError
 from bakery.family.axes import Axis, file_name, in_words, points, settings, shown
-from bakery.family.tree import axes_of, members_of, tables_of
+from bakery.family.tree import axes_of, error_of, members_of, tables_of
 from bakery.grammar.overrides import apply
 from bakery.grammar.text import Source, parse
-from bakery.physics.medium.between import hole, interpolated
+from bakery.physics.medium.between import cell, hole, interpolated
 from bakery.stages.conform import FAMILY
 from bakery.stages.medium.stage import members_of as medium_of
 from bakery.store.hashes import HASH, seal
@@ -81,11 +81,25 @@ def asset_at(root: Group, path: str, place: Place) -> Group:
         "achieved_error": known.get("achieved_error", 0.0) + float(family["members/achieved"].data.max()),
         "error_measure": "largest error of the members, and of the interpolation between them where that was measured"})
     note = f"interpolated at {place.words} from the family {root.attributes['name']}, {known['method']}"
-    provenance = Group({"medium": Group({"notes": text(note, "remarks of the stage")})},
+    told = {"notes": text(note, "remarks of the stage")}
+    unknown = _unknown(family, axes, cell(tables, scaled))
+    told |= {"missed": text("\n".join(unknown), "targets that were missed")} if unknown else {}
+    provenance = Group({"medium": Group(told)},
                        {"interpolated_at": place.words, "family": path, "family_content_hash": content})
     members = {"recipe": text(_recipe(read_text(root["recipe"]), axes, place), "the recipe that would bake this"),
                "wavelength": root["wavelength"], "medium": medium, "provenance": provenance}
     return seal(Group(members, {"name": root.attributes["name"], "bakery_version": bakery.__version__}))
+
+
+def _unknown(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> list[str]:
+    """The intervals that a place lies in whose error is not known, in words."""
+    found = []
+    for axis, nodes in zip(axes, place, strict=True):
+        ends, error = axis.first.values[nodes], error_of(family[f"axes/{axis.first.name}"])
+        if len(ends) > 1 and error is not None and np.isnan(error[nodes.start]):
+            low, high = (in_words([axis], [end]) for end in ends)
+            found.append(f"the error of the interpolation between {low} and {high} is not known: a point there failed")
+    return found
 
 
 def _recipe(whole: str, axes: Sequence[Axis], place: Place) -> str:

@@ -120,6 +120,14 @@ def axes_of(family: Group) -> tuple[Axis, ...]:
     return tuple(axes)
 
 
+def error_of(axis: Group) -> np.ndarray | None:
+    """The error between the points of an axis (N - 1,), not a number where it is not known; None where nothing was measured."""
+    if "error" not in axis.members:
+        return None
+    error = axis["error"].data
+    return np.where(axis["measured"].data, error, np.nan) if "measured" in axis.members else error
+
+
 def members_of(family: Group) -> list[Member]:
     """The members of all points, the last axis fastest."""
     columns = [family[f"members/{name}"].data.reshape(-1).tolist() for name in Member._fields]

@@ -41,9 +41,9 @@ COMPILER = 1e8  # bytes that compiling takes
 
 @dataclass(frozen=True)
 class Baked:
-    """What a bake did: where the asset is, whether it was written, each step with its seconds and peak memory, a line for each
-    stage that misses its tolerance or another target, what the recipe says that is probably not meant, and `needs` and `remarks`
-    of its plan."""
+    """What a bake did: where the asset is, whether it was written (or a member, of a family), each step with its seconds and peak
+    memory, a line for each stage that misses its tolerance or another target, what the recipe says that is probably not meant,
+    and `needs` and `remarks` of its plan."""
 
     output: Path
     written: bool

@@ -13,7 +13,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bakery.errors import AssetError, StoreError, UsageError
@@ -168,7 +168,8 @@ class Cache:
             place(path, data)
         except (StoreError, OSError, UsageError) as error:
             self._writable = False
-            self._say(f"cache: not written ({error}); the bake goes on without it")
+            reason = error.strerror or error if isinstance(error, OSError) else error
+            self._say(f"cache: not written ({reason}); the bake goes on without it")
 
     @contextmanager
     def lock(self, name: str, key: str) -> Iterator[None]:
@@ -232,8 +233,9 @@ class Cache:
         try:
             part.write_text(json.dumps(speeds))
             os.replace(part, self.where / SPEED)
-        except OSError:
-            pass  # only the next plan's estimate is poorer
+        except OSError:  # only the next plan's estimate is poorer
+            with suppress(OSError):
+                part.unlink()
 
     def _speeds(self) -> dict[str, list[tuple[str, float, float]]]:
         try:

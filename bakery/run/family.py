@@ -200,26 +200,31 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
             found = given(sweep.axes, baking.medium)
         members = {point: baking.member(point) for point in points(found.values)}
     root = _root(plan, found, members, baking)
-    before = _listed(plan)
     written = _write(plan.output, root, progress)
     now = _listed(plan)
-    _remove(plan, {file: digest for file, digest in before.items() if file not in now}, progress)
+    _remove({file: digest for file, digest in baking.own.items() if file not in now}, progress)
     lines = _misses(root)
     count = sum(not member.reason for member in members.values())
     progress.done(FAMILY, f"{count} of {len(members)} points, {found.method} between them"
                   + (f", error {found.error:.2g} of {sweep.tolerance:.2g}" if found.error is not None and sweep.refine else "")
                   + f", {resources.duration(time.monotonic() - started)}")
     steps = tuple(baking.steps[point] for point in members if point in baking.steps)
+    written |= any(step["source"] == "written" for step in steps)
     return Baked(plan.output, written, steps, files_of(plan.recipe), lines, plan.recipe.warnings)
 
 
 class _Baking:
-    """The media of places, each baked once; those of points as members too."""
+    """The media of places, each baked once; those of points as members too.
+
+    `own` is the content hash of each file in the folder of the members that is a member of the family which stood there, also
+    where it was baked anew since.
+    """
 
     def __init__(self, plan: FamilyPlan, scratch: Path, options: Mapping, progress: Progress):
         self._plan, self._scratch, self._options, self._progress = plan, scratch / "middle.h5", options, progress
         self._given = set(points([axis.first.values for axis in plan.recipe.sweep.axes]))
         self._media, self._members, self._error = {}, {}, None
+        self.own = {file: digest for file, digest in _listed(plan).items() if _hash(file) == digest}
         self.steps: dict[tuple, dict] = {}
         self.missed: dict[tuple, list[str]] = {}
 
@@ -227,7 +232,8 @@ class _Baking:
         """The medium at a place; None where it cannot be baked."""
         if point not in self._media:
             path = _member_path(self._plan, point)
-            self._bake(point, path if point in self._given or path.exists() else self._scratch, self._plan.options["force"])
+            # a middle may be no member in the end: it takes the place of a member, never that of a file of someone else
+            self._bake(point, path if point in self._given or path in self.own else self._scratch, self._plan.options["force"])
             done = len(self._media)
             # how many places a refinement takes is not known before its end
             share = 0.0 if self._plan.recipe.sweep.refine else done / self._plan.points
@@ -259,6 +265,8 @@ class _Baking:
             return
         root = read(path)
         self._media[point] = optics_of(root["medium"])
+        if path in self.own:
+            self.own[path] = str(root.attributes[HASH])
         if path != self._scratch:
             self._members[point] = Member(name, str(root.attributes[HASH]), float(root["medium"].attributes["achieved_error"]))
             words = in_words(self._plan.recipe.sweep.axes, point)
@@ -357,15 +365,21 @@ def _listed(plan: FamilyPlan) -> dict[Path, str]:
     return {file: digest for file, digest in files.items() if file.parent == plan.folder}
 
 
-def _remove(plan: FamilyPlan, files: Mapping[Path, str], progress: Progress) -> None:
+def _hash(file: Path) -> str | None:
+    """The content hash of an asset; None where there is none that can be read."""
+    try:
+        return read(file).attributes.get(HASH)
+    except (AssetError, StoreError):
+        return None
+
+
+def _remove(files: Mapping[Path, str], progress: Progress) -> None:
     """Remove members that the family had and has no more: they would look like some of the recipe that stands now."""
     for file, digest in sorted(files.items()):
         try:
-            if read(file).attributes.get(HASH) == digest:  # else it is a file of someone else by that name
+            if _hash(file) == digest:  # else it is a file of someone else by that name
                 file.unlink()
-        except AssetError:
-            continue  # gone, or damaged
-        except (StoreError, OSError) as error:
+        except OSError as error:
             progress.say(f"warning: {file}: was a member and is none any more, and could not be removed: {error}")
 
 

@@ -7,6 +7,7 @@ import json
 import pytest
 
 import bakery
+from bakery.physics.medium import analytic
 from tests.unit.test_families import LOBES
 
 SWEEP = "medium.mean_free_path=[1, 4] mm"
@@ -90,6 +91,22 @@ def test_query_inspect_and_export_a_place(call, lobes):
     assert len(json.loads(call("inspect", lobes, "--json")[1])["family"]["members"]) == 3
     status, out, err = call("export", lobes, "--to", "csv", "--at", "g=0.25")
     assert status == 0 and str(lobes.with_name("lobes_g_0.25-csv")) in out
+
+
+def test_points_that_failed_are_not_counted(call, tmp_path, monkeypatch):
+    def tabulated(kind, tolerance, wavelengths, g, *rest):
+        if g[0] == 0.5:
+            raise ValueError("no such lobe")
+        return original(kind, tolerance, wavelengths, g, *rest)
+
+    original = analytic.tabulated
+    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("albedo: 0.9\n  mean_free_path: 1 mm", "sigma_s: 1 /mm\n  sigma_a: 1 /m"))
+    call("bake", tmp_path / "lobes.yaml", "-o", tmp_path / "lobes.h5", "--set", "sweep.refine=false",
+         "--sweep", "medium.sigma_s=[1, 2] /mm")
+    out = call("inspect", tmp_path / "lobes.h5")[1]
+    assert "a family of 4 assets (2 points failed), " in out and "  g 0.5, sigma_s 1000 /m: phase function hg: no such" in out
+    assert "is a family of 4 assets (2 points failed)" in call("export", tmp_path / "lobes.h5", "--to", "csv")[2]
 
 
 def test_query_names_the_axes_of_a_family(call, tmp_path, monkeypatch):

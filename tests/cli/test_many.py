@@ -77,7 +77,7 @@ def test_a_lost_cluster_ends_the_bake_whatever_was_asked_for(call, recipes, tmp_
 
     monkeypatch.setattr(many, "executed", executed)
     status, _, err = call(*recipes, "-o", f"{tmp_path}/", "--keep-going")
-    assert status == 3 and "1 of 3 recipes failed, 2 not started" in err
+    assert status == 3 and "1 of 3 recipes failed, 2 not started:\n" in err
 
 
 def test_recipes_that_share_a_stage_follow_each_other_and_memory_is_shared_out(tmp_path):

@@ -239,6 +239,12 @@ def test_coefficients_have_ticks_and_no_empty_panel():
     root = small_asset()
     three, _ = axes_of(root, "coefficients")
     assert [axes.get_yscale() for axes in three] == ["log", "linear", "linear"]  # 1 - albedo is about 1e-3 at both
+    clear = with_member(root, "medium/sigma_a", Dataset(root["medium/sigma_t"].data * 1e-5, "1/m", "absorption"))
+    axis = axes_of(clear, "coefficients")[0][1].yaxis
+    assert axis.get_major_formatter().format_ticks([9.5e-6, 1e-5, 0, 1e-22]) == ["0.95×10⁻⁵", "1×10⁻⁵", "0", "0"]
+    assert axis.get_offset_text().get_text() == ""
+    axis.set_view_interval(-0.5, 0.3, ignore=True)
+    assert axis.get_major_formatter().format_ticks([-0.25, 3e-17, 0.1 + 0.2]) == ["−0.25", "0", "0.3"]
     black = with_member(root, "medium/sigma_a", Dataset(np.zeros(2), "1/m", "absorption"))
     two, caption = axes_of(black, "coefficients")
     assert len(two) == 2 and "nothing is absorbed" in caption

@@ -6,13 +6,16 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.figure
 import numpy as np
 import pytest
 
 import bakery
 from bakery.asset.compare_families import compare_any
+from bakery.cli.inspect import _family
 from bakery.family.axes import Axis, Swept
 from bakery.family.members import broken
+from bakery.family.pictures import pictures
 from bakery.family.refine import refined
 from bakery.family.tree import departures, physics
 from bakery.physics.medium import analytic
@@ -174,6 +177,15 @@ def test_places_that_there_are_not(lobes, values, says):
     assert says in str(error.value)
 
 
+def test_a_key_that_goes_in_step_with_the_axis_is_told_so(tmp_path):
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.5]"))
+    settings = {"sweep.medium.mean_free_path": "[1, 4] mm", "sweep.refine": "false", "sweep.combine": "zip"}
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5", settings=settings))
+    assert list(family.axes) == ["mean_free_path"]  # the first by the alphabet
+    with pytest.raises(bakery.UsageError, match='found "g", which goes in step with mean_free_path; give mean_free_path'):
+        family.at(g=0.3)
+
+
 def test_a_family_is_no_asset(lobes):
     with pytest.raises(bakery.AssetError, match=r"is a family of assets, which has no 'medium' of its own: `at\(g=…\)`"):
         _ = bakery.open(lobes[1]).medium
@@ -196,7 +208,8 @@ def test_a_member_that_is_gone_is_baked_again(own, monkeypatch):
     assert [line.partition(";")[0] for line in broken(own, read(own))] == [f"member g 0.5: {gone}: there is no such file"]
     plan = planned(recipe, own)
     assert plan.write
-    assert not executed(plan).written and gone.exists()  # the family's own file is as it was
+    before = own.read_bytes()
+    assert executed(plan).written and gone.exists() and own.read_bytes() == before  # its own file is as it was
 
 
 def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
@@ -211,6 +224,22 @@ def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
     assert len(added) > 2
     assert {path.name for path in folder.iterdir()} == {"g_0.h5", "g_0.5.h5", "g_0.8.h5", "mine.h5", *added[:2]}
     assert broken(own, read(own)) == []
+
+
+def test_a_place_that_is_no_member_any_more_is_removed_though_it_was_baked_anew(tmp_path, monkeypatch):
+    """It is a middle of the new family, which passes; a file of someone else in such a place is not written over."""
+    monkeypatch.setenv("BAKERY_CACHE", str(tmp_path / "cache"))
+    recipe, family, folder = tmp_path / "lobes.yaml", tmp_path / "lobes.h5", tmp_path / "lobes"
+    recipe.write_text(LOBES)
+    bakery.bake(recipe, family)
+    before = {path.name for path in folder.iterdir()}
+    bakery.bake(recipe, family, settings={"sweep.tolerance": "40%", "medium.albedo": "0.2"})
+    members = {member.path.name for member in bakery.open(family).members}
+    assert {path.name for path in folder.iterdir()} == members < before
+    (other := folder / "g_0.25.h5").write_bytes((folder / "g_0.8.h5").read_bytes())  # half-way from 0 to 0.5
+    bytes_ = other.read_bytes()
+    bakery.bake(recipe, family, settings={"sweep.tolerance": "40%", "medium.albedo": "0.3"})
+    assert other.name not in members and other.read_bytes() == bytes_
 
 
 def test_a_family_that_moved_leaves_the_members_of_its_old_name(own, monkeypatch):
@@ -306,6 +335,7 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
     family = bakery.open(tmp_path / "lobes.h5")
     assert [member.reason for member in family.members if member.at["g"] == 0.5] == ["phase function hg: no such lobe"]
     assert family.method == "linear" and "point failed" in missed(family.tree)["family"]
+    assert "'lobes', 3 assets (1 point failed), linear between them" in repr(family)
     assert broken(tmp_path / "lobes.h5", family.tree) == []
     assert family.at(g=0.1).medium.g[0] == pytest.approx(0.1, abs=0.02)
     with pytest.raises(bakery.AssetError, match=r"g 0.6 needs the point g 0.5, which failed: phase function hg: no such lobe"):
@@ -346,7 +376,19 @@ def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.8]"))
     with pytest.raises(bakery.StageError, match="its error is not known: a point there failed"):
         bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
-    assert bakery.open(tmp_path / "lobes.h5").achieved_error is None
+    family = bakery.open(tmp_path / "lobes.h5")
+    assert family.achieved_error is None and np.isnan(family.axes["g"].error).tolist() == [True]
+    (remark,) = family.query("family/axes/g/error").remarks
+    assert remark.text == "zeros stand for intervals whose error is not known"
+    assert _family(family)["axes"][0]["error"] == [None]  # as JSON takes it
+    assert missed(family.at(g=0.4).tree) == {
+        "medium": "the error of the interpolation between g 0 and g 0.8 is not known: a point there failed"}
+    assert missed(family.at(g=0.8).tree) == {}
+    (drawn, *_) = pictures(family.tree)
+    figure = matplotlib.figure.Figure()
+    drawn.draw(figure)
+    (panel,) = [panel for panel in figure.axes if panel.get_title() == "Error between members: not known"]
+    assert np.isnan(panel.lines[0].get_ydata()).all()
     monkeypatch.setattr(analytic, "tabulated", original)
     family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5"))
     assert len(family.members) > 2 and 0 < family.achieved_error < family.tolerance

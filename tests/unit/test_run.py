@@ -217,6 +217,19 @@ def test_prune_takes_the_least_recently_used(tmp_path):
     assert len(cache.entries()) == 1
 
 
+def test_a_cache_that_cannot_be_written_says_why_in_words(tmp_path):
+    (tmp_path / "file").touch()
+    said = []
+    Cache(tmp_path / "file" / "cache", said.append).put("dig", "a", Group(), Group())
+    assert said == ["cache: not written (Not a directory); the bake goes on without it"]
+
+
+def test_a_speed_that_cannot_be_put_into_its_place_leaves_nothing(tmp_path):
+    (tmp_path / "speed.json").mkdir()  # no file can be renamed to it
+    Cache(tmp_path).note_speed("dig", "a", 1.0, 2.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["speed.json"]
+
+
 def test_speed_is_remembered_and_a_broken_file_is_not_believed(tmp_path):
     cache = Cache(tmp_path)
     assert cache.speed("dig", "a", 1.0) == (1.0, 0)

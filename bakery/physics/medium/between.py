@@ -97,11 +97,16 @@ def tabulated(axes: Sequence[np.ndarray], media: Sequence[Optics | None]) -> Tab
     return Tables(tuple(axes), theta, *arrays)
 
 
+def cell(tables: Tables, at: Sequence[float]) -> tuple[slice, ...]:
+    """The two points on each axis that coordinates lie between, or the one that they lie on."""
+    return tuple(_stencil(axis, value, "linear") for axis, value in zip(tables.axes, at, strict=True))
+
+
 def hole(tables: Tables, at: Sequence[float]) -> tuple[int, ...] | None:
     """The first missing point that a medium at these coordinates would need; None where there is none."""
-    cells = tuple(_stencil(axis, value, "linear") for axis, value in zip(tables.axes, at, strict=True))
+    cells = cell(tables, at)
     found = np.argwhere(tables.missing[cells])
-    return tuple(int(cell.start + i) for cell, i in zip(cells, found[0], strict=True)) if len(found) else None
+    return tuple(int(nodes.start + i) for nodes, i in zip(cells, found[0], strict=True)) if len(found) else None
 
 
 def interpolated(tables: Tables, at: Sequence[float], method: str) -> Optics:
