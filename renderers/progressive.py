@@ -388,14 +388,16 @@ def fingerprint(*what) -> str:
 
 
 def made_of(scene):
-    """What passes of a scene depend on, for a fingerprint: its values but for what stops them, and its files but for the assets.
+    """What passes of a scene depend on, for a fingerprint: its values but for what stops them, shows or names the picture, and
+    its files but for the assets.
 
     Returns a tuple of a dict and of paths.
     """
     values = scene.values
     apart = {scene.path, *(scene.file(name) for one in (values, *scene.bodies) for name in (one.asset, one.recipe) if name)}
     # no warnings: they are about tuples in place of lists
-    return values.model_dump(mode="json", exclude={"stop"}, warnings=False), *(one for one in scene.inputs if one not in apart)
+    told = values.model_dump(mode="json", exclude={"stop", "display", "name", "description"}, warnings=False)
+    return told, *(one for one in scene.inputs if one not in apart)
 
 
 def _channels(prefix, layers, variance):

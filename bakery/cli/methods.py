@@ -82,7 +82,8 @@ def summary(made, found, base, file=None) -> dict:
                                                          "passes", "stopped_by", "reasons")}
                        | {"name": one.job.name, "scene": str(one.job.scene.path), "seed": one.job.seed,
                           "stated_bias": report["bias"], "processor": one.processor,
-                          "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "difference": difference,
+                          "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "anew": one.anew,
+                          "difference": difference,
                           "exact": one.job.name in first.rules.EXACT, "kept": one.job.name in first.rules.KEPT,
                           "flip": seen.flip})
     remarks = [differences.flip_missing()]
@@ -162,6 +163,7 @@ def lines(found) -> list[str]:
         words += [f"error {error}"] * bool(error) + [f"bias {bias}"] * bool(bias)
         words += [f"FLIP {one['flip']:.3f}"] if one["flip"] is not None else []
         words += [f"noise {100 * one['noise']:.2g} %"] if one["noise"] is not None else []
-        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]]
+        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]
+                  + " (rendered anew: what was there is made of something else)" * one["anew"]]
         said.append(f"{one['name']}: {', '.join(words)}")
     return said
