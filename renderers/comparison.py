@@ -215,7 +215,7 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
     Parameters
     ----------
     job : of `jobs`, its scene baked; what it says of when to stop does not count
-    noise : relative
+    noise : relative, of what the scene's `measure` says
     seconds : of the clock
     quality, variant, options : as of `render`, without `resume` and `force`
     """
@@ -227,13 +227,18 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
     if kept and kept["finished"] and kept["display"] == _display(job):
         # the last pass may have been too long for what was left of the time
         longest = max(spent, kept.get("asked", 0.0))
-        if not begun or longest >= _ENOUGH * seconds or (kept["report"]["noise"] or 0.0) <= noise:
+        if not begun or longest >= _ENOUGH * seconds or _noise(job, kept["report"]) <= noise:
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
     made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, asked=seconds, **options)
     if not job.scene.rules.RESUMES and made.clock < seconds / 2:
         return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
     return made
+
+
+def _noise(job, report) -> float:
+    """The one that stops the passes, 0 where it is not known."""
+    return report.get("pixel_noise" if job.scene.values.measure == "pixels" else "noise") or 0.0
 
 
 def _taken(job, kept):

@@ -91,9 +91,12 @@ def summary(made, found, base, file=None) -> dict:
     whose = "all pictures" if len(unknown) == len(found) else ", ".join(unknown)
     remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
+    pixels = any(one.job.scene.values.measure == "pixels" for one in made)
+    remarks += ["Errors, noise and times are those of the picture as a whole; the tolerance is one of pixels (measure: pixels), "
+                "which takes longer."] if pixels else []
     return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
             "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
-            "overrides": common,
+            "overrides": common, "measure": "pixels" if pixels else "picture",
             "reference": base.name, "reference_file": None if file is None else str(file),
             "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
 

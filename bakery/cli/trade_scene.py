@@ -233,13 +233,13 @@ def report(found: Mapping) -> Iterable[str]:
 
 
 def command(found: Mapping) -> str:
-    """How to render what is advised."""
+    """How to render what is advised; to what noise where figures and tolerance are of the same."""
     import shlex
 
     advised = found["trade"]["advised"]
     one = next(one for one in found["methods"] if one["name"] == advised["name"])
     settings = {key: value for key, value in (found["overrides"] | one["overrides"]).items() if not key.startswith("stop")}
-    if one["passes"]:
+    if one["passes"] and found["measure"] == "picture":
         settings["stop"] = f"{{noise: {100 * advised['noise']:.2g}%}}"
     return " ".join(["bake render", shlex.quote(one["scene"]),
                      *(f"--set {shlex.quote(f'{key}={value}')}" for key, value in settings.items())])

@@ -97,6 +97,15 @@ def test_the_quickest_to_the_tolerance_is_named(call, place):
     assert "error against time" in parts.text and trade["advice"][-1] in parts.text
 
 
+def test_figures_of_the_picture_are_no_stop_of_pixels(call, place):
+    """Where the tolerance is one of pixels, that is said, and the command stops as the scene does."""
+    found = traded(call, place, "--set", "measure=pixels")
+    status, out, err = call("trade", place / "haze.yaml", "--set", "measure=pixels")
+    assert status == 0 and found["measure"] == "pixels" and "of the picture as a whole" in found["remarks"][-1]
+    assert found["remarks"][-1] in out and found["remarks"][-1] in Parts(place / "haze_trade.html").text
+    assert "--set measure=pixels --set toy.method=isotropic" in out and "stop" not in out
+
+
 def test_finished_points_are_kept(call, place):
     """An interruption loses none, the same call again renders nothing; another scene or seed is rendered anew."""
     render.interrupt = ("isotropic", 2)

@@ -13,7 +13,7 @@ from bakery.errors import Interrupted, UsageError
 from renderers import budget, colour, images, progressive
 from renderers.mitsuba import bitmaps
 from renderers.progressive import Estimate, Part, Stop, fingerprint
-from renderers.running import rgb_layers
+from renderers.running import describe, rgb_layers
 from tests import exr
 
 SHAPE = (6, 8, 3)
@@ -222,6 +222,13 @@ def test_pixels_each_keep_their_noise():
     assert whole.noise <= 0.1 < whole.pixel_noise and each.pixel_noise <= 0.1
     assert 4 * whole.samples < each.samples < 16 * whole.samples
     assert np.abs(each.rgb / 5 - 1).max() < 0.52
+
+
+def test_the_noise_that_stopped_the_passes_is_told():
+    report = {"files": ["x.png"], "seconds": {"total": 1.0}, "method": "paths", "samples": 9, "noise": 0.061, "bias": None,
+              "pixel_noise": 0.094, "reasons": []}
+    assert describe(report | {"measure": "picture"})[1] == "method: paths; 9 samples a pixel; noise 6.1 %"
+    assert describe(report | {"measure": "pixels"})[1].endswith("; noise 6.1 %, of 99 of 100 pixels 9.4 % at most")
 
 
 def test_stops_by_quality():
