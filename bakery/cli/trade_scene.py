@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 
 from bakery.cli import methods as shared
 from bakery.errors import BakeryError, Interrupted, RecipeError, UsageError
@@ -23,11 +22,15 @@ _NOISE, _LEAST_NOISE = 0.5, 0.25
 
 def is_scene(source) -> bool:
     """Whether a file says that it is a scene; what is wrong with it is found later."""
-    path = Path(source)
+    from bakery.grammar import files, text
+
+    content = ""
     try:
-        return path.is_file() and re.search(rb"^bakery_scene\s*:", path.read_bytes(), re.MULTILINE) is not None
-    except OSError:
-        return False
+        content = text.decode(files.read_recipe(source), source)
+        root = text.parse(text.Source(source, content)).root
+    except BakeryError:
+        return re.search(r"^[\"']?bakery_scene[\"']?\s*:", content, re.MULTILINE) is not None
+    return isinstance(root, text.Mapping) and "bakery_scene" in root
 
 
 def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, *, beside=(),

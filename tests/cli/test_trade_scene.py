@@ -8,6 +8,7 @@ import signal
 import numpy as np
 import pytest
 
+from bakery.cli.trade_scene import is_scene
 from bakery.errors import UsageError
 from renderers import comparison, scene
 from renderers.colour import LUMINANCE
@@ -150,6 +151,25 @@ def test_a_scene_of_another_renderer(call, place, monkeypatch):
     assert by_name["toy: single"]["files"][0] == str(place / "haze_trade" / "toy_single.png")
     assert f"bake render {place / 'other.yaml'} --set toy.method=isotropic" in call(
         "trade", place / "haze.yaml", "--beside", place / "other.yaml", "--methods", "single")[1]
+
+
+@pytest.mark.parametrize("begin, scene", [
+    ("\ufeffbakery_scene: 1", True), ('"bakery_scene": 1', True), ("'bakery_scene' : 1\nname: [", True),
+    ("bakery: 1\ndescription: \"\n\nbakery_scene: 1\"", False), ("bakery: 1\nnote: {bakery_scene: 1}", False)])
+def test_what_is_a_scene(tmp_path, begin, scene):
+    (tmp_path / "a.yaml").write_text(f"{begin}\n", encoding="utf-8")
+    assert is_scene(tmp_path / "a.yaml") == scene and not is_scene(tmp_path) and not is_scene(tmp_path / "gone.yaml")
+
+
+def test_scenes_and_recipes_are_not_mixed_up(call, place, monkeypatch):
+    """One line that says what would do, none about keys."""
+    monkeypatch.chdir(place)
+    for words in ("haze.yaml", "plan haze.yaml", "haze.yaml --sweep tolerance=1%,2%"):
+        assert call(*words.split()) == (2, "", "haze.yaml: is a scene; `bake render haze.yaml` renders it\n")
+    for words in ("render milk.yaml", "compare milk.yaml --methods a,b", "plan milk.yaml --scene milk.yaml"):
+        status, out, err = call(*words.split())
+        assert (status, out) == (2, "")
+        assert err == "milk.yaml: is a recipe; `bake milk.yaml` bakes it, and `bake render` takes its asset\n"
 
 
 WRONG = (
