@@ -106,4 +106,13 @@ def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float])
 
 def percent(share: float) -> str:
     """A share in words, of two figures or all before the point: 2.2 %, 110 %."""
-    return f"{100 * share:.0f} %" if share >= 0.995 else f"{100 * share:.2g} %"
+    return f"{_figures(100 * share)} %"
+
+
+def as_much(times: float) -> str:
+    """A factor in words, as above: 2.2 times as much, 110 times as much."""
+    return f"{_figures(times)} times as much"
+
+
+def _figures(number) -> str:
+    return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"

@@ -20,7 +20,7 @@ from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
 from renderers import assets, images, scene
 from renderers.pace import Pace, Paced
-from renderers.progressive import QUALITY, fingerprint
+from renderers.progressive import QUALITY, fingerprint, made_of
 
 _LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
 _ENOUGH = 0.8  # share of the time that passes were to take, with which they are not gone on with: each call prepares anew
@@ -67,6 +67,7 @@ class Made:
     compiling : s, of the clock, that went into compiling kernels
     pace : of the passes, `renderers.pace.Paced`
     taken : whether they were there already
+    anew : whether what was there was to be gone on with, and could not, as it is made of something else
     """
 
     job: Job
@@ -75,6 +76,7 @@ class Made:
     compiling: float
     pace: Paced
     taken: bool
+    anew: bool = False
 
     @property
     def clock(self) -> float:
@@ -147,7 +149,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     ----------
     job : of `jobs`, its scene baked
     quality, variant : as the renderers take them
-    resume : go on also with samples that an earlier call thought enough
+    resume : go on also with samples that an earlier call thought enough, where they are of the same
     force : render anew
     progress : function of (fraction 0 to 1, noise or None)
     compiled : seconds that went into compiling kernels so far, of the clock and of the processors
@@ -158,12 +160,15 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     Interrupted : what is there was written, and the same call goes on with it
     BakeryError : as the renderer
     """
-    made_of, stop = _made_of(job, quality, variant), job.scene.values.stop.model_dump(mode="json")
+    this, stop = _made_of(job, quality, variant), job.scene.values.stop.model_dump(mode="json") | {"quality": quality}
     kept = {} if force else _kept(job)
-    same = kept.get("made_of") == made_of
-    if same and kept["finished"] and kept["stop"] == stop:
+    same = kept.get("made_of") == this
+    enough = same and kept["finished"] and kept["stop"] == stop
+    if enough and kept["display"] == _display(job):
         return _taken(job, kept)
-    on = (same and not kept["finished"]) or (resume and job.pair[1].is_file())
+    # the PNG alone is to be another: no passes, or few
+    on = same and (not kept["finished"] or resume or enough and job.scene.rules.RESUMES)
+    on = on or (resume and not kept and job.pair[1].is_file())  # without a record the EXR says whether it is the same
     spent = {key: kept.get(key, 0.0) if on else 0.0 for key in ("seconds", "processor", "compiling")}
     begin = _clocks(compiled)
     before = _stamp(job.pair[1])
@@ -171,7 +176,8 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
 
     def keep(finished, paced, **more):
         values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))} | {"pace": paced}
-        kept = {"made_of": made_of, "stop": stop, "finished": finished, "picture": fingerprint(job.pair[1]), **values, **more}
+        kept = {"made_of": this, "stop": stop, "display": _display(job), "finished": finished,
+                "picture": fingerprint(job.pair[1]), **values, **more}
         text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
         images.write([(job.record, lambda place: Path(place).write_text(text, encoding="utf-8"))])
         return values
@@ -200,7 +206,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
     values = keep(True, pace.paced(report.get("parts") or {}), report=report, asked=asked)
-    return Made(job, report, values["processor"], values["compiling"], values["pace"], False)
+    return Made(job, report, values["processor"], values["compiling"], values["pace"], False, resume and not on and bool(kept))
 
 
 def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:
@@ -209,7 +215,7 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
     Parameters
     ----------
     job : of `jobs`, its scene baked; what it says of when to stop does not count
-    noise : relative
+    noise : relative, of what the scene's `measure` says
     seconds : of the clock
     quality, variant, options : as of `render`, without `resume` and `force`
     """
@@ -218,16 +224,21 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
         kept = {}
     begun = bool(kept) and job.scene.rules.RESUMES
     spent = kept["seconds"] - kept["compiling"] if begun else 0.0
-    if kept and kept["finished"]:
+    if kept and kept["finished"] and kept["display"] == _display(job):
         # the last pass may have been too long for what was left of the time
         longest = max(spent, kept.get("asked", 0.0))
-        if not begun or longest >= _ENOUGH * seconds or (kept["report"]["noise"] or 0.0) <= noise:
+        if not begun or longest >= _ENOUGH * seconds or _noise(job, kept["report"]) <= noise:
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
     made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, asked=seconds, **options)
     if not job.scene.rules.RESUMES and made.clock < seconds / 2:
         return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
     return made
+
+
+def _noise(job, report) -> float:
+    """The one that stops the passes, 0 where it is not known."""
+    return report.get("pixel_noise" if job.scene.values.measure == "pixels" else "noise") or 0.0
 
 
 def _taken(job, kept):
@@ -272,14 +283,15 @@ def _kept(job) -> dict:
 
 
 def _made_of(job, quality, variant) -> str:
-    """What the passes of a method depend on; not what stops them."""
-    baked, values = job.scene, job.scene.values
-    apart = {baked.path, *(baked.file(name) for one in (values, *baked.bodies) for name in (one.asset, one.recipe) if name)}
-    # no warnings: they are about tuples in place of lists
-    return fingerprint(values.model_dump(mode="json", exclude={"stop"}, warnings=False),
-                       [quality, variant, job.seed, bakery.__version__],
-                       [bakery.open(path).content_hash for path in dict.fromkeys(baked.assets)],
-                       *(path for path in baked.inputs if path not in apart))
+    """What the passes of a method depend on; not what stops them, which of a renderer of passes is all that the quality does."""
+    values, *files = made_of(job.scene)
+    return fingerprint(values, [None if job.scene.rules.RESUMES else quality, variant, job.seed, bakery.__version__],
+                       [bakery.open(path).content_hash for path in dict.fromkeys(job.scene.assets)], *files)
+
+
+def _display(job) -> dict:
+    """How the PNG of a method shows its picture."""
+    return job.scene.values.display.model_dump(mode="json")
 
 
 def baked(job: Job, progress=None) -> Job:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import signal
 import threading
 import time
@@ -192,7 +193,7 @@ class Estimate:
         return min(part.samples * self.means[part.name].count for part in self.parts)
 
     def run(self, stop, progress=None):
-        """Renders passes until `stop`, or until SIGINT or SIGTERM, of which a second one ends the process at once.
+        """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 
         Parameters
         ----------
@@ -387,14 +388,16 @@ def fingerprint(*what) -> str:
 
 
 def made_of(scene):
-    """What passes of a scene depend on, for a fingerprint: its values but for what stops them, and its files but for the assets.
+    """What passes of a scene depend on, for a fingerprint: its values but for what stops them, shows or names the picture, and
+    its files but for the assets.
 
     Returns a tuple of a dict and of paths.
     """
     values = scene.values
     apart = {scene.path, *(scene.file(name) for one in (values, *scene.bodies) for name in (one.asset, one.recipe) if name)}
     # no warnings: they are about tuples in place of lists
-    return values.model_dump(mode="json", exclude={"stop"}, warnings=False), *(one for one in scene.inputs if one not in apart)
+    told = values.model_dump(mode="json", exclude={"stop", "display", "name", "description"}, warnings=False)
+    return told, *(one for one in scene.inputs if one not in apart)
 
 
 def _channels(prefix, layers, variance):
@@ -416,13 +419,15 @@ def _image(channels, prefix, names="RGB"):
 
 @contextmanager
 def _interruptions():
-    """A list that SIGINT and SIGTERM are kept in, where somebody handles them otherwise; a second one ends the process."""
+    """A list that SIGINT and SIGTERM are kept in, where somebody handles them otherwise; the same one again ends the process."""
     arrived, usual = [], {}
 
     def keep(number, _frame):
+        if number in arrived:
+            # only now: Python complains of a signal that has come already when its handler is taken away
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
         arrived.append(number)
-        for each in usual:
-            signal.signal(each, signal.SIG_DFL)
 
     if threading.current_thread() is threading.main_thread():
         usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)

@@ -232,7 +232,7 @@ def _out_of_reach(about):
     for said, error in (("noise (stop.noise)", scene.values.stop.noise), ("the method's own error", split.approximations)):
         if error is not None and error > split.tolerance:
             yield f"{scene.path}: {said} of {100 * error:.3g} % leaves the tolerance of {100 * split.tolerance:.3g} % out of " \
-                  f"reach, {error / split.tolerance:.2g} times as much"
+                  f"reach, {budget.as_much(error / split.tolerance)}"
             return
     if (all_of_it := math.hypot(split.approximations, split.tables, split.noise)) > 1.001 * split.tolerance:
         yield f"{scene.path}: noise (stop.noise) of {100 * split.noise:.3g} % leaves too little of the tolerance of " \

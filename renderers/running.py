@@ -79,7 +79,8 @@ class Render:
         Returns
         -------
         report : dict with `renderer` (its section), `method`, `scene`, `asset`, `files`, `size`, `mean` (linear, a channel),
-            `samples`, `noise`, `bias`, `reasons`, `tone_curve`, `overrides`, `seconds` (of each part), and `more`
+            `samples`, `noise`, `bias`, `measure` (what its tolerance is of), `reasons`, `tone_curve`, `overrides`, `seconds` (of
+            each part), and `more`
         """
         display, words = images.shown(rgb, **dict(self.scene.values.display))
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}), text)
@@ -90,8 +91,8 @@ class Render:
                 "asset": ", ".join(dict.fromkeys(asset.path for asset in self.assets)),
                 "files": [str(path) for path in self.pair], "size": [rgb.shape[1], rgb.shape[0]],
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
-                "reasons": list(reasons), "tone_curve": words, "overrides": dict(self.scene.overrides),
-                "seconds": self.seconds} | more
+                "measure": self.scene.values.measure, "reasons": list(reasons), "tone_curve": words,
+                "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
 
 
 def rgb_layers(prefix, image):
@@ -109,5 +110,12 @@ def describe(report, more=None) -> list[str]:
 def _made(report):
     said = [f"method: {report['method']}"]
     said += [f"{report['samples']} samples a pixel"] if report["samples"] is not None else []
-    said += [f"{name} {percent(report[name])}" for name in ("noise", "bias") if report[name] is not None]
+    said += [f"noise {percent(report['noise'])}{_of_pixels(report)}"] if report["noise"] is not None else []
+    said += [f"bias {percent(report['bias'])}"] if report["bias"] is not None else []
     return ["; ".join(said), *report["reasons"]]
+
+
+def _of_pixels(report):
+    """The noise that stopped the passes, where it was that of pixels."""
+    noise = report.get("pixel_noise") if report.get("measure") == "pixels" else None
+    return "" if noise is None else f", of 99 of 100 pixels {percent(noise)} at most"

@@ -238,6 +238,9 @@ def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
         tree = text.parse(source)
     except RecipeError as error:
         raise RecipeError(map(_of_scenes, error.problems)) from None
+    if isinstance(tree.root, Mapping) and "bakery" in tree.root and "bakery_scene" not in tree.root:
+        instead = f"`bake {source.label}` bakes it, and `bake render` takes its asset"
+        raise RecipeError([source.problem(None, "", "is a recipe", instead)])
     return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))
 
 

@@ -82,7 +82,8 @@ def summary(made, found, base, file=None) -> dict:
                                                          "passes", "stopped_by", "reasons")}
                        | {"name": one.job.name, "scene": str(one.job.scene.path), "seed": one.job.seed,
                           "stated_bias": report["bias"], "processor": one.processor,
-                          "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "difference": difference,
+                          "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "anew": one.anew,
+                          "difference": difference,
                           "exact": one.job.name in first.rules.EXACT, "kept": one.job.name in first.rules.KEPT,
                           "flip": seen.flip})
     remarks = [differences.flip_missing()]
@@ -90,9 +91,12 @@ def summary(made, found, base, file=None) -> dict:
     whose = "all pictures" if len(unknown) == len(found) else ", ".join(unknown)
     remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
+    pixels = any(one.job.scene.values.measure == "pixels" for one in made)
+    remarks += ["Errors, noise and times are those of the picture as a whole; the tolerance is one of pixels (measure: pixels), "
+                "which takes longer."] if pixels else []
     return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
             "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
-            "overrides": common,
+            "overrides": common, "measure": "pixels" if pixels else "picture",
             "reference": base.name, "reference_file": None if file is None else str(file),
             "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
 
@@ -162,6 +166,7 @@ def lines(found) -> list[str]:
         words += [f"error {error}"] * bool(error) + [f"bias {bias}"] * bool(bias)
         words += [f"FLIP {one['flip']:.3f}"] if one["flip"] is not None else []
         words += [f"noise {100 * one['noise']:.2g} %"] if one["noise"] is not None else []
-        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]]
+        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]
+                  + " (rendered anew: what was there is made of something else)" * one["anew"]]
         said.append(f"{one['name']}: {', '.join(words)}")
     return said

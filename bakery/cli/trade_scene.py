@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 
 from bakery.cli import methods as shared
 from bakery.errors import BakeryError, Interrupted, RecipeError, UsageError
@@ -23,11 +22,15 @@ _NOISE, _LEAST_NOISE = 0.5, 0.25
 
 def is_scene(source) -> bool:
     """Whether a file says that it is a scene; what is wrong with it is found later."""
-    path = Path(source)
+    from bakery.grammar import files, text
+
+    content = ""
     try:
-        return path.is_file() and re.search(rb"^bakery_scene\s*:", path.read_bytes(), re.MULTILINE) is not None
-    except OSError:
-        return False
+        content = text.decode(files.read_recipe(source), source)
+        root = text.parse(text.Source(source, content)).root
+    except BakeryError:
+        return re.search(r"^[\"']?bakery_scene[\"']?\s*:", content, re.MULTILINE) is not None
+    return isinstance(root, text.Mapping) and "bakery_scene" in root
 
 
 def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, *, beside=(),
@@ -233,13 +236,13 @@ def report(found: Mapping) -> Iterable[str]:
 
 
 def command(found: Mapping) -> str:
-    """How to render what is advised."""
+    """How to render what is advised; to what noise where figures and tolerance are of the same."""
     import shlex
 
     advised = found["trade"]["advised"]
     one = next(one for one in found["methods"] if one["name"] == advised["name"])
     settings = {key: value for key, value in (found["overrides"] | one["overrides"]).items() if not key.startswith("stop")}
-    if one["passes"]:
+    if one["passes"] and found["measure"] == "picture":
         settings["stop"] = f"{{noise: {100 * advised['noise']:.2g}%}}"
     return " ".join(["bake render", shlex.quote(one["scene"]),
                      *(f"--set {shlex.quote(f'{key}={value}')}" for key, value in settings.items())])

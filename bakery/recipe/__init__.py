@@ -61,6 +61,7 @@ def swept(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -
 
 def _parsed(path: str | os.PathLike, overrides: Mapping[str, str]):
     """Source and tree of a recipe, its text with the overrides in it, and their problems."""
+    from bakery.errors import Problem, RecipeError
     from bakery.grammar import text
     from bakery.grammar.files import read_recipe
     from bakery.grammar.overrides import apply
@@ -68,6 +69,9 @@ def _parsed(path: str | os.PathLike, overrides: Mapping[str, str]):
     label = text.label_of(path)
     source = text.Source(label, text.decode(read_recipe(path), label))
     tree = text.parse(source)
+    if isinstance(tree.root, text.Mapping) and "bakery_scene" in tree.root and "bakery" not in tree.root:
+        # its keys would be so many unknown ones
+        raise RecipeError([Problem(label, None, None, "", "is a scene", f"`bake render {label}` renders it")])
     return source, tree, *apply(source, tree, overrides)
 
 

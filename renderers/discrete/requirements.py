@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from renderers import colour
-from renderers.budget import percent
+from renderers.budget import as_much, percent
 from renderers.discrete import seen
 from renderers.requirements import Knob, Need
 
@@ -42,7 +42,7 @@ def needs(about) -> list[Need]:
                        words=("integrated", "pointwise"))]
     classes = [Knob("discrete.tolerance", value, text, why, larger=False), *_classes(settings)]
     lacking = "" if wanted >= _LEAST else f"averages of {100 * wanted:.2g} % are wanted; {100 * _LEAST:g} % is asked for, " \
-                                          f"{_LEAST / wanted:.2g} times as much"
+                                          f"{as_much(_LEAST / wanted)}"
     return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *fewer)),
             Need("medium", True, "the stage discrete is held against it"),
             Need("discrete", True, _apart(about), tuple(classes), lacking)]

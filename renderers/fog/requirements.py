@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from renderers.budget import as_much
 from renderers.requirements import Knob, Need
 
 # Rays that measure distances: one a pixel up to this many, 0.6 s of a core.  With every fourth in a row a gap of two pixels in a
@@ -49,7 +50,7 @@ def _too_deep(deepest):
 def _too_good(about):
     wanted = about.tables
     return "" if wanted >= _KERNELS else f"kernels within {100 * wanted:.2g} % of transport are wanted, those of fog are " \
-        f"within {100 * _KERNELS:g} %, {_KERNELS / wanted:.3g} times as much"
+        f"within {100 * _KERNELS:g} %, {as_much(_KERNELS / wanted)}"
 
 
 def _optics(about, median, said) -> Need:
@@ -65,7 +66,7 @@ def _optics(about, median, said) -> Need:
              Knob("measure", "integrated", "integrated", "the filter reads shares of light, no single angle",
                   words=("integrated", "pointwise")))
     lacking = "" if wanted >= _LEAST else f"phase functions of {100 * wanted:.2g} % are wanted, {100 * _LEAST:g} % are asked " \
-        f"for, {_LEAST / wanted:.3g} times as much"
+        f"for, {as_much(_LEAST / wanted)}"
     return Need("optics", True, said, knobs, lacking)
 
 

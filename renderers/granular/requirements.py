@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from bakery import kernels
+from renderers.budget import as_much
 from renderers.requirements import Knob, Need
 
 GRAINS_ONLY = ("ept", "teleport")  # methods that trace grains and read no statistics of them
@@ -37,7 +38,7 @@ def needs(about) -> list[Need]:
         why = about.share
         if _BETTER * about.tables < _BEST:
             lacking = f"statistics of {100 * about.tables:.2g} % are wanted, {100 * _BEST:g} % are asked for, " \
-                      f"{_BEST / (_BETTER * about.tables):.2g} times as much"
+                      f"{as_much(_BEST / (_BETTER * about.tables))}"
     paths = Knob("scatterometer.tolerance", statistics, f"{100 * statistics:.3g}%", why, larger=False)
     return [Need("packing", True, "grains lie as in its tiles", tuple(_tiles(about))),
             Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method), (_walk(about),))]

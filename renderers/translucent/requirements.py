@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from bakery import kernels
-from renderers.budget import percent
+from renderers.budget import as_much, percent
 from renderers.requirements import Knob, Need
 from renderers.translucent import thin
 from renderers.translucent.scene import READERS, index_fault
@@ -15,7 +15,8 @@ from renderers.translucent.scene import READERS, index_fault
 # The stated error of tables over the tolerance that they were asked for, 10 %: 0.40 (bumpy_sphere), 0.22 (wax), 0.11 (skin); the
 # true error is half of that (docs/multiple-tables.md)
 _REACHED = 0.4
-_SOLVER = 0.003  # what the solver reaches at g = 0.9 (docs/multiple-tables.md); tables of less are out of reach
+# What the solver reaches at g = 0.9; tables of less may be out of reach, and are not where g is smaller (docs/multiple-tables.md)
+_SOLVER = 0.003
 _ORDERS = (16, 24, 32, 48, 64)  # Legendre orders from which a rule chooses
 # Angle where the cap of a peak ends, rad, times the orders: at most 10 (bakery/physics/multiple/peaks.py).  Of Henyey-Greenstein
 # it goes with the moment g^N of the last order: largest of g = 0.7 to 0.95, N = 12 to 48
@@ -92,8 +93,8 @@ def _tolerance(about, later) -> tuple[Knob, str]:
     """Tables' error enters the picture by the light of third and later events, at most all of it."""
     wanted = about.tables / max(later, thin.FEW)
     value = float(np.clip(wanted / _REACHED, 1e-3, 0.1))
-    lacking = "" if wanted >= _SOLVER else f"tables of {_percent(wanted)} are wanted; the solver reaches {_percent(_SOLVER)}, " \
-                                           f"{_SOLVER / wanted:.2g} times as much"
+    lacking = "" if wanted >= _SOLVER else f"tables of {_percent(wanted)} are wanted; the solver reaches {_percent(_SOLVER)} " \
+                                           f"at g = 0.9, {as_much(_SOLVER / wanted)}, and less where g is smaller"
     return Knob("multiple_scattering.tolerance", value, f"{100 * value:.3g}%",
                 about.share, larger=False), lacking
 

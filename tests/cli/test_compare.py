@@ -58,7 +58,7 @@ def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=Fa
             signal.raise_signal(signal.SIGINT)
         return {"": LEVELS[name] + 0.08 * np.random.default_rng([seed, index]).standard_normal(SHAPE)}
 
-    estimate = Estimate([Part("haze", passed)], {"scene": fingerprint(name)})
+    estimate = Estimate([Part("haze", passed)], {"scene": fingerprint(name), "asset": job.asset.content_hash})
     if resume:
         estimate.resume(job.pair[1])
     begun = estimate.samples
@@ -142,6 +142,30 @@ def test_what_is_there_is_taken(call, place, monkeypatch):
     (place / "haze_compare" / "single.json").write_text("{}")
     compared(call, place, "--seed", "7")
     assert render.asked[10:] == [("single", 7, 0, 16)]
+
+
+def test_resume_goes_on_with_the_same_alone(call, place):
+    """Anything else is rendered anew, and that is said, here where the asset is another; not where quality is."""
+    words = [place / "haze.yaml", "--methods", "single,isotropic", "--quiet"]
+    assert call("compare", *words, "--noise", "4%")[0] == 0
+    assert [one["anew"] for one in compared(call, place, "--resume", "--quality", "preview")["methods"]] == [False, False]
+    assert [begun for *_, begun, _ in render.asked] == [0, 0, 4, 4]
+    assert call(place / "milk.yaml", "-o", place / "milk.h5", "--set", "medium.phase.g=0.1", "--quiet")[0] == 0
+    status, _, err = call("compare", *words[:3], "--resume")
+    assert status == 0 and err.count("(rendered anew: what was there is made of something else)") == 2
+    assert [begun for *_, begun, _ in render.asked[4:]] == [0, 0]
+
+
+def test_what_shows_a_picture_is_no_part_of_it(call, place):
+    """Another exposure writes the PNGs, from the passes that are there; another name or description writes nothing."""
+    compared(call, place)
+    shown = (place / "haze_compare" / "single.png").read_bytes()
+    found = compared(call, place, "--set", "display.exposure=0.5")
+    assert [(begun, samples) for *_, begun, samples in render.asked[2:]] == [(16, 16), (16, 16)]
+    assert (place / "haze_compare" / "single.png").read_bytes() != shown and not any(one["anew"] for one in found["methods"])
+    page = ("-o", place / "haze_compare.html", "--set", "display.exposure=0.5")
+    found = compared(call, place, *page, "--set", "name=fog", "--set", "description=fog")
+    assert found["description"] == "fog" and all(one["taken"] for one in found["methods"]) and len(render.asked) == 4
 
 
 def test_an_interruption_is_gone_on_with(call, place):

@@ -157,6 +157,8 @@ def test_resuming_is_going_on(call, place):
 def test_no_resuming_of_something_else(call, place):
     small = ("--set", "film={width: 8, height: 6}")
     rendered(call, place, "a", options=small)
+    shown = ("display.exposure=2", "name=other", "description=other")  # how the picture is shown, no other picture
+    rendered(call, place, "a", *shown, options=("--resume", *small))
     for setting, said in (("discrete.method=continuous", "other parts, scene"), ("asset=hashed.h5", "other asset, scene")):
         status, _, err = call("render", place / "s.yaml", "-o", place / "a.png", "--resume", *small, "--set", setting)
         assert status == 2 and said in err, err

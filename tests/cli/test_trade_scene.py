@@ -8,6 +8,7 @@ import signal
 import numpy as np
 import pytest
 
+from bakery.cli.trade_scene import is_scene
 from bakery.errors import UsageError
 from renderers import comparison, scene
 from renderers.colour import LUMINANCE
@@ -97,6 +98,15 @@ def test_the_quickest_to_the_tolerance_is_named(call, place):
     assert "error against time" in parts.text and trade["advice"][-1] in parts.text
 
 
+def test_figures_of_the_picture_are_no_stop_of_pixels(call, place):
+    """Where the tolerance is one of pixels, that is said, and the command stops as the scene does."""
+    found = traded(call, place, "--set", "measure=pixels")
+    status, out, err = call("trade", place / "haze.yaml", "--set", "measure=pixels")
+    assert status == 0 and found["measure"] == "pixels" and "of the picture as a whole" in found["remarks"][-1]
+    assert found["remarks"][-1] in out and found["remarks"][-1] in Parts(place / "haze_trade.html").text
+    assert "--set measure=pixels --set toy.method=isotropic" in out and "stop" not in out
+
+
 def test_finished_points_are_kept(call, place):
     """An interruption loses none, the same call again renders nothing; another scene or seed is rendered anew."""
     render.interrupt = ("isotropic", 2)
@@ -141,6 +151,25 @@ def test_a_scene_of_another_renderer(call, place, monkeypatch):
     assert by_name["toy: single"]["files"][0] == str(place / "haze_trade" / "toy_single.png")
     assert f"bake render {place / 'other.yaml'} --set toy.method=isotropic" in call(
         "trade", place / "haze.yaml", "--beside", place / "other.yaml", "--methods", "single")[1]
+
+
+@pytest.mark.parametrize("begin, scene", [
+    ("\ufeffbakery_scene: 1", True), ('"bakery_scene": 1', True), ("'bakery_scene' : 1\nname: [", True),
+    ("bakery: 1\ndescription: \"\n\nbakery_scene: 1\"", False), ("bakery: 1\nnote: {bakery_scene: 1}", False)])
+def test_what_is_a_scene(tmp_path, begin, scene):
+    (tmp_path / "a.yaml").write_text(f"{begin}\n", encoding="utf-8")
+    assert is_scene(tmp_path / "a.yaml") == scene and not is_scene(tmp_path) and not is_scene(tmp_path / "gone.yaml")
+
+
+def test_scenes_and_recipes_are_not_mixed_up(call, place, monkeypatch):
+    """One line that says what would do, none about keys."""
+    monkeypatch.chdir(place)
+    for words in ("haze.yaml", "plan haze.yaml", "haze.yaml --sweep tolerance=1%,2%"):
+        assert call(*words.split()) == (2, "", "haze.yaml: is a scene; `bake render haze.yaml` renders it\n")
+    for words in ("render milk.yaml", "compare milk.yaml --methods a,b", "plan milk.yaml --scene milk.yaml"):
+        status, out, err = call(*words.split())
+        assert (status, out) == (2, "")
+        assert err == "milk.yaml: is a recipe; `bake milk.yaml` bakes it, and `bake render` takes its asset\n"
 
 
 WRONG = (

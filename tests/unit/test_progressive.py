@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from bakery.errors import Interrupted, UsageError
 from renderers import budget, colour, images, progressive
 from renderers.mitsuba import bitmaps
 from renderers.progressive import Estimate, Part, Stop, fingerprint
-from renderers.running import rgb_layers
+from renderers.running import describe, rgb_layers
 from tests import exr
 
 SHAPE = (6, 8, 3)
@@ -222,6 +224,13 @@ def test_pixels_each_keep_their_noise():
     assert np.abs(each.rgb / 5 - 1).max() < 0.52
 
 
+def test_the_noise_that_stopped_the_passes_is_told():
+    report = {"files": ["x.png"], "seconds": {"total": 1.0}, "method": "paths", "samples": 9, "noise": 0.061, "bias": None,
+              "pixel_noise": 0.094, "reasons": []}
+    assert describe(report | {"measure": "picture"})[1] == "method: paths; 9 samples a pixel; noise 6.1 %"
+    assert describe(report | {"measure": "pixels"})[1].endswith("; noise 6.1 %, of 99 of 100 pixels 9.4 % at most")
+
+
 def test_stops_by_quality():
     split = budget.Split(0.02, 0.0, 0.01, 0.01)
     assert Stop.of(split) == Stop(0.01, None, None) and Stop.of(split, "pixels").pixels
@@ -233,13 +242,12 @@ def test_stops_by_quality():
 
 @pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interruption_leaves_the_picture_so_far(tmp_path, number, status):
-    """The pass in hand is finished; a second signal would end the process; afterwards signals do what they did before."""
+    """The pass in hand is finished; afterwards signals do what they did before."""
     passes = noisy(1)
 
     def render(index):
         if index == 4:
             signal.raise_signal(number)
-            assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
         return passes(index)
 
     usual = signal.signal(number, handler := lambda *_: pytest.fail("handled elsewhere"))
@@ -255,6 +263,33 @@ def test_an_interruption_leaves_the_picture_so_far(tmp_path, number, status):
     on = Estimate([Part("walk", passes)], {})
     on.resume(job.pair[1])
     assert on.samples == 5 and np.allclose(on.rgb, estimate.rgb, rtol=1e-6)
+
+
+@pytest.mark.parametrize("second, status, said", [("SIGTERM", 0, "interruption 1\n"), ("SIGINT", -signal.SIGINT, "")])
+def test_two_signals(second, status, said):
+    """The other one at once is kept as well, and Python complains of neither; the same one again ends the process."""
+    source = f"""if True:
+        import os, signal
+        import numpy as np
+        from renderers.progressive import Estimate, Part, Stop
+
+        def render(index):
+            signal.pthread_sigmask(signal.SIG_BLOCK, both)
+            os.kill(os.getpid(), signal.SIGINT)
+            if signal.{second} == signal.SIGINT:
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+            os.kill(os.getpid(), signal.{second})
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+            return {{"": np.ones({SHAPE})}}
+
+        both = {{signal.SIGINT, signal.SIGTERM}}
+        signal.signal(signal.SIGTERM, lambda *_: print("handled elsewhere"))
+        estimate = Estimate([Part("walk", render)], {{}})
+        estimate.run(Stop(samples=100))
+        print(estimate.stopped_by, estimate.samples)
+    """
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (status, said, "")
 
 
 def test_an_interruption_before_there_is_a_picture(tmp_path):

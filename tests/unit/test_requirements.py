@@ -66,6 +66,11 @@ def test_the_cheapest_split_wins(baking, expected):
     assert budget.cheapest(scene_of(time=1.0), pixels, pace, seconds).share == budget.HALF
 
 
+def test_factors_have_two_figures_and_no_powers():
+    assert [budget.as_much(one) for one in (4.321, 99.7, 2e4)] == [f"{one} times as much" for one in ("4.3", "100", "20000")]
+    assert [budget.percent(one) for one in (0.0217, 0.997, 12.0)] == ["2.2 %", "100 %", "1200 %"]
+
+
 def test_the_union_asks_for_most():
     first = [Need("optics", True, "a", (tolerance(0.1), measure("integrated"))), Need("beam", True, "b", (depth(5.0),))]
     second = [Need("optics", True, "c", (tolerance(0.02), measure("pointwise"))), Need("beam", True, "d", (depth(3.0),), "far")]
