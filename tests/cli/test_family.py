@@ -7,7 +7,7 @@ import json
 import pytest
 
 import bakery
-from bakery.physics.medium import analytic
+from tests.failing import fails_at
 from tests.unit.test_families import LOBES
 
 SWEEP = "medium.mean_free_path=[1, 4] mm"
@@ -94,13 +94,7 @@ def test_query_inspect_and_export_a_place(call, lobes):
 
 
 def test_points_that_failed_are_not_counted(call, tmp_path, monkeypatch):
-    def tabulated(kind, tolerance, wavelengths, g, *rest):
-        if g[0] == 0.5:
-            raise ValueError("no such lobe")
-        return original(kind, tolerance, wavelengths, g, *rest)
-
-    original = analytic.tabulated
-    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    fails_at(monkeypatch, 0.5, ValueError("no such lobe"))
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("albedo: 0.9\n  mean_free_path: 1 mm", "sigma_s: 1 /mm\n  sigma_a: 1 /m"))
     call("bake", tmp_path / "lobes.yaml", "-o", tmp_path / "lobes.h5", "--set", "sweep.refine=false",
          "--sweep", "medium.sigma_s=[1, 2] /mm")

@@ -18,13 +18,13 @@ from bakery.family.members import broken
 from bakery.family.pictures import pictures
 from bakery.family.refine import refined
 from bakery.family.tree import departures, physics
-from bakery.physics.medium import analytic
 from bakery.physics.medium.between import Optics, common_angles, difference, hole, interpolated, tabulated
 from bakery.run.bake import executed, planned
 from bakery.run.messages import ClusterLost
 from bakery.store.missed import missed
 from bakery.store.read import read
 from bakery.store.write import write
+from tests.failing import fails_at
 
 LOBES = """\
 bakery: 1
@@ -320,13 +320,7 @@ def test_one_point(tmp_path, monkeypatch):
 
 
 def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypatch):
-    def tabulated(kind, tolerance, wavelengths, g, *rest):
-        if g[0] == 0.5:
-            raise ValueError("no such lobe")
-        return original(kind, tolerance, wavelengths, g, *rest)
-
-    original = analytic.tabulated
-    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    mended = fails_at(monkeypatch, 0.5, ValueError("no such lobe"))
     path = tmp_path / "lobes.yaml"
     path.write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.2, 0.5, 0.8]") + "  tolerance: 40%\n")
     with pytest.raises(bakery.StageError, match=r"point failed: g 0.5: phase function hg: no such lobe") as error:
@@ -344,35 +338,23 @@ def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypa
     assert answer.values[2, 0] == 0
     assert [remark.text for remark in answer.remarks] == ["zeros stand for points that failed: g 0.5"]
     assert not family.query("family/members/reason").remarks
-    monkeypatch.setattr(analytic, "tabulated", original)
+    mended()
     assert bakery.open(bakery.bake(path, tmp_path / "lobes.h5")).method == "cubic"  # what failed is tried again
 
 
 def test_a_lost_cluster_is_no_fault_of_a_point(tmp_path, monkeypatch):
     """No family with holes is written; what was baked stays, and the same call goes on."""
-    def tabulated(kind, tolerance, wavelengths, g, *rest):
-        if g[0] == 0.5:
-            raise ClusterLost("the scheduler of the cluster is gone")
-        return original(kind, tolerance, wavelengths, g, *rest)
-
-    original = analytic.tabulated
-    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    mended = fails_at(monkeypatch, 0.5, ClusterLost("the scheduler of the cluster is gone"))
     (tmp_path / "lobes.yaml").write_text(LOBES)
     with pytest.raises(ClusterLost):
         bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
     assert not (tmp_path / "lobes.h5").exists() and [path.name for path in (tmp_path / "lobes").iterdir()] == ["g_0.h5"]
-    monkeypatch.setattr(analytic, "tabulated", original)
+    mended()
     assert not any(member.reason for member in bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")).members)
 
 
 def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
-    def tabulated(kind, tolerance, wavelengths, g, *rest):
-        if g[0] == 0.4:
-            raise ValueError("no such lobe")
-        return original(kind, tolerance, wavelengths, g, *rest)
-
-    original = analytic.tabulated
-    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    mended = fails_at(monkeypatch, 0.4, ValueError("no such lobe"))
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.8]"))
     with pytest.raises(bakery.StageError, match="its error is not known: a point there failed"):
         bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
@@ -389,16 +371,13 @@ def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
     drawn.draw(figure)
     (panel,) = [panel for panel in figure.axes if panel.get_title() == "Error between members: not known"]
     assert np.isnan(panel.lines[0].get_ydata()).all()
-    monkeypatch.setattr(analytic, "tabulated", original)
+    mended()
     family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5"))
     assert len(family.members) > 2 and 0 < family.achieved_error < family.tolerance
 
 
 def test_no_point_at_all(tmp_path, monkeypatch):
-    def tabulated(*_):
-        raise ValueError("no such lobe")
-
-    monkeypatch.setattr(analytic, "tabulated", tabulated)
+    fails_at(monkeypatch, None, ValueError("no such lobe"))
     (tmp_path / "lobes.yaml").write_text(LOBES)
     with pytest.raises(bakery.StageError, match="no point could be baked: phase function hg: no such lobe"):
         bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")
