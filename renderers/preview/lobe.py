@@ -112,7 +112,10 @@ def _at(part, name, k, form, unit=""):
 
 
 def _close(value):
-    return "1" if value == 1 else f"{value:.{6 if value > 0.9995 else 4}f}"
+    if not 0.9995 < value < 1:
+        return "1" if value == 1 else f"{value:.4f}"
+    figure, exponent = f"{1 - value:.0e}".split("e")
+    return f"1-{figure}e{int(exponent)}"  # no wider than four decimals: columns are narrow
 
 
 def _delta(part, k):

@@ -268,6 +268,10 @@ def test_letters_of_the_strip_are_legible(width, wax):
         assert text.get_fontsize() * width / 6.4 / 72 >= 10.999 and box.x0 >= 0 and box.x1 <= width, text
 
 
+def test_albedos_are_as_narrow_as_four_decimals():
+    assert [lobe._close(x) for x in (1, 0.999911, 0.99951, 0.9994, 0)] == ["1", "1-9e-5", "1-5e-4", "0.9994", "0.0000"]
+
+
 def test_lengths_with_units():
     assert [lobe.length(x) for x in (34.42, 0.00075, 1e5, 5.5e-7, 1.0, 4.0934e7)] == [
         "34.4 m", "750 um", "100 km", "550 nm", "1 m", "40900 km"]
