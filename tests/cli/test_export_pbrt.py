@@ -35,7 +35,7 @@ WorldBegin
 {light}
 Include "{medium}"
 AttributeBegin
-    MediumInterface "fog" ""
+    MediumInterface "fog_slab" ""
     Material "interface"
     Shape "trianglemesh" "point3 P" [ {corners} ] "integer indices" [ {triangles} ]
 AttributeEnd
