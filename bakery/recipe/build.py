@@ -69,11 +69,10 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.Common, checker
         if parsed_section is None:
             sections[section.name] = None
             continue
-        derived, parsed_section = section.derived(parsed_section, parsed), section.completed(parsed_section, parsed)
+        parsed_section = section.completed(parsed_section, parsed)
         if not section.beside or getattr(parsed, section.beside) is not None:
             leaves |= dict(_leaves(section.name, parsed_section, count))
-            leaves |= {f"{section.name}.{name}": v for name, v in derived.items()}
-        sections[section.name] = Values({**resolved(parsed_section, section.name, checker.found), **derived})
+        sections[section.name] = Values(resolved(parsed_section, section.name, checker.found))
     return Recipe(
         path=path, name=parsed.name, description=parsed.description, text=text, seed=parsed.seed, tolerance=parsed.tolerance,
         measure=parsed.measure, wavelength=tuple(checker.wavelength), sections=sections, leaves=leaves,

@@ -73,7 +73,6 @@ class RecipeSection:
     description : one line for editors
     check : (checker, mapping): what has to hold between keys; see `bakery.recipe.checker`
     completed : (parsed model, parsed recipe) -> model with the defaults that depend on the rest of the recipe
-    derived : the same -> further values that follow from keys and recipe; stages read them as if they were keys
     scatters : whether it says what scatters; a recipe has exactly one such section
     alone : whether a recipe may have this section and nothing that scatters
     beside : a section beside which this one stands with its defaults where a recipe leaves it out
@@ -84,7 +83,6 @@ class RecipeSection:
     description: str
     check: Callable[[Any, Any], None]
     completed: Callable[[Any, Any], Any] = lambda model, recipe: model
-    derived: Callable[[Any, Any], Mapping[str, Any]] = lambda model, recipe: {}
     scatters: bool = False
     alone: bool = False
     beside: str = ""

@@ -1,7 +1,8 @@
 """What a golden file keeps of an asset, and when an asset agrees with it.
 
-Of each dataset that a stage declares: its values, or of long ones mean and root mean square, and beside Monte Carlo figures the
-same of their standard errors.  So a stage is watched by its declaration alone, and whatever value of it moves is seen.
+Of each dataset that a stage declares: its values, or of long ones mean, root mean square and projections on random weights, and
+beside Monte Carlo figures the same of their standard errors.  So a stage is watched by its declaration alone, and whatever value
+of it moves is seen: the projections see values in another order, which keep mean and root mean square.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from bakery.stages.coordinates import ERROR
 from bakery.store.tree import Dataset, Group, is_text
 
 WHOLE = 8  # datasets up to this size are kept as they are
+PROJECTIONS = 2  # a change that one set of weights does not see (they are continuous, so chance alone makes none), the other does
 # On one kind of processor the values agree to the last bit; between kinds NumPy's exp and log differ there, and that reaches
 # sums of 1e4 terms as some 1e-12.  1e-6 leaves room for that and still sees any change of method.
 TOLERANCE = 1e-6
@@ -57,16 +59,34 @@ def _figures(name: str, group: Group):
         if is_text(member):
             yield path, {"text": hashlib.sha256(member.data.tobytes()).hexdigest()[:16]}
         elif isinstance(member, Dataset):
-            found = {"shape": list(member.data.shape), "numbers": _numbers(member.data)}
+            figure = {"shape": list(member.data.shape), "numbers": numbers(member.data)}
             head, _, last = path.rpartition("/")
             error = (group[head] if head else group).members.get(last + ERROR) if f"{name}/{path}" not in APART else None
-            yield path, found | ({} if error is None else {"errors": _numbers(error.data)})
+            yield path, figure | ({} if error is None else {"errors": _errors(error.data)})
 
 
-def _numbers(data: np.ndarray) -> list[float]:
-    """The values, or mean and root mean square."""
+def numbers(data: np.ndarray) -> list[float]:
+    """The values, or mean, root mean square and projections."""
     values = np.asarray(data, float).ravel()
-    return values.tolist() if values.size <= WHOLE else [float(values.mean()), float(np.sqrt(np.mean(values**2)))]
+    if values.size <= WHOLE:
+        return values.tolist()
+    projections = (np.mean(_weights(key, values.size) * values) for key in range(PROJECTIONS))
+    return [float(values.mean()), float(np.sqrt(np.mean(values**2))), *map(float, projections)]
+
+
+def _errors(data: np.ndarray) -> list[float]:
+    """Standard errors of `numbers` at most: of values whose errors are fully correlated, and whose weights are 1."""
+    errors = np.asarray(data, float).ravel()
+    if errors.size <= WHOLE:
+        return errors.tolist()
+    mean = float(errors.mean())
+    return [mean, float(np.sqrt(np.mean(errors**2))), *[mean] * PROJECTIONS]
+
+
+def _weights(key: int, count: int) -> np.ndarray:
+    """Evenly distributed from -1 to 1.  The bits of Philox are the same in every version of NumPy, its generators' numbers need
+    not be."""
+    return 2.0**-63 * np.random.Philox(key=key).random_raw(count) - 1
 
 
 def moved(old: Mapping, new: Mapping, exact: bool) -> str:

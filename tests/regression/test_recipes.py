@@ -10,6 +10,7 @@ import copy
 import json
 import math
 
+import numpy as np
 import pytest
 
 import bakery
@@ -107,6 +108,25 @@ def test_values_that_move_ask_for_a_raised_version():
     gone = copy.deepcopy(fog)
     del gone["stages"]["medium"]["values"]["cdf"]
     assert "cdf: only there in one of them" in golden.faults(fog, gone)[0]
+
+
+def test_values_in_another_order_are_seen():
+    """Mean and root mean square of such a table are the same; so are those of one that is reversed in one axis."""
+    table = np.exp(-np.linspace(0, 9, 300)).reshape(3, 100)
+    order = np.random.default_rng(0).permutation(table.size)
+    swapped = table.ravel().copy()
+    swapped[[7, 8]] = swapped[[8, 7]]
+    others = {"reversed": table[:, ::-1], "other wavelengths": table[::-1], "shifted": np.roll(table, 1, axis=1),
+              "permuted": table.ravel()[order], "two neighbours": swapped}
+    fog, kept = held("fog"), golden.numbers(table)
+    assert golden.numbers(table.copy()) == kept == pytest.approx(golden.numbers(table * (1 + 1e-9)), rel=1e-8)
+    for name, other in others.items():
+        new = golden.numbers(other)
+        assert new[:2] == pytest.approx(kept[:2], rel=1e-12), name
+        before, after = copy.deepcopy(fog), copy.deepcopy(fog)
+        before["stages"]["medium"]["values"]["phase"]["numbers"] = kept
+        after["stages"]["medium"]["values"]["phase"]["numbers"] = new
+        assert "phase: " in " ".join(golden.faults(before, after)), name
 
 
 def test_a_raised_version_asks_for_new_values():

@@ -55,9 +55,5 @@ def _completed(multiple: MultipleScattering, recipe) -> MultipleScattering:
     return multiple.model_copy(update={"tolerance": multiple.tolerance or max(recipe.tolerance, REACHED)})
 
 
-def _derived(multiple: MultipleScattering, recipe) -> dict:
-    return {"aim": multiple.tolerance or max(0.3 * recipe.tolerance, 1e-4)}  # less than has to be met, as it costs little
-
-
 MULTIPLE = RecipeSection("multiple_scattering", MultipleScattering, "Tables of the light that is scattered three times and more.",
-                         check, completed=_completed, derived=_derived)
+                         check, completed=_completed)

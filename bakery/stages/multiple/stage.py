@@ -67,7 +67,7 @@ def inputs(recipe, upstream) -> dict:
             "delta": np.asarray(medium["forward_delta"].data, float) if "forward_delta" in medium.members
             else np.zeros(len(recipe.wavelength)),
             "sources": options.sources, "extent": options.extent, "length": options.length, "orders": options.orders,
-            "method": options.method, "photons": options.photons, "aim": options.aim}
+            "method": options.method, "photons": options.photons, "tolerance": options.tolerance}
 
 
 # ---- work
@@ -143,7 +143,7 @@ def compute(inputs: dict, context) -> Result:
     count, method = len(inputs["wavelength"]), inputs["method"]
     media = [choice.Medium(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["delta"][k]))
              for k in range(count)]
-    asked = choice.Asked(inputs["extent"], inputs["length"], inputs["aim"], inputs["orders"], inputs["photons"], context.seed)
+    asked = choice.Asked(*(inputs[key] for key in ("extent", "length", "tolerance", "orders", "photons")), context.seed)
     tasks = [(k, kind, media[k], asked)
              for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
     results: list = []
@@ -296,7 +296,7 @@ _FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up
 
 STAGE = Stage(
     name="multiple",
-    version=5,
+    version=6,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),
