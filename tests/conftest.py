@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
 import io
 import os
 import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import contextmanager
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -113,22 +115,27 @@ def command():
     return run
 
 
-@contextmanager
-def a_users_folder():
-    """An empty folder in which rights bind: root, whom they do not bind, is another user meanwhile.
+def where_rights_bind(check: Callable[[Path], None]) -> None:
+    """Call `check` with an empty folder, where rights bind, root too.
 
-    That user may not be able to import anything; call what is tested once before.
+    Root stays who it is, so that it reaches its sources and Python in a folder that others may not enter, and gives up the
+    capabilities that pass over rights: in a thread, since Linux keeps them for each, and they do not come back.
     """
-    root, nobody = os.geteuid() == 0, 65534
-    with tempfile.TemporaryDirectory() as folder:
-        if root:
-            os.chown(folder, nobody, -1)
-            os.setresuid(nobody, nobody, 0)
-        try:
-            yield Path(folder)
-        finally:
-            if root:
-                os.setresuid(0, 0, 0)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1, initializer=_without_privileges) as thread:
+        thread.submit(check, Path(folder)).result()
+
+
+def _without_privileges() -> None:
+    version_3 = 0x20080522  # linux/capability.h; two words of each set: effective, permitted, inheritable
+    if os.geteuid() != 0:
+        return
+    header, sets = (ctypes.c_uint32 * 2)(version_3, 0), (ctypes.c_uint32 * 6)()
+    libc = ctypes.CDLL(None, use_errno=True)
+    assert libc.capget(header, sets) == 0, os.strerror(ctypes.get_errno())
+    override, read_search = 1 << 1, 1 << 2
+    for capabilities in range(3):
+        sets[capabilities] &= ~(override | read_search)
+    assert libc.capset(header, sets) == 0, os.strerror(ctypes.get_errno())
 
 
 def pytest_addoption(parser):

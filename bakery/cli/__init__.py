@@ -14,7 +14,9 @@ from importlib import import_module
 import click
 
 from bakery import __version__
-from bakery.errors import BakeryError, RecipeError
+from bakery.errors import BakeryError, Interrupted, RecipeError, StoreError
+from bakery.system import signals, streams
+from bakery.system.terminal import remark
 
 # name -> help line; the module bakery.cli.NAME holds the click command `command`
 COMMANDS = {
@@ -65,6 +67,13 @@ class Commands(click.Group):
             waiting.begin(f"bake {name}")
             ctx.call_on_close(waiting.close)
         return name, command, rest
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            remark("")  # after the terminal's ^C; click's own way fails where standard error is full
+            raise Interrupted("interrupted; nothing is half written, finished stages of a bake are in the cache") from None
 
     def format_commands(self, ctx, formatter):
         # from the table: help must not import the commands
@@ -132,17 +141,10 @@ def cli():
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line and leave with the status that the contract names."""
-    signal.signal(signal.SIGINT, _interrupted)
-    signal.signal(signal.SIGTERM, _terminated)
+    streams.prepare()
+    signals.raise_when_asked({signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: signals.Terminated})
     status = status_of(args)
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except OSError:
-            # full or closed: what it holds is given up, or Python tries again at exit and puts its own status, 120, for ours
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-        except ValueError:
-            pass
+    streams.flush()
     if status in (INTERRUPTED, TERMINATED):
         os._exit(status)  # threads may be inside a kernel; what they compute is not wanted any more
     sys.exit(status)
@@ -158,63 +160,38 @@ def status_of(args: list[str] | None = None) -> int:
         return stop.exit_code
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else "bake"
-        _complain(f"{where}: {error.format_message()}")
+        remark(f"{where}: {error.format_message()}")
         return 2
     except click.ClickException as error:
-        _complain(f"bake: {error.format_message()}")
+        remark(f"bake: {error.format_message()}")
         return 2
     except (KeyboardInterrupt, click.Abort):
-        _complain("interrupted; nothing is half written, finished stages of a bake are in the cache")
+        remark("interrupted; nothing is half written, finished stages of a bake are in the cache")
         return INTERRUPTED
-    except _Terminated:
-        _complain("terminated; nothing is half written, finished stages of a bake are in the cache")
+    except signals.Terminated:
+        remark("terminated; nothing is half written, finished stages of a bake are in the cache")
         return TERMINATED
     except RecipeError as error:
         if "--json" in (sys.argv[1:] if args is None else args):
-            from bakery.cli.options import print_json
-
-            print_json({"problems": [problem.as_dict() for problem in error.problems]})
-        _complain(str(error))
+            _print_problems(error)
+        remark(str(error))
         return error.exit_status
     except BakeryError as error:
-        _complain(str(error))
+        remark(str(error))
         return error.exit_status
-    except BrokenPipeError:
-        # the reader of our output has gone (`bake inspect … | head`): nothing is wrong; keep Python from complaining at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except MemoryError:
-        _complain("out of memory; `bake plan RECIPE` says what a bake needs")
+        remark("out of memory; `bake plan RECIPE` says what a bake needs")
         return 3
 
 
 INTERRUPTED, TERMINATED = 130, 143
 
 
-class _Terminated(BaseException):
-    pass
+def _print_problems(error: RecipeError) -> None:
+    from bakery.cli.options import print_json
 
-
-# Exceptions, not exits: part files are removed on the way out, which the other signal must not break off: a script that is
-# interrupted with its bake ends it as well.  The same one a second time ends at once.
-def _interrupted(number, _frame):
-    signal.signal(signal.SIGTERM, _ignored)
-    signal.signal(number, signal.SIG_DFL)
-    raise KeyboardInterrupt
-
-
-def _terminated(number, _frame):
-    signal.signal(signal.SIGINT, _ignored)
-    signal.signal(number, signal.SIG_DFL)
-    raise _Terminated
-
-
-def _ignored(number, _frame):
-    """In place of SIG_IGN, for which Python complains of a signal that has come already and that it has not handled yet."""
-
-
-def _complain(message: str) -> None:
     try:
-        click.echo(message, err=True)
-    except (OSError, ValueError):
-        pass  # standard error is full or closed: the exit status still counts
+        print_json({"problems": [problem.as_dict() for problem in error.problems]})
+        sys.stdout.flush()
+    except StoreError as unwritten:
+        remark(str(unwritten))

@@ -19,6 +19,7 @@ from bakery.cli.options import (
     verbose_option,
 )
 from bakery.errors import BakeryError, RecipeError, UsageError
+from bakery.system.terminal import remark
 
 
 @click.command(
@@ -138,7 +139,7 @@ def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
             if not outcome.baked.written:
                 progress.say(f"{name}{outcome.baked.output} is up to date")
         for miss in outcome.baked.missed:
-            click.echo(f"{outcome.baked.output}: {miss}", err=True)
+            remark(f"{outcome.baked.output}: {miss}")
     progress.close()
     if as_json:
         print_json([done[index].as_dict() if index in done else _failure(recipe, *failures.get(index, ("", 0)))
@@ -168,8 +169,8 @@ def _tell(recipes, failures, done, keep_going: bool) -> int:
     if failures:
         advice = "" if keep_going else " (--keep-going goes on)"
         more = f", {left} not started{advice}" if left else ""
-        click.echo(f"{len(failures)} of {len(recipes)} recipes failed{more}:", err=True)
+        remark(f"{len(failures)} of {len(recipes)} recipes failed{more}:")
     for index, (message, _) in sorted(failures.items()):
         named = message if message.startswith(recipes[index]) else f"{recipes[index]}: {message}"
-        click.echo(named, err=True)
+        remark(named)
     return max((status for _, status in failures.values()), default=0)

@@ -10,6 +10,7 @@ import click
 from bakery.cli import offers
 from bakery.cli.options import at_option, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError, UsageError
+from bakery.system.terminal import remark
 
 FORMATS = {"csv": "every table, units in the headings", "mitsuba": "a medium for stock Mitsuba 3 (XML)",
            "hg": "one and two Henyey-Greenstein lobes, HG + Draine, with their errors (JSON, CSV)",
@@ -69,7 +70,7 @@ def command(asset, target, output, each_wavelength, within, place, overwrite, as
     if (target in LOBES or target == "mitsuba") and not each_wavelength:
         first += _beyond(opened, next(iter(files)))
     for warning in first:
-        click.echo(f"warning: {warning}", err=True)
+        remark(f"warning: {warning}")
     folder = folder_for(Path(output) if output else Path(opened.path).with_name(f"{stem}-{target}"))
     check_outputs(by_suffix(folder / name for name in files), [asset], overwrite)
     paths = [str(put(folder / name, content)) for name, content in files.items()]
@@ -123,8 +124,6 @@ def _forms(asset, target: str):
 
 def _print(paths, lines) -> None:
     """Paths; on standard error what belongs to each file, where `lines` is a list of such lists, and what belongs to all."""
-    from bakery.system.terminal import remark
-
     print_paths(paths)
     per_file = [line for line in lines if isinstance(line, list)]
     for path, about in zip(paths, per_file):

@@ -10,7 +10,7 @@ import click
 
 from bakery.cli import offers
 from bakery.errors import UsageError
-from bakery.system.terminal import write
+from bakery.system.terminal import remark, write
 
 
 class FiniteRange(click.FloatRange):
@@ -125,7 +125,7 @@ def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress
     wanted = asked(recipe, settings, lambda *about: requirements.of(scenes, *about), cache, progress,
                    " and ".join(scenes))
     for line in told(recipe, wanted, " and ".join(scenes)):
-        click.echo(line, err=True)
+        remark(line)
     return replace(wanted, stages=tuple(stages)) if stages else wanted
 
 

@@ -14,7 +14,7 @@ from bakery.cli.options import (
     sweep_option,
     verbose_option,
 )
-from bakery.system.terminal import say
+from bakery.system.terminal import remark, say
 
 
 @click.command(name="plan", short_help="say what a bake would run, why, and what it will cost")
@@ -55,7 +55,7 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
 
     for plan in plans:
         for warning in plan.recipe.warnings:
-            click.echo(f"warning: {warning}", err=True)
+            remark(f"warning: {warning}")
         if plan.recipe.sweep is not None:
             _show_family(plan)
             continue
@@ -73,8 +73,8 @@ def show(plans, as_json: bool, verbose: bool = False) -> None:
                 say(f"         and {len(step.why) - len(shown)} more (--verbose)")
             if plan.needs:
                 _say_needs(plan, step.stage)
-            for remark in step.cost.remarks:
-                say(f"         {remark}")
+            for reason in step.cost.remarks:
+                say(f"         {reason}")
             if verbose:
                 say(f"         input {step.input_hash}")
                 say(f"         estimate: {step.cost.basis}")

@@ -237,7 +237,7 @@ class Bar(Progress):
 
 def choose(quiet: bool = False) -> Progress:
     """The kind that fits standard error."""
-    if quiet:
+    if quiet or sys.stderr is None:  # None: the process was started without
         return Progress()
     try:
         terminal = sys.stderr.isatty()

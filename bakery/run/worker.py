@@ -23,18 +23,10 @@ from bakery.run.dask import NoCluster, cluster
 from bakery.run.executors import Lent
 from bakery.run.messages import ClusterLost
 from bakery.run.wire import Sent, Wire
+from bakery.system.signals import Terminated, raise_when_asked
 
 TERMINATED = 143
 _UNWIND = 1.5  # seconds to remove part files in, once the bake itself is gone
-
-
-class _Terminated(BaseException):
-    pass
-
-
-def _terminated(number, _frame):
-    signal.signal(number, signal.SIG_DFL)
-    raise _Terminated
 
 
 class _Baker:
@@ -91,14 +83,14 @@ def _listen(wire: Wire, plans: SimpleQueue, baker: _Baker) -> None:
 
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts all of its processes; the bake itself ends this one
-    signal.signal(signal.SIGTERM, _terminated)
+    raise_when_asked({signal.SIGTERM: Terminated})
     try:
         wire = Wire(Connection(int(sys.argv[1])))
         baker, plans = _Baker(wire, *wire.receive()), SimpleQueue()
         threading.Thread(target=_listen, args=(wire, plans, baker), daemon=True).start()
         while True:
             baker.bake(plans.get())
-    except (_Terminated, EOFError, BrokenPipeError):
+    except (Terminated, EOFError, BrokenPipeError):
         os._exit(TERMINATED)  # threads may be inside a kernel; what they compute is not wanted any more
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import textwrap
@@ -49,11 +48,7 @@ def say_all(text: str) -> None:
 def write(text: str) -> None:
     """Text on standard output as it is; what the encoding lacks is written as an escape."""
     encoding = sys.stdout.encoding or "ascii"
-    try:
-        sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
-    except BrokenPipeError:
-        # the reader has gone (`bake query … | head`): the rest goes nowhere, the command's exit status stays what it is
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def remark(line: str) -> None:

@@ -9,6 +9,8 @@ import argparse
 import sys
 
 from bakery.errors import BakeryError
+from bakery.system import streams
+from bakery.system.terminal import remark, say
 
 
 def main(arguments=None) -> int:
@@ -33,14 +35,15 @@ def main(arguments=None) -> int:
             report = render_scene(options.source, options.output, **common)
         else:
             report = preview(options.source, options.output, quality=options.quality, **common)
+        for key, value in report.items():
+            say(f"{key}: {value}")
+        sys.stdout.flush()
     except BakeryError as error:
-        print(error, file=sys.stderr)
+        remark(str(error))
         return error.exit_status
     except KeyboardInterrupt:
-        print("interrupted; no picture was written", file=sys.stderr)
+        remark("interrupted; no picture was written")
         return 130
-    for key, value in report.items():
-        print(f"{key}: {value}")
     return 0
 
 
@@ -49,4 +52,7 @@ def _show(fraction, noise):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    streams.prepare()
+    status = main()
+    streams.flush()
+    sys.exit(status)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from bakery.errors import RecipeError, UsageError
 from bakery.recipe import load
-from tests.conftest import ROOT, a_users_folder
+from tests.conftest import ROOT, where_rights_bind
 
 CORPUS = Path(__file__).parent / "recipes"
 FOG, SAND = ((ROOT / "recipes" / f"{name}.yaml").read_text(encoding="utf-8") for name in ("fog", "sand"))
@@ -162,11 +162,10 @@ def test_tables_from_elsewhere(write, tmp_path):
         assert recipe.files[-1].key == "particles.components[0].material.file"
 
 
-def test_unreadable_files(write):
+def test_unreadable_files():
     text = FOG.replace("material: water", "material: {file: own.csv}")
-    write("0.3,1.3\n0.9,1.3\n", "own.csv")
-    load(write(text))
-    with a_users_folder() as folder:
+
+    def check(folder):
         recipe, table = folder / "fog.yaml", folder / "own.csv"
         recipe.write_text(text)
         table.write_text("0.3,1.3\n0.9,1.3\n")
@@ -177,6 +176,8 @@ def test_unreadable_files(write):
         recipe.chmod(0)
         with pytest.raises(UsageError, match="cannot be read"):
             load(recipe)
+
+    where_rights_bind(check)
 
 
 # ---- anything at all

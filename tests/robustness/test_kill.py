@@ -104,6 +104,37 @@ def test_the_other_signal_does_not_break_off_the_clean_up(first, other, status):
     assert (done.returncode, done.stdout) == (status, "cleaned up\n") and "Traceback" not in done.stderr
 
 
+SWALLOWS = """\
+import os, sys, time
+try:
+    os.kill(os.getpid(), int(sys.argv[1]))
+    for _ in range(5):
+        time.sleep(0.02)
+except BaseException:
+    pass
+whole = True
+"""
+
+
+@pytest.mark.parametrize("work", ["import swallows; assert swallows.whole", "Destroyed()"])
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_where_exceptions_are_swallowed_is_not_lost(tmp_path, number, status, work):
+    """A module that catches all that goes wrong while it is imported, and a destructor, whose exceptions Python drops."""
+    (tmp_path / "swallows.py").write_text(SWALLOWS)
+    code = ("import os, sys, time\nfrom bakery import cli\n"
+            "class Destroyed:\n"
+            "    def __del__(self):\n        os.kill(os.getpid(), int(sys.argv[1]))\n        time.sleep(0.01)\n"
+            "def work(**_):\n"
+            "    try:\n"
+           f"        {work}\n"
+            "        time.sleep(60)\n"
+            "    finally:\n        print('cleaned up')\n"
+            "cli.cli.main = work\ncli.main([])\n")
+    done = subprocess.run([sys.executable, "-c", code, str(int(number))], capture_output=True, text=True, timeout=30,
+                          env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"})
+    assert (done.returncode, done.stdout) == (status, "cleaned up\n") and "Traceback" not in done.stderr, done.stderr
+
+
 @pytest.mark.slow
 def test_bakes_at_once(drops, tmp_path, undisturbed):
     expected, _ = undisturbed

@@ -22,7 +22,7 @@ from bakery.store.image import CHUNK, chunk_shape, image
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, read_text, text
 from bakery.store.write import check_target, free_space, write
-from tests.conftest import a_users_folder
+from tests.conftest import where_rights_bind
 from tests.samples import sealed_bytes, small_asset, with_member
 
 
@@ -241,12 +241,15 @@ def test_targets_are_refused_before_anything_is_computed(tmp_path):
 
 def test_a_folder_without_right_to_write_is_refused(tmp_path):
     check_target(tmp_path / "a.h5")
-    with a_users_folder() as folder:
+
+    def check(folder):
         check_target(folder / "a.h5")
         folder.chmod(0o555)
         with pytest.raises(UsageError, match="no right to write"):
             check_target(folder / "a.h5")
         folder.chmod(0o755)
+
+    where_rights_bind(check)
 
 
 def test_writers_at_once_all_succeed(tmp_path):
