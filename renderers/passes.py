@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from renderers import budget
+from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.running import Render
@@ -51,6 +52,10 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     if resume:
         estimate.resume(job.pair[1])
     stop = Stop.of(budget.of(scene), scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
+    reasons = method.reasons
+    if world.dark:
+        # no pass will find anything by chance; the picture has its layers all the same
+        stop, reasons = Stop(samples=1), [DARK]
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=method.name, reasons=method.reasons, **method.after(estimate))
+    return estimate.finish(job, method=method.name, reasons=reasons, **method.after(estimate))

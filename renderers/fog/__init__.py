@@ -78,7 +78,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     beside = "ambient light" if view.ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[view.outside]
     layers = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}
     return job.finish(result, layers=layers if unsure is None else layers | noise.layers(unsure),
-                      method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture"],
+                      method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture",
+                                                *["no light is in the picture, and it stays black"] * (total == 0)],
                       samples=picture.made.get("samples"), picture=picture.made,
                       noise=None if unsure is None else noise.relative(unsure, total),
                       without_surface=int(view.sky.sum()), distance=[float(view.distance.min()), float(view.distance.max())],
@@ -101,7 +102,7 @@ def describe(report) -> list[str]:
         f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}", *seen,
         f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
         f"scattered: {100 * report['share_scattered']:.3g} % of the light"
-        + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else "")])
+        + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""), *report.get("reasons", [])[1:]])
 
 
 def _density(scene, threads):

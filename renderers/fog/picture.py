@@ -214,7 +214,7 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     if quality not in QUALITY:
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
 
-    scene, chosen, reason = load(path, variant=variant)
+    scene, chosen, reason = load(path, variant=variant, integrator=True)
     first = scene.sensors()[0]
     width, height = (int(n) for n in first.film().crop_size())
     _refuse_too_large(path, height, width)

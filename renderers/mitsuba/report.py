@@ -15,4 +15,4 @@ def describe(report) -> list[str]:
     return [f"pictures: {', '.join(report['files'])}",
             f"variant: {report['variant']} ({report['reason']})",
             f"samples: {report['samples']} a pixel and wavelength in {report['seconds']:.1f} s; {noise}; "
-            f"{STOPPED[report['stopped_by']]}"]
+            f"{STOPPED[report['stopped_by']]}", *report.get("reasons", [])]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bakery.errors import AssetError, BakeryError, UsageError
 from renderers import images, inputs
-from renderers.mitsuba import bitmaps, passes, variants
+from renderers.mitsuba import bitmaps, lights, passes, variants
 
 # Share of the scene's own samples.
 QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
@@ -30,13 +30,13 @@ def noted(function):
     return made
 
 
-def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
+def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, integrator=False):
     """Loads an XML scene with bakery's plugins.
 
     Parameters
     ----------
     path, colour, variant, parameters : as in `render_scene`
-    sensor : the scene has to have one
+    sensor, integrator : whether the scene has to have one
 
     Returns
     -------
@@ -60,6 +60,9 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True):
         raise UsageError(f"{path}: Mitsuba cannot load this scene: {error}") from None
     if sensor and not scene.sensors():
         raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
+    if integrator and scene.integrator() is None:
+        raise UsageError(f'{path}: the scene has no integrator; <integrator type="path"/> or another one would do')
+    lights.refuse(path, scene)
     return scene, chosen, reason
 
 
@@ -87,11 +90,12 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
 
     Returns
     -------
-    report : dict with `files`, `variant`, `reason`, `seconds`, `samples`, `noise`, `stopped_by`, `tone_curve`
+    report : dict with `files`, `variant`, `reason`, `seconds`, `samples`, `noise`, `stopped_by`, `tone_curve`, `reasons` (what
+        else is to be said of the picture)
 
     Raises
     ------
-    UsageError : no such scene, a faulty scene, or a place that cannot be written
+    UsageError : no such scene, a faulty scene or light, or a place that cannot be written
     AssetError : an asset that the scene names is damaged or lacks a stage
     """
     begin = time.monotonic()
@@ -101,7 +105,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     if not scene_path.is_file():
         raise UsageError(f"{scene_path}: there is no such scene")
     pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
-    scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters)
+    scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters, integrator=True)
     samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
     try:
         picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
@@ -112,4 +116,5 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
         raise
     bitmaps.write(pair, images.tone_map(picture.rgb), picture.rgb)
     return {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
-            "samples": picture.samples, "noise": picture.noise, "stopped_by": picture.stopped_by, "tone_curve": images.TONE_CURVE}
+            "samples": picture.samples, "noise": picture.noise, "stopped_by": picture.stopped_by, "tone_curve": images.TONE_CURVE,
+            "reasons": [lights.DARK] * lights.dark(scene)}

@@ -22,15 +22,13 @@ import numpy as np
 
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
-from renderers.mitsuba import variants
+from renderers.mitsuba import lights, variants
 from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 
 # m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
 FAR = 1e12
 LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
-# parameters of emitters that make them black where they are 0
-_STRENGTHS = ("radiance.value", "intensity.value", "irradiance.value")
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -161,8 +159,8 @@ class World:
 
         Raises
         ------
-        UsageError : the scene cannot be loaded, its sensor is no perspective camera, or no variant of Mitsuba runs that works on
-            arrays of colours
+        UsageError : the scene cannot be loaded, a light is of no size, below 0 or no number, its sensor is no perspective camera,
+            or no variant of Mitsuba runs that works on arrays of colours
         """
         import mitsuba as mi
 
@@ -173,6 +171,7 @@ class World:
             self._scene, self.variant, self.reason = load(path, variant=variant, parameters=parameters, sensor=view is None)
         else:
             self._scene, self.variant, self.reason, path = path, mi.variant(), "the one that is set", "the scene"
+            lights.refuse(path, self._scene)
         if not self.variant.endswith("_ad_rgb"):
             raise UsageError(f"variant {self.variant}: surfaces and lights need one that works on arrays of colours, such as "
                              f"llvm_ad_rgb ({self.reason})")
@@ -236,16 +235,8 @@ class World:
         """Names of emitters, and their positions by Dr.Jit's numbers for them."""
         import drjit as dr
 
-        emitters, names = self._scene.emitters(), []
-        for emitter in emitters:
-            shape = emitter.get_shape()
-            name = plain = emitter.id() or (shape.id() if shape is not None else "") or emitter.class_name()
-            count = 1
-            while name in names:
-                count += 1
-                name = f"{plain}{count}"
-            names.append(name)
-        self.light_names = tuple(names)
+        emitters = self._scene.emitters()
+        self.light_names = lights.names_of(emitters)
         numbers = np.array([int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(one))[0]) for one in emitters], int)
         positions = np.full(numbers.max(initial=0) + 1, -1, np.int32)
         positions[numbers] = np.arange(len(numbers))
@@ -292,14 +283,8 @@ class World:
 
     @property
     def dark(self) -> bool:
-        """Whether no light shines: there is none, or the one value of each is 0."""
-        import mitsuba as mi
-
-        def off(emitter):
-            values = mi.traverse(emitter)
-            return any(name in values and not np.any(np.array(values[name])) for name in _STRENGTHS)
-
-        return all(map(off, self._scene.emitters()))
+        """Whether no light shines: there is none, or each is 0 everywhere."""
+        return lights.dark(self._scene)
 
     def lights_in(self, boxes) -> list[int]:
         """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it."""

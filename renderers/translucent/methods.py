@@ -39,7 +39,8 @@ def prepare(job, world, seed) -> Method:
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
                        settings.method)
     name, made = of(how, settings.method, settings.boundary, seed)
-    said = _reasons(assets, how.bodies, settings.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
+    said = [] if world.dark else _reasons(assets, how.bodies, settings.method, name)
+    said += shells.reasons(shells.laid(how)) if name == "shells" and not world.dark else []
     # how far off dipole is nobody states; what sharing between pixels adds to that would pass for all of it
     return Method(name, made, said,
                   lambda estimate: {"bias": None if name == "dipole" else _bias(estimate.means.values(), estimate.rgb)})
@@ -47,6 +48,9 @@ def prepare(job, world, seed) -> Method:
 
 def of(how, name, boundary, seed):
     """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
+    if how.world.dark:
+        # no beams begin, and tables and spheres need not be there
+        return "paths" if name == "auto" else name, parts(how, "paths", boundary, seed)
     if name == "auto":
         wide = all(thin.sparse(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies)
         name = "shells" if wide else "vrl+tables" if all(body.tables for body in how.bodies) else "paths"
@@ -62,7 +66,7 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     """
     shapes = world.shapes()
     bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message),
-                    name if not world.dark or name != "auto" else "paths")
+                    "paths" if world.dark else name)
               for number, one in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)

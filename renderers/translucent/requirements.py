@@ -31,7 +31,7 @@ def needs(about) -> list[Need]:
     method = about.scene.values.translucent.method
     if method not in ("auto", *READERS):
         return [medium, Need("multiple", False, f"method {method} looks up no tables")]
-    if about.dark and method == "auto":
+    if about.dark:
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
     if method == "auto" and len(about.bodies) == len(about.scene.bodies) and all(
             thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in about.measured(_shapes)):

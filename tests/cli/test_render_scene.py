@@ -224,6 +224,21 @@ def test_parameters_of_a_mitsuba_scene(call, place):
     assert rgb(place / "street.exr")[0, 0] == pytest.approx([2, 2, 2], rel=1e-3)
 
 
+def test_a_mitsuba_scene_without_light_or_integrator(call, place):
+    """Black, which is said of the file itself and of the scene in fog; who renders it has to be said."""
+    (place / "dark.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))
+    status, out, err = call("render", place / "dark.xml", "-o", place / "dark.png", "--json")
+    assert status == 0 and json.loads(out)["reasons"] == ["nothing in the scene shines: its picture is black"]
+    (place / "m.yaml").write_text(SCENE[:SCENE.index("camera:")] + "picture: {mitsuba: dark.xml, far: 100 m}\ntolerance: 5%\n"
+                                  "fog: {density: {type: uniform}}\n")
+    status, out, err = call("render", place / "m.yaml", "--json")
+    assert status == 0, err
+    assert json.loads(out)["reasons"][-1] == "no light is in the picture, and it stays black"
+    (place / "dark.xml").write_text(XML.replace('<integrator type="path"/>', ""))
+    status, _, err = call("render", place / "dark.xml", "-o", place / "dark.png")
+    assert status == 2 and "dark.xml: the scene has no integrator; <integrator" in err
+
+
 def test_a_recipe_in_place_of_the_asset(call, assets, place, monkeypatch):
     """Baked beside the scene under its own name, of stages that are kept; the picture is that of the asset."""
     monkeypatch.setenv("BAKERY_CACHE", str(assets / "cache"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import scene
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 from tests.exr import layers
 
 RECIPE = """\
@@ -91,6 +92,17 @@ def test_report_and_layers(call, place):
     assert np.isfinite(picture(found)).all() and (found["noise.Y"] >= 0).all() and "closer.R" in found
 
 
+@pytest.mark.parametrize("method", ["vrl+tables", *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole"))])
+def test_a_scene_without_light_is_black_and_says_so(call, place, method):
+    """Also where a recipe is baked for it, of which no light tells what tables are needed."""
+    (place / "lit.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))
+    (place / "plain.yaml").write_text(RECIPE.format(name="plain", extent=2, sources="[point]"))
+    (place / "s.yaml").write_text(SCENE.replace("asset: wax.h5", "recipe: plain.yaml"))
+    report, found = rendered(call, place, "a", f"translucent.method={method}", "stop={noise: 1%}")
+    assert report["method"] == ("paths" if method == "auto" else method) and report["noise"] == 0 and report["mean"] == [0, 0, 0]
+    assert report["reasons"] == ["nothing in the scene shines: its picture is black"] and not picture(found).any()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["paths", "vrl", "vrl+tables"])
 def test_going_on_is_as_not_having_stopped(call, place, method):
@@ -101,6 +113,15 @@ def test_going_on_is_as_not_having_stopped(call, place, method):
     assert np.allclose(picture(resumed), straight, rtol=1e-5, atol=1e-6)
     other = picture(rendered(call, place, "c", method, options=("--seed", "1"))[1])
     assert not np.array_equal(other, picture(rendered(call, place, "d", method)[1]))
+
+
+def test_a_light_that_is_no_number_is_refused(call, place):
+    """In a scene, and in the Mitsuba file by itself."""
+    (place / "lit.xml").write_text(XML.replace("4 4 4", "4 nan 4").replace("<sensor", '<integrator type="path"/><sensor'))
+    for source in ("s.yaml", "lit.xml"):
+        status, _, err = call("render", place / source, "-o", place / "out.png")
+        assert status == 2 and "lit.xml: light panel: radiance is 4 nan 4; finite numbers would do" in err
+    assert not (place / "out.png").exists()
 
 
 @pytest.mark.parametrize("setting, said", [

@@ -229,6 +229,57 @@ def test_views_that_are_refused(tmp_path, text, message):
         World(written(tmp_path, text))
 
 
+SHAPED = '<shape type="{}" id="lamp">{}<emitter type="area"><rgb name="radiance" value="{}"/></emitter></shape>'
+FLAT = '<transform name="to_world"><scale value="0"/></transform>'
+SKY = '<emitter type="envmap" id="sky"><string name="filename" value="{}.exr"/></emitter>'
+
+
+@pytest.mark.parametrize("light, said", [
+    (SHAPED.format("rectangle", "", "nan"), "light lamp: radiance is nan nan nan; finite numbers would do"),
+    (SHAPED.format("rectangle", "", "1 inf 1"), "light lamp: radiance is 1 inf 1; finite numbers would do"),
+    (SHAPED.format("cube", "", "1 -1 1"), "light lamp: radiance is 1 -1 1; 0 and above would do"),
+    (SHAPED.format("rectangle", FLAT, "1"), "light lamp: its shape has an area of 0; a shape of some size would do"),
+    (SHAPED.format("cube", FLAT, "1"), "light lamp: its shape has an area of 0"),
+    (SHAPED.format("disk", FLAT.replace("0", "nan"), "1"), "light lamp: its shape has an area of nan"),
+    (SHAPED.format("sphere", '<float name="radius" value="0"/>', "1"), "light lamp: its shape has an area of 0"),
+    ('<emitter type="point"><rgb name="intensity" value="-1"/></emitter>', "light PointLight: intensity is -1 -1 -1; 0 and"),
+    ('<emitter type="point"><point name="position" value="nan, 0, 0"/></emitter>', "position is nan 0 0; finite"),
+    ('<emitter type="spot" id="s"><float name="cutoff_angle" value="0"/></emitter>', "light s: cutoff_angle is 0; an angle"),
+    ('<emitter type="directional"><rgb name="irradiance" value="nan"/></emitter>', "DirectionalEmitter: irradiance is nan nan"),
+    ('<emitter type="directional"><vector name="direction" x="0" y="0" z="0"/></emitter>', "to_world is nan in 9 of 16 places"),
+    ('<emitter type="constant"><rgb name="radiance" value="1 1 -0.1"/></emitter>', "BackgroundEmitter: radiance is 1 1 -0.1"),
+    (SKY.format("below"), "light sky: data is -1 in 3 of 120 places; 0 and above would do"),
+    (SKY.format("none"), "light sky: data is nan in 1 of 120 places; finite numbers would do"),
+    (SKY.replace("</emitter>", '<float name="scale" value="-1"/></emitter>').format("even"), "light sky: scale is -1; 0 and"),
+    (SKY.format("gone"), "Mitsuba cannot load this scene: .*gone.exr"),
+])
+def test_lights_that_are_refused(tmp_path, light, said):
+    """Mitsuba renders them black, but for the last one; a light with nothing wrong beside them is not named."""
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    sky = np.ones((3, 4, 8, 3), np.float32)
+    sky[0, 1, 2], sky[1, 2, 1, 0] = -1, np.nan
+    for name, pixels in zip(("below", "none", "even"), sky):
+        mi.Bitmap(pixels).write(str(tmp_path / f"{name}.exr"))
+    with pytest.raises(UsageError, match=said) as refused:
+        World(written(tmp_path, SENSOR, light, SHAPED.format("rectangle", "", "1").replace("lamp", "good")))
+    assert "good" not in str(refused.value)
+
+
+def test_what_shines(tmp_path):
+    """No light, and lights that are 0 everywhere: nothing does."""
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    for name, level in (("black", 0.0), ("even", 1.0)):
+        mi.Bitmap(np.full((4, 8, 3), level, np.float32)).write(str(tmp_path / f"{name}.exr"))
+    lights = {"": True, SHAPED.format("rectangle", "", "0"): True, SHAPED.format("rectangle", "", "0 0 1"): False,
+              SKY.format("black"): True, SKY.format("even"): False,
+              '<emitter type="point"><rgb name="intensity" value="0"/></emitter>': True, '<emitter type="spot"/>': False}
+    assert [World(written(tmp_path, SENSOR, light)).dark for light in lights] == list(lights.values())
+
+
 def test_variants_that_are_refused():
     with pytest.raises(UsageError, match="variant scalar_rgb: .* such as llvm_ad_rgb"):
         World(variant="scalar_rgb")
