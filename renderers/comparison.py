@@ -20,7 +20,8 @@ from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
 from renderers import assets, images, scene
 from renderers.pace import Pace, Paced
-from renderers.progressive import QUALITY, fingerprint, made_of
+from renderers.progressive import fingerprint, made_of
+from renderers.reached import coarser, limit
 
 _LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
 _ENOUGH = 0.8  # share of the time that passes were to take, with which they are not gone on with: each call prepares anew
@@ -192,7 +193,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         lost = compiled()[0] - begin[2]
         if report.get("stopped_by") == "time" and lost > _LITTLE * report["seconds"]["total"]:
             # its time is for passes: a machine that has the kernels already would have used it for them
-            again = min(lost * QUALITY[quality or "final"] ** 2, job.scene.values.stop.time)
+            again = min(lost, limit(job.scene.values.stop.time, quality)) * coarser(quality) ** 2
             longer = job.scene.values.stop.model_copy(update={"time": again})
             report = _together(report, drawn(_stopping(job, longer).scene, True))
     except Interrupted as error:

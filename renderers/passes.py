@@ -39,7 +39,7 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
 
     prepare : function of (`renderers.running.Render`, World, seed) -> Method
     """
-    job = Render(path, output, overrides=overrides, overwrite=overwrite, progress=progress)
+    job = Render(path, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
     scene, wanted, seed = job.scene, job.scene.values.stop, seed or 0
     world = World.of(scene, variant)
     if world.camera is None:

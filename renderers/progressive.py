@@ -26,13 +26,11 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Interrupted, UsageError
-from renderers import colour
+from renderers import colour, reached
 from renderers.budget import percent
 from renderers.mitsuba import bitmaps
 from renderers.running import rgb_layers
 
-# times the noise; samples and time by its square
-QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}
 # passes before which the scatter of a part says nothing, and before which it is not relied upon
 _LEAST, _TRUSTED = 2, 4
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
@@ -66,10 +64,8 @@ class Stop:
 
         Raises UsageError where there is no such quality.
         """
-        if (quality or "final") not in QUALITY:
-            raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
-        coarser = QUALITY[quality or "final"]
-        return cls(coarser * split.noise, time and time / coarser**2, samples and max(1, round(samples / coarser**2)),
+        coarser = reached.coarser(quality)
+        return cls(coarser * split.noise, reached.limit(time, quality), samples and max(1, round(samples / coarser**2)),
                    measure == "pixels")
 
 
@@ -154,7 +150,7 @@ class Estimate:
         """
         self.parts, self.identity = tuple(parts), dict(identity)
         self.means = {part.name: Mean() for part in self.parts}
-        self.stopped_by, self._missed = None, ()
+        self.stopped_by, self._unreached = None, ()
         self._signal = 0
 
     @property
@@ -214,7 +210,7 @@ class Estimate:
                 if progress:
                     progress(1.0 if self.stopped_by else self._fraction(stop, noise, spent), noise)
                 if self.stopped_by:
-                    self._missed = _missed(self.stopped_by, stop, noise)
+                    self._unreached = reached.unreached(self.stopped_by, stop.noise, noise, stop.pixels)
                     break
                 start, mean = time.monotonic(), self.means[part.name]
                 mean.add(part.render(mean.count), time.monotonic() - start)
@@ -278,9 +274,9 @@ class Estimate:
         Returns
         -------
         report : of `Render.finish`, with `pixel_noise`, `passes` by part, `stopped_by`, and `mean_error`, standard error of
-            `mean`, None where a part has one pass; `parts` by name: `passes`, `noise` (its share of the picture's, in squares),
-            `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have
-            the same)
+            `mean`, None where a part has one pass; `parts` by name: `samples` (of a pass), `passes`, `noise` (its share of the
+            picture's, in squares), `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one,
+            1/sqrt(N) where N have the same)
 
         Raises
         ------
@@ -292,25 +288,25 @@ class Estimate:
                 for name, mean in self.means.items()}
         error = _error_of_mean(kept)
         lost = sum(mean.lost for mean in self.means.values())
-        reasons = [*reasons, *self._missed] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
+        reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
                             noise=self.noise, pixel_noise=self.pixel_noise,
                             passes={name: mean.count for name, mean in self.means.items()},
-                            parts={name: self._part(mean) for name, mean in self.means.items()},
+                            parts={part.name: self._part(part, self.means[part.name]) for part in self.parts},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
-                            reasons=reasons, **more)
+                            reasons=reasons, unreached=self._unreached, **more)
         if self._signal:
             noise = "" if self.noise is None else f", noise {percent(self.noise)}"
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "
                                     f"{', '.join(report['files'])}, and --resume goes on with it")
         return report
 
-    def _part(self, mean) -> dict:
+    def _part(self, part, mean) -> dict:
         """What a part adds to noise and time, for the report."""
         level, variance = max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30), mean.variance
         spots = np.zeros((1, 1)) if variance is None else variance[..., 3]
-        return {"passes": mean.count, "seconds": mean.expected, "noise": float(np.sqrt(np.mean(spots)) / level),
+        return {"samples": part.samples, "passes": mean.count, "seconds": mean.expected, "noise": float(np.sqrt(np.mean(spots)) / level),
                 "concentration": float(np.linalg.norm(spots) / max(np.sum(spots), 1e-300))}
 
     def _interrupted(self, what):
@@ -357,14 +353,6 @@ def error_of_mean(text) -> np.ndarray | None:
         return _error_of_mean(json.loads(text[_STATE])["parts"])
     except (KeyError, TypeError, ValueError):
         return None  # another program's, or an earlier version's
-
-
-def _missed(stopped_by, stop, noise) -> tuple[str, ...]:
-    """What is said of a noise that was asked for and not reached."""
-    if stopped_by not in ("time", "samples") or stop.noise is None or noise is None or noise <= stop.noise:
-        return ()
-    of = "of 99 of 100 pixels " if stop.pixels else ""
-    return f"{stopped_by} ended the passes: a noise {of}of {percent(stop.noise)} was wanted, it is {percent(noise)}",
 
 
 def _error_of_mean(parts):

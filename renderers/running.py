@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 import bakery
-from renderers import assets, images, scene
+from renderers import assets, images, reached, scene
 from renderers.budget import percent
 from renderers.mitsuba import bitmaps
 from renderers.progress import share
@@ -26,13 +26,14 @@ class Render:
     seconds : dict, of each part that was said to be over, and `total`
     """
 
-    def __init__(self, path, output=None, *, overrides=None, overwrite=False, progress=None):
+    def __init__(self, path, output=None, *, overrides=None, quality=None, overwrite=False, progress=None):
         """
         Parameters
         ----------
         path : of a scene, or what `renderers.scene.load` made of it
         output : `X.png` or `X.exr`; beside the scene, by its name, if None
         overrides : dotted key -> value as text, of a path
+        quality : draft, preview or final: what is asked of the picture, see `renderers.reached`; final if None
         overwrite : replace also files that are no such pictures; never one that the scene reads
         progress : function of (fraction 0 to 1, noise or None), or None
 
@@ -43,7 +44,7 @@ class Render:
         StageError, StoreError : its recipe cannot be baked
         """
         self._begin = self._last = time.monotonic()
-        self._progress = progress
+        self._progress, self._quality = progress, quality
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
@@ -62,7 +63,8 @@ class Render:
         """The progress of a part that takes the whole from `begin` to `end`; None where nobody asks."""
         return share(self._progress, begin, end)
 
-    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(), **more) -> dict:
+    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(),
+               unreached=(), **more) -> dict:
         """Writes the pictures, the PNG as the scene's `display` says, and reports.
 
         Parameters
@@ -74,14 +76,17 @@ class Render:
         samples : a pixel
         noise, bias : 1, relative to the mean; None where the method has none, or states none
         reasons : texts, why this method, and what is left out
+        unreached : sentences of `renderers.reached.unreached`
         more : what this renderer says besides
 
         Returns
         -------
         report : dict with `renderer` (its section), `method`, `scene`, `asset`, `files`, `size`, `mean` (linear, a channel),
-            `samples`, `noise`, `bias`, `measure` (what its tolerance is of), `reasons`, `tone_curve`, `overrides`, `seconds` (of
+            `samples`, `noise`, `bias`, `measure` (what its tolerance is of), `reasons`, `missed` (sentences: what was asked for
+            and not reached, [] where all was), `tone_curve`, `overrides`, `seconds` (of
             each part), and `more`
         """
+        missed, remarks = reached.verdict(self.scene.values, self._quality, unreached, bias)
         display, words = images.shown(rgb, **dict(self.scene.values.display))
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}), text)
         self.part_over("write")
@@ -91,8 +96,8 @@ class Render:
                 "asset": ", ".join(dict.fromkeys(asset.path for asset in self.assets)),
                 "files": [str(path) for path in self.pair], "size": [rgb.shape[1], rgb.shape[0]],
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
-                "measure": self.scene.values.measure, "reasons": list(reasons), "tone_curve": words,
-                "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
+                "measure": self.scene.values.measure, "reasons": [*reasons, *remarks], "missed": list(missed),
+                "tone_curve": words, "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
 
 
 def rgb_layers(prefix, image):

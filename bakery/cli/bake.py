@@ -15,6 +15,7 @@ from bakery.cli.options import (
     quiet_option,
     recipe_options,
     settings_of,
+    status_of_missed,
     sweep_option,
     verbose_option,
 )
@@ -119,7 +120,7 @@ def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
         outcomes = iter([Outcome(0, executed(plans[0], **run))])
     else:
         outcomes = bake_all([recipes[index] for index in order], [plans[index] for index in order], keep_going=keep_going, **run)
-    done, printed = {}, 0
+    done, printed, missed = {}, 0, 0
     for outcome in outcomes:
         index = order[outcome.index]
         if outcome.baked is None:
@@ -138,15 +139,14 @@ def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
             printed = _print_paths(recipes, done, failures, printed)
             if not outcome.baked.written:
                 progress.say(f"{name}{outcome.baked.output} is up to date")
-        for miss in outcome.baked.missed:
-            remark(f"{outcome.baked.output}: {miss}")
+        missed = max(missed, status_of_missed(outcome.baked.output, outcome.baked.missed))
     progress.close()
     if as_json:
         print_json([done[index].as_dict() if index in done else _failure(recipe, *failures.get(index, ("", 0)))
                     for index, recipe in enumerate(recipes)])
     else:
         _print_paths(recipes, done, dict.fromkeys(range(len(recipes))), printed)
-    return max(_tell(recipes, failures, done, keep_going), *(3 if baked.missed else 0 for baked in done.values()), 0)
+    return max(_tell(recipes, failures, done, keep_going), missed)
 
 
 def _print_paths(recipes, done, failures, printed: int) -> int:

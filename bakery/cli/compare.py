@@ -8,7 +8,7 @@ import click
 
 from bakery.cli import methods as shared
 from bakery.cli import offers
-from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of
+from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of, status_of_missed
 from bakery.errors import Interrupted, UsageError
 
 
@@ -37,7 +37,7 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
     from the reference, errors beneath the noise, FLIP, error against time, and what the methods say of themselves.
 
     Methods whose pictures are there are not rendered again; what was interrupted is gone on with.  Prints the paths of the page
-    and of the pictures.
+    and of the pictures.  Exit status 3 where a method misses the noise or tolerance that the scene asks for.
     """
     from bakery.run.progress import choose
 
@@ -58,13 +58,15 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
         raise Interrupted("interrupted; pictures that are finished are kept, the same call goes on") from None
     finally:
         progress.close()
+    missed = max(status_of_missed(one["files"][0], one["missed"]) for one in summary["methods"])
     if as_json:
         print_json(summary)
-        return
+        return missed
     print_paths([summary["page"], *(path for one in summary["methods"] for path in one["files"])])
     trade = summary["trade"] or {"advice": [], "others": []}
     for line in [*shared.lines(summary), *trade["advice"], *trade["others"], *summary["remarks"]]:
         progress.say(line)
+    return missed
 
 
 def _planned(source, methods, reference, output, values, seed, resume, overwrite):
@@ -107,6 +109,8 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     with progress.during("measuring differences"):
         found = differences.compared([*([other] if other else []), *pictures], base, dict(jobs[0].scene.values.display))
         summary = shared.summary(made, found, base, file)
+        for one, its in zip(summary["methods"], made, strict=True):
+            one["missed"] = its.report.get("missed", [])  # none of an earlier version's record
         curves = shared.curves(summary)
         summary["trade"] = trade.compared(curves, jobs[0].scene.values.tolerance or shared.TOLERANCE) if curves else None
         shown, limit = shared.shown(found)

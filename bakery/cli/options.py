@@ -129,6 +129,16 @@ def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress
     return replace(wanted, stages=tuple(stages)) if stages else wanted
 
 
+MISSED = 3  # exit status of a bake or a picture that is written and misses what was asked for
+
+
+def status_of_missed(file, missed) -> int:
+    """Say on standard error what a file misses, a line each, also where all else is quiet, and give the exit status."""
+    for line in missed:
+        remark(f"{file}: {line}")
+    return MISSED if missed else 0
+
+
 def print_paths(paths) -> None:
     """What a command wrote, on standard output: one path a line and nothing else, for `$(bake fog.yaml)`."""
     write("".join(f"{path}\n" for path in paths))

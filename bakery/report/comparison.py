@@ -185,6 +185,7 @@ def _times(summary: Mapping) -> str:
 
 
 def _reasons(summary: Mapping) -> str:
-    items = [f"<dt><strong>{escape(one['name'])}</strong></dt>\n" + "".join(f"<dd>{escape(reason)}</dd>\n" for reason in
-             one["reasons"]) for one in summary["methods"] if one["reasons"]]
+    said = {one["name"]: [*one["reasons"], *(f"Missed: {line}" for line in one.get("missed", ()))] for one in summary["methods"]}
+    items = [f"<dt><strong>{escape(name)}</strong></dt>\n" + "".join(f"<dd>{escape(line)}</dd>\n" for line in lines)
+             for name, lines in said.items() if lines]
     return f"<dl>\n{''.join(items)}</dl>\n" if items else ""

@@ -39,12 +39,12 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     import numpy as np
 
     from bakery.errors import UsageError
-    from renderers import colour
+    from renderers import budget, colour, reached
     from renderers.fog import kernels, noise
     from renderers.fog.view import View
     from renderers.running import Render, rgb_layers
 
-    job = Render(scene, output, overrides=overrides, overwrite=overwrite, progress=progress)
+    job = Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
     scene, asset, values = job.scene, job.asset, job.scene.values
     threads = threads or len(os.sched_getaffinity(0))
     try:
@@ -77,11 +77,13 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
               for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
     beside = "ambient light" if view.ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[view.outside]
     layers = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}
+    seen = None if unsure is None else noise.relative(unsure, total)
+    wanted = reached.coarser(quality) * budget.of(scene).noise if reached.asked(values) else None
     return job.finish(result, layers=layers if unsure is None else layers | noise.layers(unsure),
                       method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture",
                                                 *["no light is in the picture, and it stays black"] * (total == 0)],
                       samples=picture.made.get("samples"), picture=picture.made,
-                      noise=None if unsure is None else noise.relative(unsure, total),
+                      noise=seen, unreached=reached.unreached(picture.made.get("stopped_by", ""), wanted, seen),
                       without_surface=int(view.sky.sum()), distance=[float(view.distance.min()), float(view.distance.max())],
                       optical_depth=depths, **share)
 
@@ -128,16 +130,16 @@ def _density(scene, threads):
 
 def _picture(scene, quality, variant, seed, progress, view_of=None):
     from bakery.errors import UsageError
-    from renderers import budget
+    from renderers import budget, reached
     from renderers.fog import picture
 
     section, camera = scene.values.picture, scene.values.camera
     if hasattr(section, "mitsuba"):
         stop = scene.values.stop
-        noise = budget.of(scene).noise if scene.values.tolerance or stop.noise else None
-        return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, noise=noise, time=stop.time,
-                                    unit=section.unit, variant=variant, quality=quality or "final", seed=seed or 0,
-                                    view_of=view_of, progress=progress)
+        noise = budget.of(scene).noise if reached.asked(scene.values) else None
+        return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, noise=noise,
+                                    time=reached.limit(stop.time, quality), unit=section.unit, variant=variant,
+                                    quality=quality or "final", seed=seed or 0, view_of=view_of, progress=progress)
     if not (quality is None and variant is None and seed is None):
         raise UsageError(f"{scene.path}: found a quality, variant or seed, which are those of Mitsuba scenes; none would do, "
                          "as this picture comes from files")

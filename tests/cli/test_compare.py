@@ -8,6 +8,7 @@ import re
 import signal
 from html.parser import HTMLParser
 from itertools import chain, repeat
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,6 +98,17 @@ class Parts(HTMLParser):
 
     def handle_data(self, data):
         self.text += data
+
+
+def test_a_method_that_misses_its_noise_is_status_3(call, place):
+    """The page is there, and says it; what is taken from an earlier call misses as before."""
+    for taken in (False, True):
+        status, out, err = call("compare", place / "haze.yaml", "--methods", "single,isotropic", "--noise", "0.1%", "--json")
+        found = json.loads(out)
+        assert status == 3 and [one["taken"] for one in found["methods"]] == [taken] * 2
+        for one in found["methods"]:
+            assert f"{one['files'][0]}: {one['missed'][0]}\n" in err and "a noise of 0.1 % was wanted" in one["missed"][0]
+        assert "Missed: samples ended the passes" in Parts(Path(found["page"])).text
 
 
 def test_numbers_and_page(call, place):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bakery
-from renderers import scene
+from renderers import budget, scene
 from renderers.camera import Camera
 from renderers.progressive import Estimate, Part, Stop
 from renderers.running import Render
@@ -80,6 +80,44 @@ def test_an_interruption_leaves_the_picture_so_far(call, place, milk, monkeypatc
     on = Estimate([Part("haze", None)], {"scene": "haze"})
     on.resume(place / "haze.exr")
     assert on.samples == 3
+
+
+def test_a_picture_that_misses_its_noise_is_status_3(call, place, milk, monkeypatch):
+    """By one rule: written, told also with --quiet, `missed` in the report; a draft, and a scene that asks for no noise, tell."""
+
+    def render(scene, output, quality=None, resume=False, progress=None, **_):
+        job = Render(scene, output, quality=quality, progress=progress)
+        values = job.scene.values
+        estimate = Estimate([Part("haze", lambda index: {"": np.full((6, 8, 3), 1.0 + index % 2)})], {"scene": "haze"})
+        if resume:
+            estimate.resume(job.pair[1])
+        estimate.run(Stop.of(budget.of(job.scene), samples=values.stop.samples, quality=quality), job.progress(0.0, 1.0))
+        return estimate.finish(job, method="passes")
+
+    monkeypatch.setattr("tests.toy_renderer.render", render)
+    monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
+    monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
+    assert call(milk, "-o", place / "milk.h5")[0] == 0
+
+    def rendered(stop, *words):
+        status, out, err = call("render", place / "haze.yaml", "--set", f"stop={stop}", "--json", "--quiet", *words)
+        return status, json.loads(out), err
+
+    # passes of 1 and 2 in turns: after N of them the noise is 1/3/sqrt(N - 1)
+    status, report, err = rendered("{samples: 8, noise: 12%}")
+    sentence = "samples ended the passes: a noise of 12 % was wanted, it is 13 %"
+    assert (status, report["missed"], report["reasons"], err) == (3, [sentence], [], f"{place / 'haze.png'}: {sentence}\n")
+    assert (place / "haze.png").is_file() and (place / "haze.exr").is_file()
+    status, report, err = rendered("{samples: 8}", "--set", "tolerance=10%", "--resume")
+    assert status == 3 and "a noise of 7.1 % was wanted, it is 13 %" in report["missed"][0]
+    status, report, err = rendered("{samples: 64, noise: 12%}", "--resume")
+    assert (status, report["missed"], err) == (0, [], "") and report["stopped_by"] == "noise" and report["samples"] == 10
+    status, report, err = rendered("{samples: 8}")
+    assert (status, report["missed"], err) == (0, [], "") and "was wanted, it is 13 %" in report["reasons"][0]
+    status, report, err = rendered("{samples: 32, noise: 1%}", "--quality", "draft")
+    assert (status, report["missed"], err) == (0, [], "") and "a noise of 4 % was wanted" in report["reasons"][0]
+    status, report, err = rendered("{samples: 32, noise: 1%}", "--quality", "preview")
+    assert status == 3 and "a noise of 2 % was wanted" in report["missed"][0]
 
 
 def test_its_needs_are_baked(call, place, milk, monkeypatch):

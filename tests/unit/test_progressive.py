@@ -115,9 +115,9 @@ def test_a_noise_that_is_not_reached_is_said(tmp_path):
                                 (0.001, True, ["a noise of 99 of 100 pixels of 0.1 % was wanted"])):
         estimate = pair()
         estimate.run(Stop(noise=noise, samples=8, pixels=pixels))
-        reasons = estimate.finish(Job(tmp_path))["reasons"]
-        assert len(reasons) == len(said) and all(f"samples ended the passes: {words}, it is " in reason
-                                                 for words, reason in zip(said, reasons, strict=True))
+        sentences = estimate.finish(Job(tmp_path))["unreached"]
+        assert len(sentences) == len(said) and all(f"samples ended the passes: {words}, it is " in sentence
+                                                 for words, sentence in zip(said, sentences, strict=True))
 
 
 def test_layers_of_the_file(tmp_path):
