@@ -225,13 +225,17 @@ def test_parameters_of_a_mitsuba_scene(call, place):
 
 
 def test_a_recipe_in_place_of_the_asset(call, assets, place, monkeypatch):
-    """Baked beside the scene under its own name, of stages that are kept; the picture is that of the asset."""
+    """Baked into the cache, of stages that are kept there, and nothing beside the scene; the picture is that of the asset."""
     monkeypatch.setenv("BAKERY_CACHE", str(assets / "cache"))
     (place / "fog.yaml").write_text((assets / "fog.yaml").read_text().replace("name: fog", "name: own"))
     (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "recipe: fog.yaml"))
-    assert call("render", place / "s.yaml", "-o", place / "own.png")[0] == 0
+    (place / "fog.h5").unlink()
+    before = set(place.iterdir())
+    status, out, err = call("render", place / "s.yaml", "-o", place / "own.png", "--json")
+    assert status == 0 and set(place.iterdir()) - before == {place / "own.png", place / "own.exr"}, err
+    (place / "given.h5").write_bytes(Path(json.loads(out)["asset"]).read_bytes())
     own = rgb(place / "own.exr")
-    (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "asset: own.h5"))
+    (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "asset: given.h5"))
     assert call("render", place / "s.yaml", "-o", place / "given.png")[0] == 0
     assert np.array_equal(own, rgb(place / "given.exr"))
 
