@@ -113,14 +113,12 @@ pictures: recipes
 # QUALITY=final takes the samples that the scenes ask for.  On a slow machine some end by their time before their noise: the picture
 # is there all the same, what it misses is told (status 3), and the next scene has its turn; a failure leaves no picture
 QUALITY ?= preview
+# what their recipes give is baked into the cache
 SCENES := night_street square_emitter
-# their recipes are baked beside them
 PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
 GRAINS := heap_of_sand cube_of_beads snowman snowman_small sand_castle spices wet_beside_dry layers_of_sand
 scenes: $(VENV)/.ready
 	@mkdir -p build
-	$(BIN)/bake recipes/street_fog.yaml -o build/street_fog.h5
-	$(BIN)/bake recipes/emitter.yaml -o build/emitter.h5
 	for scene in $(SCENES) $(PARTICLES) $(GRAINS); do \
 		rm -f build/$$scene.png; \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) \

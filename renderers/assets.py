@@ -1,26 +1,25 @@
-"""The assets of a scene: those that it names, or what its recipes bake."""
+"""The assets of a scene: those that it names, or those of its recipes, none of which is made worse."""
 
 from __future__ import annotations
 
 import dataclasses
-import os
 from pathlib import Path
 
-from bakery.run.ensure import ensured, output_of
+from bakery.run.ensure import ensured
 from renderers import budget, requirements
 from renderers.scene import Scene, beside
 
 
-def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
+def baked(scene: Scene, progress=None) -> Scene:
     """The scene with its assets.
 
-    A recipe is baked where its asset, NAME.h5 beside the scene, is missing, out of date or not what the scene requires; so is
-    that beside an asset which is named and not there.
+    Of a recipe that is the one beside the scene or beside the recipe, by the name of the recipe's file, where it holds what the
+    scene requires; else one that is baked into the cache.  An asset that is named and not there is baked where it is named.
+    Nothing that stands is written over.
 
     Parameters
     ----------
     progress : a `bakery.run.progress.Progress`, or None
-    overwrite : replace what stands where an asset goes also where it is none
 
     Raises
     ------
@@ -29,14 +28,14 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
     if scene.assets:
         return scene
     named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
-    _check_apart(scene, named)
-    found, shares = {}, [0.0]
+    paths, shares = {}, [0.0]
     for one in named:
-        if (key := (one.asset, one.recipe)) in found:
+        if (key := (one.asset, one.recipe)) in paths:
             continue
-        recipe, place = _recipe(scene, one)
+        place = None if one.recipe else scene.file(one.asset)
+        recipe = scene.file(one.recipe) if one.recipe else beside(place)
         if recipe is None:
-            found[key] = place
+            paths[key] = place
             shares.append(budget.HALF)
             continue
 
@@ -45,29 +44,12 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
             shares.append(required.share)
             return required
 
-        found[key] = Path(ensured(recipe, place, require=require, progress=progress, overwrite=overwrite,
-                                  by=str(scene.path)).output)
-    paths = tuple(found[one.asset, one.recipe] for one in named)
-    return dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(shares))
+        paths[key] = ensured(recipe, require=require, candidates=_candidates(scene, recipe) if one.recipe else (), output=place,
+                             progress=progress, by=str(scene.path))
+    every = tuple(paths[one.asset, one.recipe] for one in named)
+    return dataclasses.replace(scene, asset=every[0], assets=every, share=max(shares))
 
 
-def _check_apart(scene: Scene, named) -> None:
-    """UsageError where the asset of a recipe would go where that of another body stands or goes."""
-    taken: dict[Path, tuple[str, Path]] = {}
-    for number, one in enumerate(named):
-        recipe, place = _recipe(scene, one)
-        path = Path(place) if recipe is None else output_of(recipe, place)
-        word, of = ("asset", path) if recipe is None else ("recipe", Path(recipe))
-        first, other = taken.setdefault(path.resolve(), (word, of.resolve()))
-        if other != of.resolve():
-            key = f"{scene.rules.BODIES}[{number}].{word}"
-            raise scene.wrong(key, f"{of}: its asset {path} is that of the {first} {other} as well; another name in the recipe "
-                                   "would do")
-
-
-def _recipe(scene, one):
-    """What to bake, or None, and where the asset is or goes."""
-    if one.recipe:
-        return scene.file(one.recipe), os.path.join(scene.path.parent, "")
-    asset = scene.file(one.asset)
-    return beside(asset), asset
+def _candidates(scene, recipe: Path) -> list[Path]:
+    """Where users put the asset of a recipe."""
+    return list(dict.fromkeys([scene.path.parent / f"{recipe.stem}.h5", recipe.with_name(f"{recipe.stem}.h5")]))

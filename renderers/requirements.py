@@ -276,7 +276,7 @@ def _bodies(scene, recipe) -> list[int]:
     for number, body in enumerate(scene.bodies):
         one = body if body.asset or body.recipe else scene.values
         same = one.recipe and scene.file(one.recipe).resolve() == Path(recipe.path).resolve()
-        if same or one.asset and Path(one.asset).stem == recipe.name:
+        if same or one.asset and Path(one.asset).stem in (recipe.name, Path(recipe.path).stem):
             found.append(number)
     return found
 

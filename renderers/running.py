@@ -48,7 +48,7 @@ class Render:
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
-        self.scene = assets.baked(self.scene, overwrite=overwrite)
+        self.scene = assets.baked(self.scene)
         opened = {path: bakery.open(path) for path in dict.fromkeys(self.scene.assets)}
         self.assets = [opened[path] for path in self.scene.assets]
         self.asset = self.assets[0]

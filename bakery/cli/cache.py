@@ -5,11 +5,15 @@ What machines share is looked at, never tidied: others may need what this one do
 
 from __future__ import annotations
 
+import sys
+
 import click
 
 from bakery.cli.options import FiniteRange, json_option, print_json
 from bakery.errors import StoreError, UsageError
 from bakery.system.terminal import clean, remark, say
+
+_NAMED = 4  # files that are no cache's, by name
 
 
 @click.group(name="cache", short_help="look at and tidy the cache of finished stages")
@@ -28,7 +32,8 @@ def info(as_json):
     from bakery.run.cache import Cache
 
     cache = Cache()
-    own = _counted((path.name, size) for path, size, _ in cache.entries())
+    held = cache.held()
+    own = _counted((_kind(path), size) for path, size, _ in held.entries) | {"others": len(held.others)}
     shared = {} if cache.shared is None else {"shared": {"address": cache.shared.address, **_answered(cache.shared)}}
     if as_json:
         print_json({"folder": str(cache.where), **own, **shared})
@@ -42,15 +47,22 @@ def info(as_json):
 def _answered(shared) -> dict:
     """What a shared cache holds, or what is wrong with it."""
     try:
-        return _counted(shared.entries())
+        return _counted((name.rpartition("-")[0], size) for name, size in shared.entries())
     except StoreError as error:
         return {"problem": str(error).removeprefix(f"{shared.address}: ")}
 
 
+def _kind(path) -> str:
+    """Of an entry: its stage, or `scenes` of a whole asset that a scene asked for."""
+    from bakery.run.entries import SCENES
+
+    return SCENES if path.parent.name == SCENES else path.name.rpartition("-")[0]
+
+
 def _counted(entries) -> dict:
     stages: dict[str, list[int]] = {}
-    for name, size in entries:
-        stages.setdefault(name.rsplit("-", 1)[0], []).append(size)
+    for kind, size in entries:
+        stages.setdefault(kind, []).append(size)
     return {"entries": sum(map(len, stages.values())), "bytes": sum(map(sum, stages.values())),
             "stages": {name: {"entries": len(sizes), "bytes": sum(sizes)} for name, sizes in sorted(stages.items())}}
 
@@ -68,6 +80,8 @@ def _show(place: str, held: dict) -> None:
     say(f"{place}: {_entries(held['entries'])}, {in_words(held['bytes'])}")
     for name, stage in held["stages"].items():
         say(f"  {clean(name):<8} {_entries(stage['entries'])}, {in_words(stage['bytes'])}")
+    if held.get("others"):
+        say(f"  besides  {held['others']} file{'' if held['others'] == 1 else 's'} or folders that are no cache's")
 
 
 @command.command()
@@ -84,13 +98,30 @@ def prune(max_size, max_age, as_json):
 
 
 @command.command()
+@click.option("--yes", "-y", is_flag=True, help="Do not ask where the folder holds anything else.")
 @json_option
-def clear(as_json):
-    """Remove every entry of this machine."""
+def clear(yes, as_json):
+    """Remove every entry of this machine, and nothing else; where the folder holds other files, only after a question."""
     from bakery.run.cache import Cache
 
     cache = Cache()
+    if not yes:
+        _ask(cache.where, cache.held())
     _tell(cache, cache.clear(), as_json)
+
+
+def _ask(folder, held) -> None:
+    """Ask whether to go on in a folder that is not the cache's alone; UsageError where nobody can answer, or the answer is no."""
+    count = len(held.entries) + len(held.bad)
+    if not held.others or not count:
+        return
+    named = ", ".join(clean(path.name) for path in held.others[:_NAMED])
+    more = f" and {len(held.others) - _NAMED} more" if len(held.others) > _NAMED else ""
+    said = f"{folder}: holds besides {_entries(count)} also {named}{more}, which are no cache's and would stay"
+    if not sys.stdin.isatty():
+        raise UsageError(f"{said}; --yes removes the entries without a question")
+    if not click.confirm(f"{said}. Remove the entries?", err=True):
+        raise UsageError("nothing is removed")
 
 
 def _tell(cache, removed, as_json: bool) -> None:

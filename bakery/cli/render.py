@@ -44,12 +44,12 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
     """
     from contextlib import ExitStack
     from pathlib import Path
-    from tempfile import TemporaryDirectory
 
     from bakery.run import compiling
     from bakery.run.progress import choose
+    from bakery.store import scratch
 
-    path, scratch = Path(source), ExitStack()
+    path, folders = Path(source), ExitStack()
     suffix = path.suffix.lower()
     if not path.is_file() or suffix in (".png", ".exr"):
         kind = "a picture" if path.is_file() else "no file"
@@ -90,7 +90,7 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
         options |= {"quality": quality or "preview", "seed": seed or 0}
         if place:
             between = one_asset(source, place)
-            path = Path(file_of(between, scratch.enter_context(TemporaryDirectory(prefix="bakery-place-"))))
+            path = Path(file_of(between, folders.enter_context(scratch.folder("place"))))
             source = between.path
         draw, target, name = renderer.preview, output or Path(source).with_suffix(".png"), path.name
     progress = choose(quiet)
@@ -102,7 +102,7 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
             report = draw(path, Path(target), **options, progress=progress.update)
     finally:
         progress.close()
-        scratch.close()
+        folders.close()
     if as_json:
         print_json(report)
     else:

@@ -41,16 +41,16 @@ def command(asset, output, no_render, place, overwrite, as_json):
 def _rendered(asset) -> bytes:
     """A draft of the standard preview as JPEG; b"" where the asset holds nothing to render or no Mitsuba is installed."""
     from importlib.util import find_spec
-    from tempfile import TemporaryDirectory
 
     from bakery.draw.files import preview_beside
     from bakery.stages.conform import stages_of
+    from bakery.store import scratch
 
     if not any(stage.rendered for stage in stages_of(asset.tree)) or find_spec("mitsuba") is None:
         return b""
     from renderers.preview import preview
 
-    with TemporaryDirectory() as folder:
+    with scratch.folder("place") as folder:
         target = Path(folder, "preview.png")
         preview(file_of(asset, folder), target, quality="draft")
         return preview_beside(target, asset.content_hash)

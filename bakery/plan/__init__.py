@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from bakery.errors import UsageError
 from bakery.plan.inputs import differences, input_hash, parts
@@ -112,6 +113,24 @@ def chosen(recipe, only: Sequence[str] = ()) -> list[Stage]:
     return [stage for stage in applicable if stage.name in needed]
 
 
+class Wanted(NamedTuple):
+    """A stage that a recipe asks for, everything that it depends on, and the hash over that."""
+
+    stage: Stage
+    parts: dict
+    input_hash: str
+
+
+def wanted(recipe, only: Sequence[str] = ()) -> list[Wanted]:
+    """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need."""
+    found, hashes = [], {}
+    for stage in chosen(recipe, only):
+        inputs = parts(stage, recipe, hashes)
+        hashes[stage.name] = input_hash(inputs)
+        found.append(Wanted(stage, inputs, hashes[stage.name]))
+    return found
+
+
 def make(
     recipe,
     output: Path,
@@ -141,10 +160,8 @@ def make(
     loaded : memory of the process before any stage, in bytes
     """
     current = current or {}
-    steps, hashes = [], {}
-    for stage in chosen(recipe, only):
-        inputs = parts(stage, recipe, hashes)
-        key = hashes[stage.name] = input_hash(inputs)
+    steps = []
+    for stage, inputs, key in wanted(recipe, only):
         if force:
             action, why = RUN, ["--force"]
         elif current.get(stage.name) == key:

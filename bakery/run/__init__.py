@@ -15,9 +15,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import bakery
-from bakery.errors import AssetError, BakeryError, Problem, StageError, StoreError, UsageError
+from bakery.errors import BakeryError, Problem, StageError, StoreError, UsageError
 from bakery.plan import REUSE, RUN, Plan, Step, make
-from bakery.run import compiling
+from bakery.run import compiling, standing
 from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
@@ -78,12 +78,13 @@ def overrides(
     return values | dict(settings or {})
 
 
-def target_of(output: str | os.PathLike | None, name: str) -> Path:
-    """The asset's path: NAME.h5 in the current folder by default; a closing slash marks a folder."""
+def target_of(output: str | os.PathLike | None, recipe: Path) -> Path:
+    """The asset's path: that of the recipe's file, FILE.h5, in the current folder by default; a closing slash marks a folder."""
+    own = f"{recipe.stem}.h5"
     if output is None:
-        return Path(f"{name}.h5")
+        return Path(own)
     text = os.fspath(output)
-    return Path(text) / f"{name}.h5" if text.endswith("/") else Path(text)
+    return Path(text) / own if text.endswith("/") else Path(text)
 
 
 def files_of(recipe) -> tuple[Path, ...]:
@@ -95,33 +96,63 @@ def prepare(
     recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
     overwrite: bool = False, progress: Progress | None = None, needs: Sequence = (), remarks: Sequence[str] = (),
-    read: Sequence[Path] = (),
+    read: Sequence[Path] = (), own: Mapping[str, Mapping] | None = None,
 ) -> Plan:
     """Read and check a recipe and plan its bake; runs nothing and writes nothing.  `needs`, `remarks` and `read` are those of
     `Plan`.
 
+    own : parts of each stage of the recipe as it stands, where scenes decide what is baked: an asset at the output that is as
+        good is then left alone, and one that would lose something is not replaced (but for `overwrite`)
+
     Raises
     ------
     RecipeError : with every problem of the recipe
-    UsageError : the output cannot be written, is an input or (but for `overwrite`) no asset, or the bake is larger than this
-        machine
+    UsageError : the output cannot be written, is an input or (but for `overwrite`) no asset of this recipe, or the bake is larger
+        than this machine
     """
     cache, progress = cache or Cache(), progress or Progress()
     with progress.during(f"planning {Path(recipe_path).name}"):
-        plan = _planned(recipe_path, output, stages, settings, force, cache, jobs, overwrite, progress, read)
-    return replace(plan, needs=tuple(needs), remarks=tuple(remarks), read=tuple(read))
+        recipe, target = _checked(recipe_path, output, settings, overwrite, read)
+        there = standing.asset_at(target)
+        held = standing.held(there) if there else {}
+        plan = _priced(recipe, target, stages, there, held, force=force, cache=cache, jobs=jobs, progress=progress)
+        plan = replace(plan, needs=tuple(needs), remarks=tuple(remarks), read=tuple(read))
+        if own is not None and plan.write and held:
+            plan = _no_worse(plan, held, own, force, overwrite)
+    _refuse_too_large(plan)
+    return plan if plan.write else replace(plan, missed=_missed(there))
 
 
-def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, jobs: int | None, overwrite: bool,
-             progress: Progress, read) -> Plan:
+def _checked(recipe_path, output, settings, overwrite: bool, read):
+    """The recipe, and where its asset goes; the same errors as `prepare`."""
     from bakery.recipe import load
     from bakery.store.outputs import ASSET, check_outputs
 
     recipe = load(recipe_path, dict(settings or {})).unswept()
-    target = target_of(output, recipe.name)
+    target = target_of(output, recipe.path)
     check_outputs([(target, ASSET)], (*files_of(recipe), *read), overwrite)
-    standing = _standing(target)
-    previous, current, same = _known(standing, recipe)
+    if not overwrite:
+        standing.check_recipe(target, recipe)
+    return recipe, target
+
+
+def _no_worse(plan: Plan, held, own: Mapping[str, Mapping], force: bool, overwrite: bool) -> Plan:
+    """The plan, or one that writes nothing where what is there is as good; UsageError where it is better in something."""
+    from bakery.plan.suffice import lacking, lost
+
+    knobs = [knob for need in plan.needs if need.needed for knob in need.knobs]
+    if not force and not lacking(held, plan.steps, own, knobs, plan.recipe):
+        steps = (replace(step, action=REUSE, why=(f"as good in {plan.output}, or better",)) for step in plan.steps)
+        return replace(plan, steps=tuple(steps), write=False)
+    if not overwrite and (worse := lost(held, plan.steps, own, knobs)):
+        raise UsageError(f"{plan.output}: holds more than the scene needs ({', '.join(worse)}), so it is not replaced; name "
+                         "another output, or say --overwrite")
+    return plan
+
+
+def _priced(recipe, target: Path, stages, there: Group | None, held, *, force: bool, cache: Cache, jobs: int | None,
+            progress: Progress) -> Plan:
+    """The plan with what each stage takes on this machine."""
     workers = resources.jobs(jobs)
 
     def price(stage: Stage, key: str, cost: Cost) -> Cost:
@@ -136,10 +167,11 @@ def _planned(recipe_path, output, stages, settings, force: bool, cache: Cache, j
     # a choice between rays and series takes sample spheres, and kernels
     measured = () if recipe.particles is None else ("mie._kernels",)
     with remembering(cache), compiling.watched(measured, progress.compiling):
-        plan = make(recipe, target, only=stages, force=force, previous=previous, current=current, in_cache=cache.has, price=price,
-                    same_recipe=same, loaded=resources.resident_memory() + LIBRARIES)
-    _refuse_too_large(plan)
-    return plan if plan.write else replace(plan, missed=_missed(standing))
+        return make(recipe, target, only=stages, force=force, price=price, in_cache=cache.has,
+                    previous={name: stage.parts for name, stage in held.items() if stage.parts} if there else None,
+                    current={name: stage.input_hash for name, stage in held.items()},
+                    same_recipe=there is not None and standing.is_of(there, recipe),
+                    loaded=resources.resident_memory() + LIBRARIES)
 
 
 def _work(cost: Cost, workers: int) -> float:
@@ -162,6 +194,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     jobs : threads, unless `executor` (any `concurrent.futures` executor) or `address` (a Dask scheduler) is given
     progress : receives the progress
     """
+    from bakery.store import scratch
     from bakery.store.write import sweep, write
 
     progress = progress or Progress()
@@ -170,15 +203,16 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         progress.say(f"warning: {warning}")
     # what killed bakes left goes even where this one has nothing to write
     cache.sweep()
+    scratch.sweep()
     sweep(os.path.dirname(os.path.realpath(plan.output)))
     workers = resources.jobs(jobs)
     files = (*files_of(plan.recipe), *plan.read)
     asked = {"needs": tuple(plan.needs_as_dicts()), "remarks": plan.remarks}
     with progress.during(f"reading {plan.output.name}"):
-        standing = _standing(plan.output)
+        there = standing.asset_at(plan.output)
     if not plan.write:
         touch(plan.output)
-        existing = standing or Group()  # gone since the plan was made: nothing is known of it
+        existing = there or Group()  # gone since the plan was made: nothing is known of it
         steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
         return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings, **asked)
     if any(step.action == RUN for step in plan.steps):
@@ -191,7 +225,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
             running = stack.enter_context(pool)
         stack.enter_context(remembering(cache))
         for step in plan.steps:
-            group, provenance, report = _finish(step, plan, groups, standing, cache, running, workers, progress,
+            group, provenance, report = _finish(step, plan, groups, there, cache, running, workers, progress,
                                                 in_process=not (executor or address))
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
@@ -201,10 +235,10 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings, **asked)
 
 
-def _finish(step: Step, plan: Plan, groups, standing, cache: Cache, pool, workers, progress: Progress, in_process: bool):
+def _finish(step: Step, plan: Plan, groups, there, cache: Cache, pool, workers, progress: Progress, in_process: bool):
     """One stage: taken from the asset that stands, from the cache, or computed (`in_process`: by this process)."""
     stage = step.stage
-    if step.action == REUSE and (reused := _reusable(standing, stage.name, step.input_hash)):
+    if step.action == REUSE and (reused := standing.stage_of(there, stage.name, step.input_hash)):
         return *reused, _report(step, "unchanged", 0.0, reused[0])
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made
@@ -285,7 +319,7 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
         "wavelength": Dataset(np.array(recipe.wavelength, dtype=float), "um", "wavelengths in vacuum"),
     }
     members |= groups
-    members["provenance"] = Group(dict(provenances), origin(recipe))
+    members["provenance"] = Group(dict(provenances), origin(recipe, plan.output))
     return Group(members, {"name": recipe.name, "bakery_version": bakery.__version__})
 
 
@@ -302,10 +336,11 @@ def _readable(text: str) -> str:
     return os.fsencode(text).decode(errors="replace")[:4096]
 
 
-def origin(recipe) -> dict[str, str]:
+def origin(recipe, output: Path) -> dict[str, str]:
     """When, from what and with which versions a file was made."""
     return {"created": _now(), "command": _readable(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])),
-            "recipe_path": _readable(str(recipe.path)), **_versions()}
+            "recipe_path": _readable(str(recipe.path)), standing.FROM: _readable(standing.seen_from(output, recipe.path)),
+            **_versions()}
 
 
 def _versions() -> dict[str, str]:
@@ -318,51 +353,6 @@ def _versions() -> dict[str, str]:
 
 def _now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def _standing(path: Path) -> Group | None:
-    """The intact asset that stands at the output path, or None: a damaged one is replaced, not read."""
-    from bakery.stages import conform
-    from bakery.store.read import read
-
-    if not path.is_file():
-        return None
-    try:
-        root = read(path)
-        conform.check(os.fspath(path), root)
-        return root
-    except (AssetError, StoreError, OSError):
-        return None
-
-
-def _known(standing: Group | None, recipe) -> tuple[dict | None, dict, bool]:
-    """What an asset says of its making: parts of each stage, their input hashes, whether its recipe is this one."""
-    if standing is None:
-        return None, {}, False
-    from bakery.store.tree import read_text
-
-    previous, current = {}, {}
-    for name, group in standing.members.items():
-        if isinstance(group, Group) and "input_hash" in group.attributes:
-            current[name] = group.attributes["input_hash"]
-            try:
-                parts = json.loads(read_text(standing[f"provenance/{name}/inputs"]))
-                previous |= {name: parts} if isinstance(parts, dict) else {}
-            except (KeyError, ValueError, RecursionError):
-                pass  # made by other hands: the plan can still compare hashes
-    same = standing.attributes.get("name") == recipe.name and read_text(standing["recipe"]) == recipe.text
-    return previous, current, same
-
-
-def _reusable(standing: Group | None, name: str, key: str) -> tuple[Group, Group] | None:
-    """A stage of the standing asset, if it is the one wanted."""
-    group = standing.members.get(name) if standing else None
-    if not isinstance(group, Group) or group.attributes.get("input_hash") != key:
-        return None
-    try:
-        return group, standing[f"provenance/{name}"]
-    except KeyError:
-        return None
 
 
 def _report(step: Step, source: str, seconds: float, group: Group | None) -> dict:

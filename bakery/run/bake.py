@@ -17,13 +17,14 @@ from bakery.run.progress import Progress
 
 
 def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
-            needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (), **options) -> Plan | FamilyPlan:
+            needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (),
+            own: Mapping[str, Mapping] | None = None, **options) -> Plan | FamilyPlan:
     """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families."""
     from bakery.recipe import swept
 
     if swept(recipe, settings):
         return prepare_family(recipe, output, settings=settings, **options)
-    return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, **options)
+    return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, own=own, **options)
 
 
 def executed(plan: Plan | FamilyPlan, **options) -> Baked:
@@ -42,7 +43,8 @@ def bake(
     Parameters
     ----------
     recipe : path of the recipe
-    output : path of the asset, or of a folder with a closing slash; NAME.h5 in the current folder by default
+    output : path of the asset, or of a folder with a closing slash; by default FILE.h5 in the current folder, by the
+        name of the recipe's file
     stages : names of the only stages to bake (and what they need)
     quality : draft, preview or final
     tolerance, seed : override the recipe's
@@ -52,7 +54,7 @@ def bake(
     cluster : address of a Dask scheduler
     force : compute every stage again
     progress : from `bakery.run.progress`; silent by default
-    overwrite : replace what stands at `output` also where it is no asset
+    overwrite : replace what stands at `output` also where it is no asset, or one of another recipe
 
     Returns
     -------

@@ -1,7 +1,8 @@
 """The cache of finished stages: a folder of small assets, each named by the hash of its inputs.
 
 An entry is written whole or not at all, carries its own key and hashes, and is checked when it is read; a bad one is moved aside
-and computed again.  Nothing here is needed: a cache that cannot be written costs one warning and the time to compute again.
+and computed again.  Files that are no entries (`bakery.run.entries`) are never touched, whatever their name.  Nothing here is
+needed: a cache that cannot be written costs one warning and the time to compute again.
 Where machines share entries (`bakery.run.shared`), this folder is the local layer in front of them.
 """
 
@@ -17,11 +18,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bakery.errors import AssetError, StoreError, UsageError
+from bakery.run.entries import BAD, ENTRY, LOCKS, SCENES, SPEED, Held, held, is_entry, is_stage, key_of_asset
 from bakery.run.shared import Shared, is_shared
 from bakery.store.tree import Group
 
-ENTRY, BAD = ".h5", ".bad"
-SPEED = "speed.json"  # what stages took here, for the next plan
 KEEP = 16  # bakes kept of a kind of work
 SHORT = 12  # digits of an input hash that distinguish bakes there
 SMALL = 0.3  # modelled seconds up to which a bake says nothing of the machine
@@ -57,15 +57,21 @@ def _median(votes: list[tuple[float, float]]) -> float:
     raise ValueError("no votes")
 
 
+class _Foreign(Exception):
+    """A sound asset, which is no entry of a cache."""
+
+
 def _checked(shown: str, data: bytes, name: str, key: str) -> tuple[Group, Group]:
-    """The group and the provenance of an entry; AssetError unless it is undamaged and that of the key."""
+    """The group and the provenance of an entry; _Foreign where it is a whole asset, AssetError where it is damaged or that of
+    another key."""
     from bakery.store.read import parse
 
     root = parse(shown, data)
-    group, provenance = root.members.get(name), root.members.get("provenance")
-    if not isinstance(group, Group) or not isinstance(provenance, Group) or group.attributes.get("input_hash") != key:
+    if not is_stage(root):
+        raise _Foreign
+    if root.attributes["name"] != name or root[name].attributes.get("input_hash") != key:
         raise AssetError(f"{shown}: the entry holds other inputs than its name says")
-    return group, provenance
+    return root[name], root["provenance"]
 
 
 class Cache:
@@ -110,6 +116,9 @@ class Cache:
             return None
         try:
             entry = _checked(os.fspath(path), read_bytes(os.fspath(path)), name, key)
+        except _Foreign:
+            self._say(f"cache: {path.name} is an asset and no entry of the cache; left as it is, and {self._instead}")
+            return None
         except AssetError as error:
             self._set_aside(path, error)
             return None
@@ -131,11 +140,32 @@ class Cache:
         shown = f"{self.shared.address}/{path.name}"
         try:
             entry = _checked(shown, data, name, key)
-        except AssetError as error:
-            self._say(f"cache: {error}; computed again and replaced")
+        except (AssetError, _Foreign) as error:
+            reason = error if isinstance(error, AssetError) else f"{shown} is no entry of a cache"
+            self._say(f"cache: {reason}; computed again and replaced")
             return None
         self._keep(path, data)
         return entry
+
+    # whole assets, of scenes that name recipes
+
+    def asset_path(self, name: str, key: str) -> Path:
+        """The file of a whole asset, of a key by `bakery.run.entries.asset_key`."""
+        return self.where / SCENES / f"{name}-{key}{ENTRY}"
+
+    def asset(self, path: Path) -> Group | None:
+        """What such a file holds; None unless it is sound and what its name says."""
+        from bakery.store.read import read
+
+        try:
+            root = read(path)
+        except (AssetError, StoreError):
+            return None
+        if path.name != self.asset_path(root.attributes["name"], key_of_asset(root)).name:
+            return None
+        with suppress(OSError):
+            os.utime(path)
+        return root
 
     def _set_aside(self, path: Path, error: AssetError) -> None:
         reason = str(error).removeprefix(f"{path}: ")
@@ -158,10 +188,10 @@ class Cache:
             self.shared.keep(self.path(name, key).name, data)
 
     def _keep(self, path: Path, data: bytes) -> None:
-        """Put the bytes of an entry into the folder."""
+        """Put the bytes of an entry into the folder; never over a file that is none."""
         from bakery.store.write import place
 
-        if not self._writable:
+        if not self._writable or os.path.lexists(path) and not is_entry(path):
             return
         try:
             self.where.mkdir(parents=True, exist_ok=True)
@@ -180,8 +210,8 @@ class Cache:
         from filelock import FileLock, Timeout
 
         try:
-            (self.where / "locks").mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.where / "locks" / f"{name}-{key}.lock")
+            (self.where / LOCKS).mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.where / LOCKS / f"{name}-{key}.lock")
             try:
                 lock.acquire(timeout=0.2)
             except Timeout:
@@ -251,36 +281,33 @@ class Cache:
         """Remove the half-written files of killed bakes."""
         from bakery.store.write import sweep
 
-        sweep(os.fspath(self.where))
+        for folder in (self.where, self.where / SCENES):
+            sweep(os.fspath(folder))
+
+    def held(self) -> Held:
+        """Entries, what was set aside, and what lies in the folder and is no cache's; looks into each file."""
+        return held(self.where)
 
     def entries(self) -> list[tuple[Path, int, float]]:
         """Path, size and time of last use of each entry, oldest first."""
-        files = []
-        for path in self.where.glob(f"*{ENTRY}"):
-            try:
-                status = path.stat()
-            except OSError:
-                continue
-            files.append((path, status.st_size, status.st_mtime))
-        return sorted(files, key=lambda entry: entry[2])
+        return self.held().entries
 
     def prune(self, max_bytes: float | None = None, max_age: float | None = None) -> list[Path]:
         """Remove entries by age in seconds, then the least recently used down to a size in bytes, and what was set aside."""
-        removed = []
-        entries = self.entries()
-        total = sum(size for _, size, _ in entries)
+        removed, held = [], self.held()
+        total = sum(size for _, size, _ in held.entries)
         now = time.time()
-        for path, size, used in entries:
+        for path, size, used in held.entries:
             if (max_age is not None and now - used > max_age) or (max_bytes is not None and total > max_bytes):
                 if self._remove(path):
                     removed.append(path)
                 total -= size
-        return removed + [path for path in self.where.glob(f"*{BAD}") if self._remove(path)]
+        return removed + [path for path in held.bad if self._remove(path)]
 
     def clear(self) -> list[Path]:
-        """Remove every entry.  A bake that is reading one goes on: the file lives until it is closed."""
-        removed = [path for path, _, _ in self.entries() if self._remove(path)]
-        return removed + [path for path in self.where.glob(f"*{BAD}") if self._remove(path)]
+        """Remove every entry, and nothing else.  A bake that is reading one goes on: the file lives until it is closed."""
+        held = self.held()
+        return [path for path in (*(path for path, _, _ in held.entries), *held.bad) if self._remove(path)]
 
     def _remove(self, path: Path) -> bool:
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 from bakery.run import execute, prepare
 from bakery.run.cache import Cache
 from bakery.run.progress import Progress
+from bakery.store import scratch
 
 # Rules have margins of a quarter.  Of particles coefficients are then known to 1 %, a single angle to some percent; takes 0.5 to
 # 2.7 s of one core for eight wavelengths and spheres to 5 mm, of which choosing rays would be the larger part
@@ -50,8 +50,8 @@ def medium(recipe, settings: Mapping[str, str], cache: Cache, progress: Progress
     draft = DRAFT | ({} if recipe.particles is None else OF_PARTICLES)
     if recipe.particles is not None and recipe.phase.method == "auto":
         draft["phase.method"] = "mie"
-    with tempfile.TemporaryDirectory(prefix="bakery-draft-") as folder:
-        plan = prepare(recipe.path, os.path.join(folder, "draft.h5"), stages=("medium",), settings={**settings, **draft},
+    with scratch.folder("draft") as folder:
+        plan = prepare(recipe.path, folder / "draft.h5", stages=("medium",), settings={**settings, **draft},
                        cache=cache)
         with progress.during(f"measuring the medium of {name}"):
             asset = bakery.open(execute(plan, cache=cache).output)

@@ -1,4 +1,7 @@
-"""The asset of a recipe that something else names: baked where it is missing or out of date, with what is asked of it.
+"""The asset of a recipe that something else names: one that is there and good enough, else baked into a place of its own.
+
+Nothing that stands is ever written over: an asset that is as good as what is asked for is used as it is, and what has to be baked
+goes into the cache, under a name that is the hash of all that decides it.
 
 What is asked is a function of (checked recipe, () -> its medium by a draft bake, seconds) that gives what
 `renderers.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`, `read`; seconds is a function of the same that says
@@ -7,17 +10,28 @@ how long a bake of it would take.  Nothing here knows of scenes.
 
 from __future__ import annotations
 
+import atexit
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 from bakery.errors import RecipeError, UsageError
 from bakery.plan import chosen
-from bakery.run import Baked, draft, execute, prepare, target_of
+from bakery.plan import wanted as stages_wanted
+from bakery.plan.suffice import lacking
+from bakery.run import draft, execute, prepare, standing
 from bakery.run.cache import Cache
+from bakery.run.entries import asset_key
 from bakery.run.progress import Progress
 from bakery.stages import sections_for
+from bakery.store import scratch
+from bakery.store.missed import missed
+from bakery.store.tree import Group
+
+_UNTIL_THE_END = ExitStack()  # folders of assets that are kept nowhere
+atexit.register(_UNTIL_THE_END.close)
 
 
 @dataclass(frozen=True)
@@ -29,8 +43,7 @@ class Asked:
     settings : overrides of the recipe: what was set before, and on top of the recipe the knobs that are asked for
     stages : names of the only stages to bake, with those that they need
     added, left : names of stages that the recipe does not ask for, and that it asks for in vain
-    whole : overrides with which the recipe is baked as it stands, with the stages that are added
-    more : whether a knob asks for more than the recipe has
+    own : parts of each stage of the recipe as it stands, with the stages that are added
     needs : why, see `renderers.requirements.Need`
     remarks : what could not be found out
     read : files that it was found out from, besides the recipe's
@@ -40,8 +53,7 @@ class Asked:
     stages: tuple[str, ...]
     added: tuple[str, ...]
     left: tuple[str, ...]
-    whole: Mapping[str, str] = field(default_factory=dict)
-    more: bool = False
+    own: Mapping[str, Mapping] | None = None
     needs: tuple = ()
     remarks: tuple[str, ...] = ()
     read: tuple[Path, ...] = ()
@@ -49,7 +61,7 @@ class Asked:
     @property
     def of_plan(self) -> dict:
         """What `bakery.run.prepare` takes of it, by name."""
-        return {name: getattr(self, name) for name in ("stages", "settings", "needs", "remarks", "read")}
+        return {name: getattr(self, name) for name in ("stages", "settings", "needs", "remarks", "read", "own")}
 
 
 def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Callable, cache: Cache | None = None,
@@ -77,10 +89,8 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
     required = require(values, lambda: draft.medium(values, settings, cache, progress), seconds)
     added, every, whole = overrides(required)
     kept = {stage.name for stage in chosen(_loaded(recipe, added, every, by), required.stages)} if required.stages else set(own)
-    leaves = load(recipe, whole).leaves
-    more = any(knob.demand(knob.value) > knob.demand(leaves.get(knob.key)) for one in required.needs if one.needed
-               for knob in one.knobs)
-    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), whole, more,
+    parts = {one.stage.name: one.parts for one in stages_wanted(load(recipe, whole).unswept())}
+    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), parts,
                  tuple(_as_set(one, settings) for one in required.needs), required.remarks, tuple(required.read))
 
 
@@ -116,42 +126,82 @@ def _said(key: str, settings: Mapping[str, str]) -> bool:
         or key.endswith(".tolerance") and "tolerance" in settings
 
 
-def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
-            progress: Progress | None = None, overwrite: bool = False, by: str = "the scene") -> Baked:
-    """Bakes a recipe unless its asset is up to date, with what is asked of it or, as it stands, with more.
+def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequence[Path] = (), output: Path | None = None,
+            progress: Progress | None = None, by: str = "the scene") -> Path:
+    """The asset of a recipe with what is asked of it.
 
     Parameters
     ----------
     recipe : path of the recipe
-    output : path of the asset, or of a folder with a closing slash
     require : what is asked of it, see the head of this module
+    candidates : paths of assets that are used as they stand where they are good enough; they need not be there
+    output : where the asset goes if nothing is there; into the cache if None
     progress : what is baked, remarks and missed targets are told to it
-    overwrite : replace what stands at `output` also where it is no asset
     by : what messages call those that ask
+
+    Returns
+    -------
+    path : of an asset that is there
 
     Raises
     ------
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
+    from bakery.recipe import load
+
     progress = progress or Progress()
     cache = Cache(say=progress.say)
     wanted = asked(recipe, {}, require, cache, progress, by)
-    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress, overwrite=overwrite, read=wanted.read)
-    if plan.write or wanted.more:
-        plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=overwrite, **wanted.of_plan)
-    for line in told(recipe, wanted) if plan.write else wanted.remarks:
+    values = load(recipe, dict(wanted.settings)).unswept()
+    steps = stages_wanted(values, wanted.stages)
+    key = asset_key(values.name, values.text, {step.stage.name: step.input_hash for step in steps})
+    kept = cache.asset_path(values.name, key)
+    with progress.during(f"looking for an asset of {os.path.basename(recipe)}"):
+        found = _good_enough([*candidates, *([output] if output else [])], wanted, steps, values)
+        if found is None and (root := cache.asset(kept)) is not None:
+            found = kept, root
+    if found:
+        for line in (*wanted.remarks, *_missed(*found)):
+            progress.say(line)
+        return found[0]
+    if output is None or os.path.lexists(output):
+        output = _to_be_written(kept, progress)
+    # a name in the cache is a hash of all that decides the asset: what stands there is damaged, or no asset
+    plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=output.name == kept.name,
+                   **{name: value for name, value in wanted.of_plan.items() if name != "own"})
+    for line in told(recipe, wanted):
         progress.say(line)
     baked = execute(plan, cache=cache, progress=progress)
     for miss in baked.missed:
         progress.say(f"{baked.output}: {miss}")
-    return baked
+    return baked.output
 
 
-def output_of(recipe: str | os.PathLike, output: str | os.PathLike) -> Path:
-    """Where `ensured` writes the asset of a recipe."""
-    from bakery.recipe import load
+def _good_enough(paths: Sequence[Path], wanted: Asked, steps: Sequence, recipe) -> tuple[Path, Group] | None:
+    """The first asset that is as good as what is wanted, or better."""
+    knobs = [knob for need in wanted.needs if need.needed for knob in need.knobs]
+    for path in paths:
+        root = standing.asset_at(path)
+        if root is not None and not lacking(standing.held(root), steps, wanted.own, knobs, recipe):
+            return path, root
+    return None
 
-    return target_of(output, load(recipe).name)
+
+def _missed(path: Path, root: Group) -> list[str]:
+    return [f"{path}: {name}: {line}" for name, line in missed(root).items()]
+
+
+def _to_be_written(kept: Path, progress: Progress) -> Path:
+    """A place in the cache; one that lasts as long as this process where the cache cannot be written."""
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        writable = os.access(kept.parent, os.W_OK | os.X_OK)
+    except OSError:
+        writable = False
+    if writable:
+        return kept
+    progress.say(f"cache: {kept.parent} cannot be written; the asset of the scene is baked for this run alone")
+    return _UNTIL_THE_END.enter_context(scratch.folder("scene")) / kept.name
 
 
 def told(recipe: str | os.PathLike, wanted: Asked, by: str = "the scene") -> Sequence[str]:

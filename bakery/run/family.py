@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -43,7 +42,9 @@ from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.messages import ClusterLost
 from bakery.run.progress import Progress
+from bakery.run.standing import check_recipe
 from bakery.stages.conform import FAMILY
+from bakery.store import scratch
 from bakery.store.files import free_space
 from bakery.store.hashes import HASH, seal
 from bakery.store.missed import missed
@@ -144,8 +145,10 @@ def prepare_family(
 
     cache, progress = cache or Cache(), progress or Progress()
     recipe = load(recipe_path, dict(settings or {}))
-    target = target_of(output, recipe.name)
+    target = target_of(output, recipe.path)
     check_outputs([(target, ASSET)], files_of(recipe), overwrite)
+    if not overwrite:
+        check_recipe(target, recipe)
     if target.suffix == "":
         raise UsageError(f"{target}: the members of a family go into a folder of its name without the ending, and it has none; "
                          f"name it {target}.h5")
@@ -180,6 +183,7 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
         progress.say(f"warning: {warning}")
     if not plan.write:
         touch(plan.output)
+        scratch.sweep()
         return Baked(plan.output, False, (), files_of(plan.recipe), plan.missed, plan.recipe.warnings)
     started = time.monotonic()
     sweep = plan.recipe.sweep
@@ -192,8 +196,8 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
         except OSError as error:
             raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
         progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="bakery-family-"))
-        baking = _Baking(plan, Path(folder), {"cache": cache, "jobs": jobs, "executor": executor}, progress)
+        folder = stack.enter_context(scratch.folder("family"))
+        baking = _Baking(plan, folder, {"cache": cache, "jobs": jobs, "executor": executor}, progress)
         if sweep.refine:
             found = refined(sweep.axes, baking.medium, sweep.tolerance, plan.recipe.measure == "integrated", baking.told)
         else:
@@ -326,7 +330,7 @@ def _root(plan: FamilyPlan, found: Refined, members: Mapping[tuple, Member], bak
     missing = [line for point in members for line in baking.missed.get(point, ())]
     lines = [*_first(failed, "point failed: "), *_first(missing, "member: "), *_first(found.limits, "not refined: ")]
     missed_text = {"missed": text("\n".join(lines), "targets that were missed")} if lines else {}
-    provenance = Group({FAMILY: Group(missed_text)}, origin(recipe))
+    provenance = Group({FAMILY: Group(missed_text)}, origin(recipe, plan.output))
     return seal(Group({
         "recipe": text(recipe.text, "the recipe's text, with every override applied"),
         "wavelength": Dataset(np.array(recipe.wavelength, dtype=float), "um", "wavelengths in vacuum"),

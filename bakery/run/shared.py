@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Protocol
 
 from bakery.errors import StoreError, UsageError
+from bakery.run.entries import has_form
 from bakery.system.disks import is_network
 
 ANSWER = 10.0  # s that a store may take to answer
@@ -107,7 +108,7 @@ class Shared:
         error = (answer := self._asked(self._place.names)).exception()
         if error is not None:
             raise StoreError(f"{self.address}: {_reason(error)}") from error
-        return answer.result()
+        return [(name, size) for name, size in answer.result() if has_form(name)]
 
     def _size(self, name: str) -> int | None:
         return self._value(self._asked(lambda: self._place.size(name))) if self._open else None

@@ -79,7 +79,7 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
         presets["final"] = {key: text_of(leaves[key]) for key in overrides(quality) if key in leaves}
     checked = load(recipe, base).unswept()
     chosen = _with_knobs(checked, stages)
-    folder = folder_for(Path(output) if output else Path(f"{checked.name}.trade"))
+    folder = folder_for(Path(output) if output else Path(f"{checked.path.stem}.trade"))
     names = ("trade.json", "trade.csv", *(f"{stage.name}.png" for stage in chosen))
     check_outputs(by_suffix(folder / name for name in names), files_of(checked), overwrite)
     for part in ("runs", "reference"):

@@ -25,7 +25,6 @@ RECIPES = {"particles": "Recipes: suspended particles", "medium": "Recipes: medi
 LEAD = ("Everything that ships with bakery. Recipes are shown as blocks of their medium under two lights, packed grains with "
         "exemplars on the left, or in a scene.")
 COMMENT = re.compile(r"(?:^# (?!yaml-language-server).*\n)+", re.MULTILINE)
-ASSET = re.compile(r"^asset: \.\./\.\./build/(\w+)\.h5$", re.MULTILINE)  # of a scene: to be baked first
 MATERIAL = re.compile(r"(?:recipes|build)/(\w+)\.(?:yaml|h5)")
 
 
@@ -43,9 +42,7 @@ def shipped(folder: str, headings, build: Path, command: str, shown=None) -> dic
         if not picture and (scene := (shown or {}).get(name)):
             picture, words = _picture(scene, build), f"{words}, in the scene {scene}"
         section = next(one for one in headings if one in tree)
-        baked = "bake recipes/{0}.yaml -o build/{0}.h5 && "
-        made = baked.format(asset[1]) + command if (asset := ASSET.search(source.text)) else command
-        found[headings[section]].append(Entry(name, words, str(place), made.format(place=place, name=name), picture))
+        found[headings[section]].append(Entry(name, words, str(place), command.format(place=place, name=name), picture))
     return found
 
 

@@ -13,6 +13,7 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
+from renderers import scene as scenes
 from renderers.fog import kernels, picture
 from tests.exr import layers, library
 
@@ -240,13 +241,17 @@ def test_a_mitsuba_scene_without_light_or_integrator(call, place):
 
 
 def test_a_recipe_in_place_of_the_asset(call, assets, place, monkeypatch):
-    """Baked beside the scene under its own name, of stages that are kept; the picture is that of the asset."""
+    """Baked into the cache, of stages that are kept there, and nothing beside the scene; the picture is that of the asset."""
     monkeypatch.setenv("BAKERY_CACHE", str(assets / "cache"))
     (place / "fog.yaml").write_text((assets / "fog.yaml").read_text().replace("name: fog", "name: own"))
     (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "recipe: fog.yaml"))
-    assert call("render", place / "s.yaml", "-o", place / "own.png")[0] == 0
+    (place / "fog.h5").unlink()
+    before = set(place.iterdir())
+    status, out, err = call("render", place / "s.yaml", "-o", place / "own.png", "--json")
+    assert status == 0 and set(place.iterdir()) - before == {place / "own.png", place / "own.exr"}, err
+    (place / "given.h5").write_bytes(Path(json.loads(out)["asset"]).read_bytes())
     own = rgb(place / "own.exr")
-    (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "asset: own.h5"))
+    (place / "s.yaml").write_text(SCENE.replace("asset: fog.h5", "asset: given.h5"))
     assert call("render", place / "s.yaml", "-o", place / "given.png")[0] == 0
     assert np.array_equal(own, rgb(place / "given.exr"))
 
@@ -312,13 +317,39 @@ def test_the_tone_curve_can_be_left_out(call, place):
 
 
 def shipped(name, folder):
-    """A copy of a scene of assets/scenes whose film is a few pixels wide."""
+    """A copy of a scene of assets/scenes whose film is a few pixels wide, and which takes an asset in place of its recipe."""
     for suffix in (".yaml", ".xml"):
-        text = (SCENES / f"{name}{suffix}").read_text()
+        text = re.sub("^recipe: .*$", "asset: given.h5", (SCENES / f"{name}{suffix}").read_text(), flags=re.MULTILINE)
         for edge, size in (("width", 40), ("height", 24)):
             text, _ = re.subn(f'name="{edge}" value="[0-9]+"', f'name="{edge}" value="{size}"', text)
         (folder / f"{name}{suffix}").write_text(text)
     return folder / f"{name}.yaml"
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_scene_renders_in_a_fresh_clone(path):
+    """Each body's recipe is named and ships, and so does every other file; no scene reads what somebody has to bake first."""
+    loaded = scenes.load(path)
+    bodies = [body if body.asset or body.recipe else loaded.values for body in loaded.bodies]
+    assert all(body.recipe and not body.asset for body in bodies)
+    own = [loaded.file(body.recipe).resolve() for body in bodies] + [one.resolve() for one in loaded.inputs]
+    assert all(one.is_file() and (one.is_relative_to(SCENES) or one.is_relative_to(ROOT / "recipes")) for one in own)
+
+
+@pytest.mark.slow
+def test_the_readmes_scene_in_small(call, tmp_path, monkeypatch):
+    """The file as it ships, with fewer samples: its recipe is baked into the cache, and nothing is written but the pictures."""
+    monkeypatch.chdir(ROOT)
+    assert "bake render assets/scenes/night_street.yaml" in (ROOT / "README.md").read_text()
+    before = {path for folder in (SCENES, ROOT / "recipes") for path in folder.rglob("*")}
+    text = (SCENES / "night_street.xml").read_text()
+    small = re.sub(r'name="(width|height)" value="[0-9]+"', r'name="\1" value="24"', text)
+    (tmp_path / "small.xml").write_text(small)
+    assert all(f'name="{edge}" value="24"' in small for edge in ("width", "height"))
+    status, out, err = call("render", "assets/scenes/night_street.yaml", "-o", tmp_path / "street.png", "--json",
+                            "--set", f"picture.mitsuba={tmp_path / 'small.xml'}", "--set", "picture.samples=4")
+    assert status == 0 and json.loads(out)["size"] == [24, 24] and min(json.loads(out)["mean"]) > 0, err
+    assert {path for folder in (SCENES, ROOT / "recipes") for path in folder.rglob("*")} == before
 
 
 def test_square_emitter(call, tmp_path):

@@ -9,6 +9,8 @@ import pytest
 import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from renderers import assets
+from renderers.scene import load
 from tests import adversarial, exr
 
 RECIPE = """\
@@ -185,9 +187,9 @@ def test_an_asset_that_a_scene_left_without_tables(call, place):
     assert status == 2 and f"bake RECIPE --scene SCENE -o {place / 'wax.h5'}" in err
 
 
-@pytest.mark.parametrize("entry, said", [("recipe: b/wax.yaml", "recipe"), ("asset: wax.h5", "asset")])
-def test_bodies_of_two_recipes_never_share_an_asset(call, place, entry, said):
-    """Both are called wax: the second would be baked over the first."""
+@pytest.mark.parametrize("first, second", [("recipe: wax.yaml", "recipe: b/wax.yaml"), ("recipe: b/wax.yaml", "asset: wax.h5")])
+def test_bodies_of_two_recipes_never_share_an_asset(call, place, first, second):
+    """Both are called wax: each body has the medium of its own recipe, and the asset that stands stays."""
     (place / "b").mkdir()
     (place / "b" / "wax.yaml").write_text(RECIPE.format(name="wax", path="100 mm"))
     assert call(place / "wax.yaml", "-o", place / "wax.h5")[0] == 0
@@ -195,11 +197,11 @@ def test_bodies_of_two_recipes_never_share_an_asset(call, place, entry, said):
     ball = XML[XML.index("<shape"):XML.index("LIGHT")]
     two = (place / "lit.xml").read_text().replace("</scene>", ball.replace("ball", "other", 1) + "</scene>")
     (place / "lit.xml").write_text(two)
-    first = "recipe: b/wax.yaml" if said == "asset" else "recipe: wax.yaml"
     (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml\n", "").replace(
-        "[{shape: ball}]", f"[{{shape: ball, {first}}}, {{shape: other, {entry}}}]"))
-    status, _, err = call("render", place / "s.yaml")
-    assert status == 2 and f"s.yaml:6: translucent.bodies[1].{said}: " in err and "another name in the recipe" in err, err
+        "bodies: [{shape: ball}]", f"method: paths, bodies: [{{shape: ball, {first}}}, {{shape: other, {second}}}]"))
+    scene = assets.baked(load(place / "s.yaml"))
+    paths = [0.1 if "b/" in one else 5e-4 for one in (first, second)]
+    assert [1 / float(bakery.open(asset).medium.sigma_t[0]) for asset in scene.assets] == pytest.approx(paths)
     assert (place / "wax.h5").read_bytes() == before
 
 
@@ -291,7 +293,9 @@ def test_a_changed_scene_bakes_what_it_must(call, place):
     status, out, _ = call("plan", *words)
     assert status == 0 and "multiple_scattering.tolerance: 0.1 -> 0.0" in out and "reuse  medium" in out
     (place / "s.yaml").write_text(SCENE.replace("bodies:", "method: paths, bodies:"))
-    assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium"}
+    assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium", "multiple"}, "tables are nothing to throw away"
+    assert call(*words, "--force")[0] == 2 and set(bakery.open(asset).stages) == {"medium", "multiple"}
+    assert call(*words, "--force", "--overwrite")[0] == 0 and set(bakery.open(asset).stages) == {"medium"}
 
 
 HARD = {"discrete": "one bright particle", "granular": "thin layer of grains"}
