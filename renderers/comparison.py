@@ -238,8 +238,9 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
 
 
 def _noise(job, report) -> float:
-    """The one that stops the passes, 0 where it is not known."""
-    return report.get("pixel_noise" if job.scene.values.measure == "pixels" else "noise") or 0.0
+    """The one that stops the passes, 0 where it is not known: of pixels, or of the means of regions that share it."""
+    pixels = "pixel_noise" if job.scene.values.measure == "pixels" else "noise"
+    return max(report.get(key) or 0.0 for key in (pixels, "noise_region", "noise_mean"))
 
 
 def _taken(job, kept):

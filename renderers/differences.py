@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import UsageError
-from renderers import colour, images, progressive
+from renderers import colour, images, progressive, signed
 from renderers.mitsuba import bitmaps
 
 FLIP = "flip-evaluator"  # distribution
@@ -69,17 +69,19 @@ class Difference(NamedTuple):
 
 
 def read(path, name) -> Picture:
-    """A picture from an EXR file: R, G and B, and the noise where a renderer of scenes wrote it.
+    """A picture from an EXR file: R, G and B, or the estimate that they are without what is below 0, and the noise where a
+    renderer of scenes wrote it.
 
     Raises UsageError where the file is no picture, or holds no colours.
     """
     channels, text = bitmaps.read(path)
     if not {"R", "G", "B"} <= channels.keys():
         raise UsageError(f"{path}: holds no channels R, G and B, only {', '.join(channels)}; another picture would do")
-    rgb = np.stack([channels[c] for c in "RGB"], axis=-1).astype(float)
+    estimate = signed.estimate_of(channels)  # means over many pixels and pictures: what noise takes away belongs to them
+    rgb = np.stack([channels[f"{estimate}{c}"] for c in "RGB"], axis=-1).astype(float)
     if not np.isfinite(rgb).all():
         raise UsageError(f"{path}: holds values that are no numbers; another picture would do")
-    noise, error = channels.get("noise.Y"), progressive.error_of_mean(text)
+    noise, error = channels.get(f"{estimate}noise.Y"), progressive.error_of_mean(text)
     return Picture(name, rgb, None if noise is None else noise.astype(float) ** 2, None if error is None else float(error[3]))
 
 

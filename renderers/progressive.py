@@ -26,13 +26,15 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Interrupted, UsageError
-from renderers import colour, reached
+from renderers import colour, reached, signed
 from renderers.budget import percent
+from renderers.means import LEAST, Mean, student
 from renderers.mitsuba import bitmaps
-from renderers.running import rgb_layers
+from renderers.running import SHARED, rgb_layers
 
-# passes before which the scatter of a part says nothing, and before which it is not relied upon
-_LEAST, _TRUSTED = 2, 4
+# Passes before which the scatter of a part is not relied upon: noise that pixels share has one number a pass for all of them,
+# and of few the smallest would stop the picture
+_TRUSTED, _TRUSTED_SHARED = 4, 8
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
@@ -46,7 +48,7 @@ class Stop:
 
     Attributes
     ----------
-    noise : root mean square standard error of the luminance over its mean
+    noise : root mean square standard error of the luminance over its mean; the means of regions keep it too
     time : s, after which no pass ends that was begun before, but for the first two of each part
     samples : a pixel, in each part
     pixels : the noise is that of pixels, `Estimate.pixel_noise`
@@ -83,52 +85,6 @@ class Part(NamedTuple):
     name: str
     render: Callable[[int], dict[str, np.ndarray]]
     samples: int = 1
-
-
-class Mean:
-    """Means of layers over passes, and the scatter of the passes' sums (Welford 1962), in double precision.
-
-    Attributes
-    ----------
-    count : passes
-    layers : (H, W, 3) by name, means; but for the layer "" in single precision, as the EXR has them
-    square : (H, W, 4), squared distances of the passes from their mean, added up, of R, G, B and luminance of the layer ""
-    spread : (4,), the same of the mean over all pixels: noise that pixels of a pass share is in it
-    lost : values that were no number, from a weight that overflowed, and count as dark
-    seconds : of the quickest pass seen, as the first one compiles; inf before it
-    """
-
-    def __init__(self):
-        self.count, self.layers, self.square, self.spread, self.lost, self.seconds = 0, {}, 0.0, np.zeros(4), 0, math.inf
-
-    def add(self, layers, seconds=math.inf):
-        """One more pass; a layer that it lacks is black in it."""
-        self.count += 1
-        self.seconds = min(self.seconds, seconds)
-        for name in dict.fromkeys([*self.layers, *layers]):
-            image, mean = np.array(layers.get(name, 0.0), float), self.layers.get(name, 0.0)
-            wrong = ~np.isfinite(image)
-            image[wrong] = 0.0
-            self.lost += int(wrong.sum())
-            self.layers[name] = (mean + (image - mean) / self.count).astype(float if name == "" else np.float32)
-            if name == "":
-                before, after = _with_luminance(image - mean), _with_luminance(image - self.layers[""])
-                self.square = self.square + before * after
-                self.spread = self.spread + before.mean((0, 1)) * after.mean((0, 1))
-
-    @property
-    def variance(self):
-        """(H, W, 4), of the mean of the layer "" and its luminance; None before the second pass."""
-        return self.square / (self.count * (self.count - 1)) if self.count >= _LEAST else None
-
-    @property
-    def expected(self):
-        """Seconds of another pass, 0 where none was seen."""
-        return self.seconds if math.isfinite(self.seconds) else 0.0
-
-    def gain(self):
-        """Variance of the picture that another pass takes away, a second."""
-        return np.mean(self.variance[..., 3]) / (self.count + 1) / max(self.seconds, 1e-9)
 
 
 class Estimate:
@@ -184,6 +140,32 @@ class Estimate:
         return float(np.percentile(np.sqrt(variance[..., 3]) / np.maximum(level, max(np.mean(level), 1e-30)), 99))
 
     @property
+    def noise_mean(self):
+        """Standard error of the mean luminance over it, by the scatter of the passes' means; None as above.
+
+        Noise that pixels share is in it, which few passes tell badly: times `renderers.means.student`.
+        """
+        return self._of_few({name: mean.spread[3] for name, mean in self.means.items()})
+
+    @property
+    def noise_region(self):
+        """The same of the mean luminance of regions, the tiles of `renderers.means.tiled`; their root mean square."""
+        return self._of_few({name: np.mean(mean.regions) for name, mean in self.means.items()})
+
+    def _of_few(self, squares):
+        """Of squared distances of passes by part, `Mean.spread` or the like: standard error over the picture's mean luminance."""
+        counts = [mean.count for mean in self.means.values()]
+        if min(counts) < LEAST:
+            return None
+        variances = [square / (count * (count - 1)) for square, count in zip(squares.values(), counts)]
+        return float(math.sqrt(sum(variances)) * student(variances, counts) / max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30))
+
+    def _noise_to_reach(self, stop):
+        """What has to be as low as the noise that is asked for: that of pixels, and of the means of regions that share it."""
+        noise = self.pixel_noise if stop.pixels else self.noise
+        return None if noise is None else max(noise, self.noise_region, self.noise_mean)
+
+    @property
     def samples(self):
         """A pixel, in the part that has fewest."""
         return min(part.samples * self.means[part.name].count for part in self.parts)
@@ -205,12 +187,12 @@ class Estimate:
         with _interruptions() as arrived:
             while True:
                 spent = time.monotonic() - begin
-                part, noise = self._next(stop), self.pixel_noise if stop.pixels else self.noise
+                part, noise = self._next(stop), self._noise_to_reach(stop)
                 self.stopped_by = "interruption" if arrived else self._over(stop, part, noise, spent)
                 if progress:
                     progress(1.0 if self.stopped_by else self._fraction(stop, noise, spent), noise)
                 if self.stopped_by:
-                    self._unreached = reached.unreached(self.stopped_by, stop.noise, noise, stop.pixels)
+                    self._unreached = self._what_missed(stop)
                     break
                 start, mean = time.monotonic(), self.means[part.name]
                 mean.add(part.render(mean.count), time.monotonic() - start)
@@ -220,8 +202,8 @@ class Estimate:
         """The part whose pass is next; None where all have their samples."""
         means = [self.means[part.name] for part in self.parts]
         left = [(mean, part) for mean, part in zip(means, self.parts)
-                if mean.count < _LEAST or stop.samples is None or mean.count * part.samples < stop.samples]
-        unknown = [(mean, part) for mean, part in left if mean.count < _LEAST or math.isinf(mean.seconds)]
+                if mean.count < LEAST or stop.samples is None or mean.count * part.samples < stop.samples]
+        unknown = [(mean, part) for mean, part in left if mean.count < LEAST or math.isinf(mean.seconds)]
         if unknown or not left:
             return min(unknown, key=lambda one: one[0].count, default=(None, None))[1]
         spent = sum(mean.count * mean.expected for mean in means)
@@ -233,12 +215,19 @@ class Estimate:
         passes = min(mean.count for mean in self.means.values())
         if part is None:
             return "samples"
-        trusted = _TRUSTED if np.any(self.rgb) else _DARK
+        shared = noise is not None and self.noise_region > SHARED * self.noise
+        trusted = _DARK if not np.any(self.rgb) else _TRUSTED_SHARED if shared else _TRUSTED
         if passes >= trusted and stop.noise is not None and noise <= stop.noise:
             return "noise"
-        if passes >= _LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
+        if passes >= LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
             return "time"
         return None
+
+    def _what_missed(self, stop):
+        """Sentences of `renderers.reached.unreached`."""
+        noise = self.pixel_noise if stop.pixels else self.noise
+        regions = 0.0 if noise is None else max(self.noise_region, self.noise_mean)
+        return reached.unreached(self.stopped_by, stop.noise, noise, stop.pixels, regions)
 
     def _fraction(self, stop, noise, spent):
         shares = [0.0]
@@ -273,10 +262,11 @@ class Estimate:
 
         Returns
         -------
-        report : of `Render.finish`, with `pixel_noise`, `passes` by part, `stopped_by`, and `mean_error`, standard error of
-            `mean`, None where a part has one pass; `parts` by name: `samples` (of a pass), `passes`, `noise` (its share of the
-            picture's, in squares), `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one,
-            1/sqrt(N) where N have the same)
+        report : of `Render.finish`, with `noise_mean`, `noise_region`, `pixel_noise`, `passes` by part, `stopped_by`,
+            `mean_error`, standard error of `mean` by the scatter of passes, None where a part has one pass, and `below_zero`, the
+            figures of `renderers.signed.Clipped` or None (`mean` is that of the estimate); `parts` by name: `samples` (of a
+            pass), `passes`, `noise` (its share of the picture's, in squares), `seconds` (of the quickest pass) and
+            `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have the same)
 
         Raises
         ------
@@ -284,14 +274,18 @@ class Estimate:
         """
         if not all(mean.count for mean in self.means.values()):
             raise self._interrupted("before there was a picture; nothing was written")
-        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost, "spread": mean.spread.tolist()}
-                for name, mean in self.means.items()}
+        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost, "spread": mean.spread.tolist(),
+                       "regions": np.array(mean.regions, float).tolist()} for name, mean in self.means.items()}
         error = _error_of_mean(kept)
         lost = sum(mean.lost for mean in self.means.values())
+        channels = self.layers() | (layers or {})
+        picture = signed.clipped(self.rgb, {name: image for name, image in channels.items() if name.startswith("noise.")})
         reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
-        report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
+        reasons += picture.reasons
+        report = job.finish(picture.rgb, layers=channels | picture.layers,
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
-                            noise=self.noise, pixel_noise=self.pixel_noise,
+                            noise=self.noise, noise_mean=self.noise_mean, noise_region=self.noise_region,
+                            pixel_noise=self.pixel_noise, mean=self.rgb.mean(axis=(0, 1)).tolist(), below_zero=picture.figures,
                             passes={name: mean.count for name, mean in self.means.items()},
                             parts={part.name: self._part(part, self.means[part.name]) for part in self.parts},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
@@ -306,7 +300,8 @@ class Estimate:
         """What a part adds to noise and time, for the report."""
         level, variance = max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30), mean.variance
         spots = np.zeros((1, 1)) if variance is None else variance[..., 3]
-        return {"samples": part.samples, "passes": mean.count, "seconds": mean.expected, "noise": float(np.sqrt(np.mean(spots)) / level),
+        return {"samples": part.samples, "passes": mean.count, "seconds": mean.expected,
+                "noise": float(np.sqrt(np.mean(spots)) / level),
                 "concentration": float(np.linalg.norm(spots) / max(np.sum(spots), 1e-300))}
 
     def _interrupted(self, what):
@@ -337,10 +332,12 @@ class Estimate:
         other = sorted(key for key in stored.keys() | own.keys() if stored.get(key) != own.get(key))
         for name, mean in self.means.items() if not other else ():
             prefix, part = self._prefix(name), state["parts"][name]
+            whole = prefix or signed.estimate_of(channels)
             mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), np.array(part["spread"], float)
-            mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in part["layers"]}
-            if mean.count >= _LEAST:
-                mean.square = _image(channels, f"{prefix}noise.", "RGBY").astype(float) ** 2 * (mean.count * (mean.count - 1))
+            mean.regions = np.array(part["regions"], float)
+            mean.layers = {layer: _image(channels, _joined(prefix, layer) or whole) for layer in part["layers"]}
+            if mean.count >= LEAST:
+                mean.square = _image(channels, f"{whole}noise.", "RGBY").astype(float) ** 2 * (mean.count * (mean.count - 1))
         return other
 
 
@@ -357,13 +354,8 @@ def error_of_mean(text) -> np.ndarray | None:
 
 def _error_of_mean(parts):
     variances = [np.array(part["spread"], float) / (part["passes"] * (part["passes"] - 1)) for part in parts.values()
-                 if part["passes"] >= _LEAST]
+                 if part["passes"] >= LEAST]
     return np.sqrt(sum(variances)) if len(variances) == len(parts) else None
-
-
-def _with_luminance(rgb):
-    """(H, W, 4) from (H, W, 3)."""
-    return np.dstack([rgb, rgb @ colour.LUMINANCE])
 
 
 def fingerprint(*what) -> str:

@@ -54,13 +54,22 @@ def asked(values) -> bool:
     return values.stop.noise is not None or values.tolerance is not None
 
 
-def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels: bool = False) -> tuple[str, ...]:
-    """A sentence where `time` or `samples` ended the passes before a noise was reached; noise: None where it is not known."""
-    if stopped_by not in ("time", "samples") or wanted is None or noise is not None and noise <= wanted:
+def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels: bool = False,
+              regions: float = 0.0) -> tuple[str, ...]:
+    """A sentence where `time` or `samples` ended the passes before a noise was reached.
+
+    Parameters
+    ----------
+    stopped_by, wanted : of `renderers.progressive`: what ended the passes, and the noise that should have
+    noise : that of the picture, or with `pixels` of 99 of 100 pixels; None where it is not known
+    regions : noise of the means of regions, which has to be as low
+    """
+    if stopped_by not in ("time", "samples") or wanted is None or noise is not None and max(noise, regions) <= wanted:
         return ()
     of = "of 99 of 100 pixels " if pixels else ""
     became = "after so few it is not known" if noise is None else f"it is {percent(noise)}"
-    return f"{stopped_by} ended the passes: a noise {of}of {percent(wanted)} was wanted, {became}",
+    shared = "" if noise is None or regions <= noise else f", {percent(regions)} of the means of regions"
+    return f"{stopped_by} ended the passes: a noise {of}of {percent(wanted)} was wanted, {became}{shared}",
 
 
 def verdict(values, quality: str | None, sentences: Sequence[str], bias: float | None) -> Verdict:

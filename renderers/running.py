@@ -13,6 +13,8 @@ from renderers.budget import percent
 from renderers.mitsuba import bitmaps
 from renderers.progress import share
 
+SHARED = 0.5  # of the noise of pixels: where the means of regions have more than that, pixels share most of it
+
 
 class Render:
     """A scene that is being rendered.
@@ -115,9 +117,18 @@ def describe(report, more=None) -> list[str]:
 def _made(report):
     said = [f"method: {report['method']}"]
     said += [f"{report['samples']} samples a pixel"] if report["samples"] is not None else []
-    said += [f"noise {percent(report['noise'])}{_of_pixels(report)}"] if report["noise"] is not None else []
+    said += [f"noise {percent(report['noise'])}{_of_pixels(report)}{_of_means(report)}"] if report["noise"] is not None else []
     said += [f"bias {percent(report['bias'])}"] if report["bias"] is not None else []
     return ["; ".join(said), *report["reasons"]]
+
+
+def _of_means(report):
+    """The noise of the picture's mean, and that of regions where pixels share much of theirs."""
+    if report.get("noise_mean") is None:
+        return ""
+    shared = report["noise_region"] > SHARED * report["noise"]
+    regions = f", of the means of regions {percent(report['noise_region'])} as pixels share it" if shared else ""
+    return f"{regions}, of the picture's mean {percent(report['noise_mean'])}"
 
 
 def _of_pixels(report):

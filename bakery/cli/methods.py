@@ -78,8 +78,8 @@ def summary(made, found, base, file=None) -> dict:
         difference = None if seen.difference is None else {
             key: value for key, value in seen.difference._asdict().items() if key != "map"}
         methods.append({"overrides": {key: value for key, value in one.job.scene.overrides.items() if key not in common}}
-                       | {key: report.get(key) for key in ("method", "files", "samples", "noise", "mean", "mean_error", "seconds",
-                                                         "passes", "stopped_by", "reasons")}
+                       | {key: report.get(key) for key in ("method", "files", "samples", "noise", "noise_mean", "mean",
+                                                         "mean_error", "seconds", "passes", "stopped_by", "reasons")}
                        | {"name": one.job.name, "scene": str(one.job.scene.path), "seed": one.job.seed,
                           "stated_bias": report["bias"], "processor": one.processor,
                           "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "anew": one.anew,

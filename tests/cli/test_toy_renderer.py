@@ -103,9 +103,9 @@ def test_a_picture_that_misses_its_noise_is_status_3(call, place, milk, monkeypa
         status, out, err = call("render", place / "haze.yaml", "--set", f"stop={stop}", "--json", "--quiet", *words)
         return status, json.loads(out), err
 
-    # passes of 1 and 2 in turns: after N of them the noise is 1/3/sqrt(N - 1)
+    # passes of 1 and 2 in turns, alike in all pixels: after N of them the noise is 1/3/sqrt(N - 1), of regions times Student's t
     status, report, err = rendered("{samples: 8, noise: 12%}")
-    sentence = "samples ended the passes: a noise of 12 % was wanted, it is 13 %"
+    sentence = "samples ended the passes: a noise of 12 % was wanted, it is 13 %, 14 % of the means of regions"
     assert (status, report["missed"], report["reasons"], err) == (3, [sentence], [], f"{place / 'haze.png'}: {sentence}\n")
     assert (place / "haze.png").is_file() and (place / "haze.exr").is_file()
     status, report, err = rendered("{samples: 8}", "--set", "tolerance=10%", "--resume")

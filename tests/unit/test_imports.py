@@ -49,9 +49,11 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"},
           "running": {"assets", "budget", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"budget", "colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
+          "means": {"colour"}, "signed": {"budget", "colour", "running"},
+          "progressive": {"budget", "colour", "means", "mitsuba", "running", "signed"},
+          "passes": {"budget", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
-          "differences": {"colour", "images", "mitsuba", "progressive"},
+          "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
           "comparison": {"assets", "images", "pace", "progressive", "scene"}}
 
 
