@@ -24,12 +24,14 @@ class Method(NamedTuple):
     parts : of the picture
     reasons : sentences
     after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer
+    approximations : error of the method as it was measured in this scene; None: what the renderer states
     """
 
     name: str
     parts: tuple[Part, ...]
     reasons: list[str]
     after: Callable[[Estimate], dict]
+    approximations: float | None = None
 
 
 def render(prepare, path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
@@ -50,7 +52,8 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
                                        "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
-    stop = Stop.of(budget.of(scene), scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
+    split = budget.of(scene, approximations=method.approximations)
+    stop = Stop.of(split, scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=method.name, reasons=method.reasons, **method.after(estimate))
+    return estimate.finish(job, method=method.name, reasons=[*method.reasons, *split.lacking], **method.after(estimate))
