@@ -43,23 +43,36 @@ class Split(NamedTuple):
     share: float = HALF
     why: str = ""
 
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """What is to be said where the method's own error leaves no room, so that no noise keeps the tolerance."""
+        if self.approximations < self.tolerance:
+            return ()
+        together = math.hypot(self.approximations, self.tables, self.noise)
+        return (f"the method's own error of {percent(self.approximations)} leaves the tolerance of {percent(self.tolerance)} out "
+                f"of reach, {as_much(self.approximations / self.tolerance)}; with noise and tables the picture is within "
+                f"{percent(together)}",)
 
-def of(scene, share: float | None = None) -> Split:
+
+def of(scene, share: float | None = None, approximations: float | None = None) -> Split:
     """The split of a scene where tables have a share of what approximations leave; all that a noise leaves which it gives.
 
     Parameters
     ----------
     scene : `renderers.scene.Scene`
     share : 1, of squares; that which its assets were baked for if None.  Without meaning where the scene gives the noise
+    approximations : error of the method where it was measured; what the renderer states if None
 
     Notes
     -----
-    Where the method's own error is above the tolerance, the rest is shared out as if there were none.
+    Where the method's own error is above the tolerance no split keeps it, and `lacking` says so: then noise and tables have the
+    tolerance between them, as less of them would not help.
     """
     values, share = scene.values, scene.share if share is None else share
     tolerance, noise = values.tolerance or DEFAULT, values.stop.noise
     stated = getattr(scene.rules, "approximations", None)
-    approximations = stated(values, tolerance) if stated else 0.0
+    if approximations is None:
+        approximations = stated(values, tolerance) if stated else 0.0
     left = tolerance**2 - approximations**2
     left = left if left > 0 else tolerance**2
     if noise is None:

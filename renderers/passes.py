@@ -25,12 +25,14 @@ class Method(NamedTuple):
     parts : of the picture
     reasons : sentences
     after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer
+    approximations : error of the method as it was measured in this scene; None: what the renderer states
     """
 
     name: str
     parts: tuple[Part, ...]
     reasons: list[str]
     after: Callable[[Estimate], dict]
+    approximations: float | None = None
 
 
 def render(prepare, path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
@@ -51,8 +53,9 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
                                        "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
-    stop = Stop.of(budget.of(scene), scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
-    reasons = method.reasons
+    split = budget.of(scene, approximations=method.approximations)
+    stop = Stop.of(split, scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
+    reasons = [*method.reasons, *split.lacking]
     if world.dark:
         # no pass will find anything by chance; the picture has its layers all the same
         stop, reasons = Stop(samples=1), [DARK]

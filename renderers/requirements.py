@@ -229,11 +229,14 @@ def _shared_out(about, rules, seconds) -> Required:
 def _out_of_reach(about):
     """What noise and approximations alone leave no room for."""
     scene, split = about.scene, about.split
-    for said, error in (("noise (stop.noise)", scene.values.stop.noise), ("the method's own error", split.approximations)):
-        if error is not None and error > split.tolerance:
-            yield f"{scene.path}: {said} of {100 * error:.3g} % leaves the tolerance of {100 * split.tolerance:.3g} % out of " \
-                  f"reach, {budget.as_much(error / split.tolerance)}"
-            return
+    noise = scene.values.stop.noise
+    if noise is not None and noise > split.tolerance:
+        yield f"{scene.path}: noise (stop.noise) of {100 * noise:.3g} % leaves the tolerance of {100 * split.tolerance:.3g} % " \
+              f"out of reach, {budget.as_much(noise / split.tolerance)}"
+        return
+    if split.lacking:
+        yield from (f"{scene.path}: {said}" for said in split.lacking)
+        return
     if (all_of_it := math.hypot(split.approximations, split.tables, split.noise)) > 1.001 * split.tolerance:
         yield f"{scene.path}: noise (stop.noise) of {100 * split.noise:.3g} % leaves too little of the tolerance of " \
               f"{100 * split.tolerance:.3g} % to tables: with theirs the picture is within {100 * all_of_it:.3g} %"

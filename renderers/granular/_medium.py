@@ -18,7 +18,7 @@ from bakery.kernels import (
     mesh_boundary,
 )
 from renderers.granular._grains import NOWHERE
-from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, TRACE, chance_at, crosses
+from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, PASSES, TRACE, TURNS, chance_at, crosses
 from renderers.granular._varied import collision, grain_at, thinned
 from renderers.scattering import flight, flown, mean_phase, scattered
 from renderers.wavefront import ORDERS, roulette, to_rgb, uniform
@@ -35,6 +35,8 @@ class Medium(NamedTuple):
     v, steps (A,), (A - 1,), phase, cdf (C L, A) : as `bakery.kernels.phase_layout` has them
     chance : (X, Y, Z) float32, with which a scattering in each voxel samples a light
     often : with which a point samples one where light diffuses
+    turned : (C L,) share of the light that meets a grain which the medium scatters or absorbs; the rest, in the forward peak that
+        it is without, goes on as it came.  Empty: all of it
     """
 
     aggregate: Aggregate
@@ -47,6 +49,7 @@ class Medium(NamedTuple):
     cdf: np.ndarray
     chance: np.ndarray
     often: float = 1.0
+    turned: np.ndarray = np.zeros(0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -289,19 +292,42 @@ def open_share(medium, varied, states, point, lit, distance, share, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def arrive(medium, varied, origin, states, met, place, far, order, bounces, single, kind, samples, begin, end):
-    """Makes scatterings of what paths have met at their origins: by which component, kind (n,); samples (n,) becomes whether they
-    sample a light there."""
-    medium, varied = lent(medium), lent(varied)
-    p, sigma = np.empty(3), np.empty(varied.hits.shape)
+def _passes(medium, kind, weight, states, i):
+    """Whether light that has met a grain goes on as it came; weights change by their own share over the mean of all."""
+    first, total, turned = kind * weight.shape[1], 0.0, 0.0
+    for w in range(weight.shape[1]):
+        total += weight[i, w]
+        turned += weight[i, w] * medium.turned[first + w]
+    passes = uniform(states, i) * total >= turned
+    for w in range(weight.shape[1]):
+        if passes:
+            weight[i, w] *= (1.0 - medium.turned[first + w]) * total / (total - turned)
+        else:
+            weight[i, w] *= medium.turned[first + w] * total / turned
+    return passes
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def arrive(medium, met_by, origin, weight, states, met, place, far, order, bounces, single, kind, status, begin, end):
+    """Makes scatterings of the grains that paths have met at their origins.
+
+    met_by : `bakery.kernels.Varied` of all light that grains meet, with what the medium lets pass
+    kind : (n,) becomes the component;  status : (n,) becomes LIGHT, TURNS, or PASSES where the light is in the forward peak
+    """
+    medium, met_by = lent(medium), lent(met_by)
+    p, sigma = np.empty(3), np.empty(met_by.hits.shape)
     for i in range(begin, end):
         for k in range(3):
             p[k] = origin[i, k] / medium.unit
-        order[i] += 1
         bounces[i] += 1
-        met[i, 0], place[i], far[i], single[i] = NOWHERE, -1, np.nan, False
-        kind[i] = grain_at(varied, p, states, i, sigma) if len(sigma) > 1 else 0
-        samples[i] = uniform(states, i) < chance_at(medium.aggregate, medium.chance, p)
+        met[i, 0], place[i], far[i] = NOWHERE, -1, np.nan
+        kind[i] = grain_at(met_by, p, states, i, sigma) if len(sigma) > 1 else 0
+        if medium.turned.size > 0 and _passes(medium, kind[i], weight, states, i):
+            status[i], single[i] = PASSES, True  # light samples end at grains
+        else:
+            order[i] += 1
+            single[i] = False
+            status[i] = LIGHT if uniform(states, i) < chance_at(medium.aggregate, medium.chance, p) else TURNS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -12,8 +12,8 @@ from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.wavefront import roulette, to_rgb, uniform
 
 # What a path needs next: a surface of the scene or the light beyond, the distance to that, a light sample, nothing; that other
-# paths have come as far, a medium instead of the grain that it has met.
-LEAVES, TRACE, LIGHT, DEAD, WAITS, SWITCHES = range(6)
+# paths have come as far, a medium instead of the grain that it has met; there a new direction, or none.
+LEAVES, TRACE, LIGHT, DEAD, WAITS, SWITCHES, TURNS, PASSES = range(8)
 NOTHING = -1  # of the scene yet
 GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques: how a path goes on
 
@@ -125,14 +125,13 @@ def at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, dens
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(grains, occupied, unseen, origin, direction, weight, states, met, place, far, order, bounces, single, density, last,
+def advance(grains, occupied, origin, direction, weight, states, met, place, far, order, bounces, single, density, last,
             stage, switching, normal, kind, status, alive, begin, end):
     """Takes paths begin to end on, through all surfaces that only reflect and refract, until they need something of the scene.
 
     Parameters
     ----------
     occupied : (X, Y, Z) uint8, voxels of the aggregate with surfaces of the scene; empty where there are none
-    unseen : m, from the camera, beyond which paths switch at their first grain
     origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,);  all changed
     met, place : (n, 4), (n,) sphere and triangle that each starts on (`next_surface`); changed
     far : (n,) m, to the first surface of the scene, nan where it is not known; changed.  Known where met is UNKNOWN
@@ -171,7 +170,7 @@ def advance(grains, occupied, unseen, origin, direction, weight, states, met, pl
                 break
             for k in range(3):
                 p[k] += t * d[k]
-            if new and (switching[i] or (bounces[i] == 0 and t * unit > unseen)):
+            if new and switching[i]:
                 status[i] = SWITCHES
                 break
             if new:

@@ -13,6 +13,7 @@ from renderers.granular.paths import SELDOM, Colours
 
 _FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
+_NONE = 1e-12  # share of light below which it is rounding
 SEED = 0  # of the hash that places grains: the same in all pictures of a scene
 
 
@@ -56,29 +57,36 @@ def colours_of(asset) -> Colours:
 
 
 def medium_of(asset, grains):
-    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions, and how it varies.
+    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions.
 
     Panes such as two faces of a cube let light go on as it came.  Samples of lights would hardly ever find it.
+
+    Returns
+    -------
+    medium : `_medium.Medium`
+    varied, met_by : `bakery.kernels.Varied` of it and of the light that its grains meet, which passes where it is in the peak
     """
     theta = np.asarray(asset.medium.theta, float)
     parts = _components(asset) if grains.mixture.values.size > 0 else [_whole(asset)]
     cut = [without_peak(np.ones(len(part.albedo)), part.albedo, theta, part.phase) for part in parts]
-    sigma_t, varied = _extinction(asset, grains, parts, np.array([one[0] for one in cut]))
+    turned = np.array([one[0] for one in cut])
+    sigma_t, varied, met_by = _extinction(asset, grains, parts, turned)
     layouts = [kernels.phase_layout(theta, row) for one in cut for row in one[2]]
     return Medium(grains.aggregate, grains.unit, sigma_t, np.concatenate([one[1] for one in cut]), layouts[0][0], layouts[0][1],
                   np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]),
-                  seldom(grains.aggregate, sigma_t.min())), varied
+                  seldom(grains.aggregate, sigma_t.min()), turned=np.concatenate(turned)), varied, met_by
 
 
 def _extinction(asset, grains, parts, left):
-    """sigma_t (L,) 1/unit, the most where it varies, and how it does.
+    """sigma_t (L,) 1/unit, the most where it varies, how it does, and how all light does that meets grains.
 
     parts : `bakery.kernels.Component` of each of C components;  left : (C, L) of their extinction, without the peak
     """
+    same = kernels.unvaried_medium()
     unit, share = grains.unit, grains.aggregate.share
     baked, alone = unit * np.array(asset.medium.sigma_t, float), grains.mixture.values.size == 0
     if alone and share.values.size == 0:
-        return baked * left[0], kernels.unvaried_medium()
+        return baked * left[0], same, same
     fraction, void = fraction_of(asset), _void(asset) / unit
     hits = np.array([np.full(len(baked), part.hit_probability) for part in parts])
     along = np.array([part.along for part in parts]) / unit
@@ -87,9 +95,9 @@ def _extinction(asset, grains, parts, left):
     if alone and share.values.min() == share.values.max():
         every = float(share.values.flat[0])
         thin = kernels.extinction_at_fraction(void, fraction * every, hits, along) * (1 + every * excess)
-        return thin * left[0], kernels.unvaried_medium()
+        return thin * left[0], same, same
     varied = kernels.varied_medium(share, grains.mixture, fraction, void, hits * left, along, excess)
-    return np.full(len(baked), varied.most), varied
+    return np.full(len(baked), varied.most), varied, varied._replace(hits=hits)
 
 
 def _whole(asset):
@@ -130,7 +138,11 @@ def without_peak(sigma_t, albedo, theta, phase):
     cut = np.where(theta < _PEAK, np.minimum(phase, kernels.phase_at(theta, phase, np.array([_PEAK]))), phase)
     left = kernels.phase_integral(theta, cut)
     scattered, extinction = albedo * left, 1 - albedo * (1 - left)
-    return sigma_t * extinction, scattered / extinction, cut / left[:, None]
+    # grains of the host's index turn nothing: what does not scatter has any phase function, what takes nothing any albedo
+    straight, taken = left <= _NONE, extinction > _NONE
+    cut[straight], left[straight] = 1.0, 4 * np.pi
+    albedo = np.divide(scattered, extinction, out=np.zeros_like(scattered), where=taken)
+    return sigma_t * np.where(taken, extinction, 0.0), albedo, cut / left[:, None]
 
 
 def seldom(aggregate, sigma_t):

@@ -15,13 +15,15 @@ class Continuous:
 
     medium : `_medium.Medium`;  occupied, colours : as in `paths.Explicit`
     varied : `bakery.kernels.Varied` of a medium of which there is more in some places than in others
+    met_by : the same of all light that its grains meet, if they let some of it pass
     diffuse : whether light far inside, after its second scattering, diffuses (`bakery.physics.granular.diffusion`); in a medium
         that varies it does not
     """
 
-    def __init__(self, medium, occupied, colours, diffuse=False, varied=None):
+    def __init__(self, medium, occupied, colours, diffuse=False, varied=None, met_by=None):
         self.medium, self.occupied, self.colours = medium, occupied, colours
         self.varied = varied or kernels.unvaried_medium()
+        self.met_by = met_by or self.varied
         self.diffuse = kernels.never_diffuse(medium.sigma_t)
         if diffuse and not self.varies:
             self.diffuse = kernels.diffuse_in_mesh(medium.aggregate, medium.sigma_t, medium.albedo, medium.v, medium.phase,
@@ -70,8 +72,8 @@ class Continuous:
         return t
 
     def arrive(self, paths):
-        """Makes scatterings of what paths have met: which of them (n,) sample a light there, and what was found."""
-        samples, kind = np.empty(len(paths), bool), np.empty(len(paths), np.int64)
-        run(_medium.arrive, len(paths), self.medium, self.varied, paths.origin, paths.states, paths.met, paths.place, paths.far,
-            paths.order, paths.bounces, paths.single, kind, samples)
-        return samples, (kind,)
+        """Makes scatterings of the grains that paths have met: what they do (n,), LIGHT, TURNS or PASSES, and what was found."""
+        status, kind = np.empty(len(paths), np.int64), np.empty(len(paths), np.int64)
+        run(_medium.arrive, len(paths), self.medium, self.met_by, paths.origin, paths.weight, paths.states, paths.met,
+            paths.place, paths.far, paths.order, paths.bounces, paths.single, kind, status)
+        return status, (kind,)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import kernels
-from renderers.granular import bundles, local, material, medium, paths, teleport, transport
+from renderers import budget
+from renderers.budget import percent
+from renderers.granular import bundles, choice, local, material, medium, paths, teleport, transport
+from renderers.granular.choice import Choice
+from renderers.granular.scene import STATED
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.passes import Method
 from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
-_ACROSS = 4.0  # diameters of the largest grain that a pixel covers where it need not be seen: its pattern is a quarter as strong
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
@@ -28,56 +31,56 @@ def prepare(job, world, seed) -> Method:
         outer, inner, deep = found
         raise job.scene.wrong(f"{settings.key(inner)}.mesh", f"reaches {deep:.2g} m into the mesh of {settings.key(outer)}; "
                               "meshes that do not overlap, but may touch, would do")
-    return of(settings.method, world, assets, meshes, grains, seed, settings.spread)
+    tolerance = job.scene.values.tolerance or budget.DEFAULT
+    return of(settings.method, world, assets, meshes, grains, seed, settings.spread, tolerance)
 
 
-def of(name, world, assets, meshes, grains, seed, spread=4.0) -> Method:
+def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT) -> Method:
     """The method of a name.
 
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
-    spread : as in a scene
+    spread, tolerance : as in a scene
     """
     how, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    best = Choice(how.switch is not None)
+    if name == "auto":
+        best = choice.chosen(world, assets, meshes, how, tolerance)
+        how = how if best.switches else how._replace(switch=None)
+    elif name in STATED:
+        reasons.append(f"how far {name} is off is not measured: in seven scenes by up to {percent(STATED[name])}")
+    if how.switch is not None and any(body.medium.varies for body in how.bodies):
+        reasons.append("no light diffuses in bodies whose fraction or mixture varies")
     number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
     kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
     parts = tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds)
-    return Method(name, parts, reasons, lambda estimate: {"grains": number, "layers": _switches(estimate.means.values())})
+
+    def after(estimate):
+        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
+
+    return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if name == "auto" else None)
 
 
 def transport_of(name, world, assets, meshes, grains, spread=4.0):
     """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
     colours, said, bodies = material.colours_of(assets[0]), [], []
     reach = [material.radius_of(one) for one in grains]
-    unseen = _unseen(world, assets, reach) if name == "auto" else np.inf
     for number, (asset, one) in enumerate(zip(assets, grains)):
         others = [(*mesh, reach[other]) for other, mesh in enumerate(meshes) if other != number]
         around = material.occupied_by(world, one.aggregate, one.unit, others), colours
         if name == "teleport":
             ways = teleport.Teleports(one, *around), None
         else:
-            ways = paths.Explicit(one, *around, unseen if _clear(asset) else np.inf), None
+            ways = paths.Explicit(one, *around), None
         if name not in ("ept", "teleport"):
-            stands, varied = material.medium_of(asset, one)
-            ways = ways[0], medium.Continuous(stands, *around, diffuse=name in ("ept+vpt+da", "auto"), varied=varied)
+            stands, varied, met_by = material.medium_of(asset, one)
+            ways = ways[0], medium.Continuous(stands, *around, name in ("ept+vpt+da", "auto"), varied, met_by)
         bodies.append(Body(*ways, reach[number]))
-    if name in ("ept+vpt+da", "auto") and any(body.medium.varies for body in bodies):
-        said.append("no light diffuses in bodies whose fraction or mixture varies")
     for asset in assets:
         said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)
     switch = None if name in ("ept", "vpt", "teleport") else bundles.Switch(spread)
     return Transport(tuple(bodies), colours, MEDIUM if name == "vpt" else GRAINS, switch), list(dict.fromkeys(said))
-
-
-def _unseen(world, assets, reach):
-    """Distance from the camera, m, beyond which no pixel shows a grain apart."""
-    pixel = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
-    return _ACROSS * 2 * max(reach) / pixel
-
-
-def _clear(asset):
-    return all(one.surface["type"] == "dielectric" for one in asset.grains.exemplars.values())
 
 
 def _pass(world, how, seed, which):

@@ -52,11 +52,11 @@ class Explicit:
     """Paths from grain to grain.
 
     grains : `Grains` of one mesh;  occupied : (X, Y, Z) uint8, its voxels with surfaces of the scene, empty where there are none
-    colours : `Colours`;  unseen : m, from the camera, beyond which paths switch at their first grain
+    colours : `Colours`
     """
 
-    def __init__(self, grains, occupied, colours, unseen=np.inf):
-        self.grains, self.occupied, self.colours, self.unseen = grains, occupied, colours, unseen
+    def __init__(self, grains, occupied, colours):
+        self.grains, self.occupied, self.colours = grains, occupied, colours
         self._seldom = Seldom(grains)
 
     def sample_lights(self, share):
@@ -67,7 +67,7 @@ class Explicit:
         """Takes paths on until they need something: what (n,), and normal and type of grain of those that need LIGHT."""
         n = len(paths)
         normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
-        run(_paths.advance, n, self.grains, self.occupied, self.unseen, paths.origin, paths.direction, paths.weight, paths.states,
+        run(_paths.advance, n, self.grains, self.occupied, paths.origin, paths.direction, paths.weight, paths.states,
             paths.met, paths.place, paths.far, paths.order, paths.bounces, paths.single, paths.density, paths.last, paths.stage,
             paths.switching, normal, kind, status, alive)
         return status, (normal, kind)

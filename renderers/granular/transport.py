@@ -81,7 +81,7 @@ class Sums:
         return self.which == AFTER and len(paths) > 0 and bool(paths.technique[0] == GRAINS)
 
 
-def one_pass(world, transport, camera, height, width, number, seed, which=ALL) -> Sums:
+def one_pass(world, transport, camera, height, width, number, seed, which=ALL, corners=None) -> Sums:
     """One camera path for each pixel.
 
     Parameters
@@ -91,12 +91,15 @@ def one_pass(world, transport, camera, height, width, number, seed, which=ALL) -
     camera : `renderers.camera.Camera`
     number, seed : of the pass: its random numbers
     which : light it brings: ALL, that BEFORE the switch or that AFTER it
+    corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; those of a film of H x W if None
     """
     order, sums = bundles.by_bundle(height, width), Sums(height * width, len(world.light_names), which)
-    begun, paths = 0, _begin(transport, camera, width, order[:0], number, seed, 0)
+    if corners is None:
+        corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
+    begun, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
     while begun < len(order) or len(paths):
         if begun < len(order) and len(paths) < _ALL // 2:
-            new = _begin(transport, camera, width, order[begun : begun + _ALL], number, seed, begun)
+            new = _begin(transport, camera, corners, order[begun : begun + _ALL], number, seed, begun)
             begun += len(new)
             paths = joined([paths, new if transport.switch is None else _until_switched(world, transport, new, width, sums)])
         if len(paths):
@@ -104,13 +107,13 @@ def one_pass(world, transport, camera, height, width, number, seed, which=ALL) -
     return sums
 
 
-def _begin(transport, camera, width, pixel, number, seed, first):
+def _begin(transport, camera, corners, pixel, number, seed, first):
     n = len(pixel)
     states, offset = np.empty(n, np.uint64), np.empty((n, 2))
     wavefront.begin_streams(stream_key(seed, "render.grains", number), first, states)
     wavefront.draw(states, offset)
-    direction = camera.corner + (pixel % width + offset[:, 0])[:, None] * camera.right \
-        + (pixel // width + offset[:, 1])[:, None] * camera.down
+    x, y = (corners[pixel] + offset).T
+    direction = camera.corner + x[:, None] * camera.right + y[:, None] * camera.down
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
     return Paths.begun(np.tile(camera.origin, (n, 1)), direction, len(transport.colours.to_waves), states, pixel,
                        transport.technique)
@@ -251,9 +254,10 @@ def _switched(world, transport, paths, sums):
     for body in np.unique(paths.body):
         here, way = paths.of(paths.body == body), transport.way(body, MEDIUM)
         way.sample_lights(1.0)
-        samples, found = way.arrive(here)
-        parts += [_at_grains(world, transport, way, here.of(samples), [one[samples] for one in found], sums),
-                  _turned(way, here.of(~samples), [one[~samples] for one in found])]
+        status, found = way.arrive(here)
+        lit, turned = status == _paths.LIGHT, status == _paths.TURNS
+        parts += [_at_grains(world, transport, way, here.of(lit), [one[lit] for one in found], sums),
+                  _turned(way, here.of(turned), [one[turned] for one in found]), here.of(status == _paths.PASSES)]
     return parts
 
 

@@ -41,6 +41,12 @@ XML = """<scene version="3.0.0"><shape type="rectangle" id="floor"><transform na
 <shape type="rectangle" id="panel"><transform name="to_world"><scale value="10"/><rotate x="1" angle="180"/>
 <translate x="8" y="-6" z="20"/></transform><emitter type="area"><rgb name="radiance" value="3 3 3"/></emitter></shape></scene>"""
 
+NOTHING = RECIPE.split("    - {name")[0] + """\
+    - {name: air, shape: {type: sphere}, surface: {type: dielectric, material: {n: 1}}}
+packing: {fraction: 0.5, count: 30}
+"""
+WHITE = """<scene version="3.0.0"><emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter></scene>"""
+
 
 @pytest.fixture(scope="module")
 def asset(tmp_path_factory):
@@ -50,12 +56,14 @@ def asset(tmp_path_factory):
         (folder / "beads.yaml").write_text(RECIPE)
         assert status_of([str(folder / "beads.yaml"), "-o", str(folder / "beads.h5"), "--quiet"]) == 0
         assert status_of([str(folder / "beads.yaml"), "-o", str(folder / "bare.h5"), "--stage", "grains", "--quiet"]) == 0
+        (folder / "nothing.yaml").write_text(NOTHING)
+        assert status_of([str(folder / "nothing.yaml"), "-o", str(folder / "nothing.h5"), "--quiet"]) == 0
     return folder
 
 
 @pytest.fixture
 def place(asset, tmp_path):
-    for name in ("beads.h5", "bare.h5"):
+    for name in ("beads.h5", "bare.h5", "nothing.h5"):
         (tmp_path / name).symlink_to(asset / name)
     vertices, faces = icosphere(80)
     (tmp_path / "heap.ply").write_bytes(ply.mesh(6 * vertices, faces))
@@ -105,8 +113,27 @@ def test_grains_and_medium(call, place):
     assert np.allclose(sum(parts), picture(found), rtol=1e-5, atol=1e-6) and parts[0].any() and parts[1].any()
     depth = found["switch"]
     assert depth.max() >= 1 and np.all(depth[picture(found, "vpt.").sum(axis=-1) > 0] > 0)
-    report, found = rendered(call, place, "b", "granular.method=auto")
-    assert report["method"] == "auto" and found["switch"].any()
+    assert report["bias"] is None and any("how far ept+vpt is off is not measured" in said for said in report["reasons"])
+
+
+def test_auto_of_opaque_grains_is_explicit(call, place):
+    """The same picture as that of `ept`, and the report says why."""
+    report, found = rendered(call, place, "a", "granular.method=auto")
+    assert report["method"] == "auto" and report["bias"] is None and "switch" not in found
+    assert any("auto is ept here" in said and "opaque" in said for said in report["reasons"])
+    assert np.array_equal(picture(found), picture(rendered(call, place, "b")[1]))
+
+
+@pytest.mark.parametrize("method", ["auto", slow("ept"), slow("vpt"), "ept+vpt", slow("ept+vpt+da"), slow("teleport")])
+def test_grains_of_the_host_s_index_are_not_seen(call, place, method):
+    """They turn no light and absorb none: a white world is 1 (a false alarm once in 1e7, seeds are fixed)."""
+    (place / "lamp.xml").write_text(WHITE)
+    report, found = rendered(call, place, "a", "asset=nothing.h5", f"granular.method={method}")
+    light = picture(found).mean(axis=-1)
+    # light before and after the switch has paths of its own: a pixel at the edge of a body may have both, or none
+    error = light.std() / np.sqrt(light.size) if "+" in method or method == "auto" else 1e-6
+    assert abs(light.mean() - 1) < 5.4 * error + 1e-6 and error < 0.01 and report["grains"] > 40
+    assert picture(found, "order1.").any() or method == "vpt"
 
 
 @pytest.mark.slow
@@ -119,8 +146,8 @@ def test_several_bodies(call, place):
         "{mesh: heap.ply, unit: 1 mm}",
         "[{mesh: left.ply, unit: 1 mm, asset: beads.h5}, {mesh: right.ply, unit: 1 mm, asset: beads.h5}]")
     (place / "s.yaml").write_text(text)
-    for method in ("ept", "auto"):
-        report, found = rendered(call, place, method[0], f"granular.method={method}")
+    for method in ("ept", "ept+vpt+da"):
+        report, found = rendered(call, place, f"{len(method)}", f"granular.method={method}")
         first = picture(found, "order1.").sum(axis=-1)
         assert report["grains"] == pytest.approx(2 * 0.5 * 5**3 * 0.95, rel=0.1) and first[:, :16].any() and first[:, 24:].any()
     for change, said in [(("asset: beads.h5}]", "asset: gone.h5}]"), 'granular.where[1].asset: found "gone.h5"'),
@@ -155,7 +182,7 @@ def test_fraction_and_mixture(call, place):
         behind = picture(found, "order0.")[12:20]  # the floor
         assert behind[:, 12:18].mean() < 0.2 * behind[:, 24:28].mean()
         clear_one = picture(found, "order1.")[12:20, 12:18].mean(axis=(0, 1))
-    report, found = rendered(call, place, "c", half, "granular.method=auto", gridded("matt", clear, "mixture.matt"))
+    report, found = rendered(call, place, "c", half, "granular.method=ept+vpt+da", gridded("matt", clear, "mixture.matt"))
     matt_one = picture(found, "order1.")[12:20, 12:18].mean(axis=(0, 1))
     assert matt_one[2] < 0.6 * matt_one[0] and clear_one[2] > 0.7 * clear_one[0] and "da.R" not in found
     assert any("no light diffuses" in said for said in report["reasons"])
@@ -185,8 +212,8 @@ def test_a_medium_of_components_is_that_of_all(place):
 
     asset, (vertices, faces) = bakery.open(place / "beads.h5"), icosphere(80)
     same = kernels.field([-1] * 3, [1] * 3, np.array([0.4, 1.0]).reshape(1, 1, 1, 2))
-    alike, _ = material.medium_of(asset, material.grains_of(asset, 0.006 * vertices, faces))
-    parts, varied = material.medium_of(asset, material.grains_of(asset, 0.006 * vertices, faces, local.Local(None, same)))
+    alike, *_ = material.medium_of(asset, material.grains_of(asset, 0.006 * vertices, faces))
+    parts, varied, _ = material.medium_of(asset, material.grains_of(asset, 0.006 * vertices, faces, local.Local(None, same)))
     found = np.empty((2, 3))
     kernels.extinctions_at(varied, 0.5, 0.0, 0.0, found)
     scattered = found * parts.albedo.reshape(2, 3)
@@ -196,7 +223,7 @@ def test_a_medium_of_components_is_that_of_all(place):
     assert np.allclose(phase, alike.phase, atol=0.01 * alike.phase.max())
 
 
-@pytest.mark.parametrize("method", ["ept", slow("auto")])
+@pytest.mark.parametrize("method", ["ept", slow("ept+vpt+da"), slow("auto")])
 def test_going_on_is_as_not_having_stopped(call, place, method):
     method = f"granular.method={method}"
     straight = picture(rendered(call, place, "a", method, "stop={samples: 4, noise: 0.01%}")[1])

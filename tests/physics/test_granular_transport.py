@@ -11,6 +11,7 @@ import pytest
 from bakery import kernels
 from renderers.granular import bundles, material, medium, paths, transport
 from renderers.granular._medium import Medium
+from renderers.granular._paths import PASSES
 from tests.physics.particles import ODDS, THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile
 from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, STONE, Kind, bumpy, grains, passes
@@ -18,7 +19,7 @@ from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, ST
 VIEW = camera((24, 24), (0.0, -40.0, 3.0), (0.0, 0.0, 0.0), 34)
 
 
-def joined(bodies, technique=transport.GRAINS, spread=4.0, albedo=1.0, **more):
+def joined(bodies, technique=transport.GRAINS, spread=4.0, albedo=1.0):
     """How light goes through bodies of grains and isotropic media, each with the extinction 0.4."""
     made = []
     for one in bodies:
@@ -29,7 +30,7 @@ def joined(bodies, technique=transport.GRAINS, spread=4.0, albedo=1.0, **more):
         around = NOTHING
         if len(bodies) > 1:  # everywhere
             around = np.ones(aggregate.voxels.shape, np.uint8)
-        made.append(transport.Body(paths.Explicit(one, around, COLOURS, **more), medium.Continuous(stands, around, COLOURS),
+        made.append(transport.Body(paths.Explicit(one, around, COLOURS), medium.Continuous(stands, around, COLOURS),
                                    material.radius_of(one)))
     switch = bundles.Switch(spread) if technique == transport.GRAINS else None
     return transport.Transport(tuple(made), COLOURS, technique, switch)
@@ -86,13 +87,30 @@ def test_nothing_is_lost_where_paths_switch():
     assert switched[:, 0].sum() > 1.5 * switched[:, 1].sum() > 0, "they switch after some grains"
 
 
-def test_grains_that_nobody_sees():
-    """From far away all paths switch at their first grain; without that, none does."""
+def test_the_first_grain_is_explicit():
+    """However far away: no path switches before it has met a grain, also where a bundle is wider than the body."""
     one = grains([Kind(GLASS)], bumpy(9.0))
-    for unseen, first in ((10.0, True), (np.inf, False)):
-        sums = transport.one_pass(Sky(above=1, below=1), joined([one], unseen=unseen), VIEW, 24, 24, 0, 0)
-        count = sums.switched[sums.switched[:, 1] > 0, 0]
-        assert len(count) > 20 and np.all((count == 0) if first else (count >= 1))
+    far = camera((24, 24), (0.0, -4000.0, 300.0), (0.0, 0.0, 0.0), 1)
+    sums = transport.one_pass(Sky(above=1, below=1), joined([one]), far, 24, 24, 0, 0)
+    count = sums.switched[sums.switched[:, 1] > 0, 0]
+    assert len(count) > 10 and np.all(count >= 1)
+
+
+def test_what_grains_do_not_turn_goes_on():
+    """A share of the paths that switch at a grain goes on as it came, where the medium lets such a share pass; weights stay."""
+    how = joined([grains([Kind(GLASS)], bumpy(9.0))])
+    body = how.bodies[0]
+    passed, found = np.array([0.0, 0.3, 1.0]), []
+    for share in passed:
+        stands = medium.Continuous(body.medium.medium._replace(turned=np.full(3, 1 - share)), NOTHING, COLOURS)
+        n = 4000
+        states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
+        some = paths.Paths.begun(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
+        status, _ = stands.arrive(some)
+        found.append(np.mean(status == PASSES))
+        assert np.allclose(some.weight, 1) and np.array_equal(some.order, status != PASSES)
+        assert np.array_equal(some.single, status == PASSES)
+    assert np.allclose(found, passed, atol=5.4 * np.sqrt(0.25 / n))
 
 
 # ---- several bodies
