@@ -13,7 +13,6 @@ from renderers.discrete import splat
 from renderers.discrete.medium import Classes, Medium, medium
 from renderers.mitsuba.world import FAR, LightSample, Shading
 
-SIGMAS, ODDS = 5.4, 1e-7  # of one comparison of a normal number with its mean
 THETA = math.pi * np.linspace(0, 1, 721)
 CUBE = kernels.region_box([0, 0, 0], [1, 1, 1])
 
@@ -161,11 +160,6 @@ def blocks(pictures, shape):
 def averaged(found):
     """Mean and standard error of repeated estimates, along the first axis."""
     return np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / math.sqrt(len(found))
-
-
-def student(count):
-    """So many estimated standard errors a mean of `count` normal numbers is off once in 1 / ODDS times."""
-    return stats.t.isf(ODDS / 2, count - 1)
 
 
 def same(ours, theirs):

@@ -20,8 +20,8 @@ from bakery.physics.shapes.build import build
 from bakery.physics.shapes.radial import icosphere
 from bakery.physics.sizes import Gamma, Lognormal, Population, Single, Table
 from bakery.physics.sizes.distributions import Part
+from tests.odds import ODDS, SIGMAS
 
-ODDS = 1e-7
 BOX = Region((0.3, 0.2, 0.1))
 
 
@@ -63,7 +63,7 @@ def test_counts_in_cells_are_those_of_chance(many):
     assert p > ODDS and stats.chi2.cdf(square, len(observed) - 1) > ODDS
     figure = statistics.dispersion(observed, share)
     assert figure.value == pytest.approx(square / (len(observed) - 1), rel=1e-12)
-    assert abs(figure.value - 1) < 5.4 * figure.error
+    assert abs(figure.value - 1) < SIGMAS * figure.error
 
 
 def test_clumps_are_seen():
@@ -78,8 +78,8 @@ def test_the_error_of_the_dispersion_is_that_of_chance():
     share = np.array([0.02, 0.03, 0.05, 0.1, 0.3, 0.5])
     found = [statistics.dispersion(row, share) for row in np.random.default_rng(5).multinomial(300, share, 4000)]
     values = np.array([one.value for one in found])
-    assert abs(values.mean() - 1) < 5.4 * found[0].error / math.sqrt(4000)
-    assert values.std() == pytest.approx(found[0].error, rel=5.4 / math.sqrt(1000))  # twice that of normal numbers
+    assert abs(values.mean() - 1) < SIGMAS * found[0].error / math.sqrt(4000)
+    assert values.std() == pytest.approx(found[0].error, rel=SIGMAS / math.sqrt(1000))  # twice that of normal numbers
 
 
 def test_numbers_are_poisson():
@@ -147,7 +147,7 @@ def test_a_grid_s_law_is_kept():
     observed, share = statistics.in_cells(region, found)
     assert share.sum() == pytest.approx(1, abs=1e-12)
     figure = statistics.dispersion(observed, share)
-    assert abs(figure.value - 1) < 5.4 * figure.error
+    assert abs(figure.value - 1) < SIGMAS * figure.error
 
 
 def test_shares_of_cells_are_integrals_of_the_density():
@@ -174,7 +174,7 @@ def test_a_mesh_holds_its_particles():
     share = 4 / 3 * math.pi * 0.03**3 / hull.volume
     assert stats.binomtest(int(inner.sum()), len(found), share).pvalue > ODDS
     figure = statistics.dispersion(*statistics.in_cells(ball, found))
-    assert abs(figure.value - 1) < 5.4 * figure.error
+    assert abs(figure.value - 1) < SIGMAS * figure.error
     shifted = found * [1, 1, 0.8] + [0, 0, 0.01]
     worse = statistics.dispersion(*statistics.in_cells(ball, shifted))
     assert worse.value - 1 > 10 * worse.error
@@ -298,7 +298,7 @@ def test_the_variance_of_a_pixel_is_campbell_s():
         pixels.append(np.sum(random.choice(weight, number, p=share) / (angle * s**2)))
     mean, square = graininess.mixture_moments(share, weight[None], np.zeros((1, 2)), np.ones((1, 2)))
     error = np.std(pixels) / math.sqrt(5000)
-    assert np.mean(pixels) == pytest.approx(n * mean[0] * graininess.path(0.0, near, far), abs=5.4 * error)
+    assert np.mean(pixels) == pytest.approx(n * mean[0] * graininess.path(0.0, near, far), abs=SIGMAS * error)
     predicted = graininess.relative_variance(mean[0], square[0], n, 0.0, near, far, angle)
     assert np.var(pixels) / np.mean(pixels) ** 2 == pytest.approx(predicted, rel=0.13)
     assert predicted > 2 * graininess.relative_variance(mean[0], square[0], n, 0.0, 2 * near, 2 * far, angle) * 1.9

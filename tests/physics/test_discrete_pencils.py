@@ -17,8 +17,8 @@ from scipy.spatial import ConvexHull, cKDTree
 from bakery import kernels, rng
 from bakery.physics.discrete import hashing
 from bakery.physics.shapes.radial import icosphere
+from tests.odds import ODDS, SIGMAS
 
-ODDS, SIGMAS = 1e-7, 5.4
 NOBODY = np.full(3, np.nan)
 
 

@@ -16,10 +16,9 @@ from bakery.physics.discrete import graininess
 from renderers import colour
 from renderers.discrete import detail, explicit, splat, walk
 from tests.conftest import slow
+from tests.odds import ODDS, SIGMAS, sigmas
 from tests.physics.particles import (
     CUBE,
-    ODDS,
-    SIGMAS,
     THETA,
     Lamp,
     Sky,
@@ -33,7 +32,6 @@ from tests.physics.particles import (
     of_depth,
     passes,
     same,
-    student,
 )
 
 
@@ -200,7 +198,7 @@ def test_the_host_absorbs():
             far = np.inf if how is splat else 0.0
             made.append(passes(how.one_pass, lamp, what, view, size, [seed], order=1, discrete=far).mean())
         mean, error = averaged(made)
-        assert error < 0.15 * expected and abs(mean - expected) < student(12) * error
+        assert error < 0.15 * expected and abs(mean - expected) < sigmas(12) * error
         assert how is walk or error < 0.03 * expected
     unscattered = passes(walk.one_pass, Sky(above=1.0, below=1.0), walk.Discs(hashed(of_depth(1e-6, 50, host=0.7))), view, size,
                          range(4)).mean(axis=(0, 3))
@@ -223,7 +221,7 @@ def test_all_orders_are_the_continuous_medium_s(number):
     (mean, error), (expected, other) = found
     finite = number * math.sqrt(2.0 / number / math.pi) ** 3
     assert np.all(np.hypot(error, other) < 0.09 * expected)
-    assert np.all(np.abs(mean - expected) < student(16) * np.hypot(error, other) + finite * expected)
+    assert np.all(np.abs(mean - expected) < sigmas(16) * np.hypot(error, other) + finite * expected)
 
 
 # ---- level of detail
@@ -252,7 +250,7 @@ def test_level_of_detail_keeps_mean_and_tolerance():
     assert 0.5 * tolerance < deviation < 1.08 * tolerance
     average, error = averaged(kept_mean)
     assert error < 0.03 * mean.mean()
-    assert abs(average - mean.mean()) < student(12) * error
+    assert abs(average - mean.mean()) < sigmas(12) * error
     assert not detail.depths(world, hashed(kinds), view, *size, 10.0, 0).any()
     assert np.isinf(detail.depths(world, hashed(kinds), view, *size, 1e-4, 0)).all()
 
@@ -303,7 +301,7 @@ def test_a_sphere_is_its_phase_function(absorbed):
         (rays, one), (disc, other) = found
         assert max(one, other) < 0.015 * rays
         # 0.3 %: the disc is seen in perspective
-        assert abs(rays - disc) < student(12) * math.hypot(one, other) + 0.003 * rays
+        assert abs(rays - disc) < sigmas(12) * math.hypot(one, other) + 0.003 * rays
 
 
 @pytest.mark.slow
@@ -322,7 +320,7 @@ def test_spheres_are_particles_without_diffraction():
     mean, error = averaged(difference)
     level = np.mean(level, axis=0)
     assert np.all(error < [0.03, 0.05, 0.08] * level)
-    assert np.all(np.abs(mean) < student(16) * error + 0.02 * level)
+    assert np.all(np.abs(mean) < sigmas(16) * error + 0.02 * level)
 
 
 # ---- sums that are exact
@@ -357,7 +355,7 @@ def test_lamp_and_camera_may_change_places():
         sums.append(found)
     mean, error = averaged(np.subtract(*sums))
     assert error < 0.04 * np.mean(sums)
-    assert abs(mean) < student(12) * error
+    assert abs(mean) < sigmas(12) * error
 
 
 def white(medium, view, size, method, world=None):
@@ -380,7 +378,7 @@ def test_a_white_world_is_white(method, depth, number):
     mean, error = averaged(white(medium, camera(size, fov=13), size, method).mean(axis=(1, 2, 3)))
     assert error < 0.05
     # particles that hardly any pencil meets add not more than their depth
-    assert abs(mean - 1) < student(16) * error + (1e-5 if depth == 1e-6 else 1e-9)
+    assert abs(mean - 1) < sigmas(16) * error + (1e-5 if depth == 1e-6 else 1e-9)
 
 
 @pytest.mark.slow
@@ -397,7 +395,7 @@ def test_optical_depth_1000():
     error = np.hypot(error, other)
     assert np.all(error[1:] < 0.08 * expected[1:])
     # n rho^3 = 0.018 is allowed, see above
-    assert np.all(np.abs(mean - expected)[1:] < student(12) * error[1:] + 0.018 * expected[1:])
+    assert np.all(np.abs(mean - expected)[1:] < sigmas(12) * error[1:] + 0.018 * expected[1:])
 
 
 def test_a_flat_medium_is_grey():
@@ -424,7 +422,7 @@ def test_black_particles_before_a_white_sky():
         found.append(orders[0].mean())
     mean, error = averaged(found)
     expected = np.exp(-1.5 / view.rays(*size)[..., 1]).mean()
-    assert error < 0.04 * expected and abs(mean - expected) < student(40) * error
+    assert error < 0.04 * expected and abs(mean - expected) < sigmas(40) * error
 
 
 def test_no_light_no_particle():

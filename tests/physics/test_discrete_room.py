@@ -11,7 +11,8 @@ import pytest
 from renderers.discrete import explicit, splat, walk
 from renderers.mitsuba.world import World
 from tests.conftest import slow
-from tests.physics.particles import averaged, hashed, henyey_greenstein, of_depth, passes, student
+from tests.odds import sigmas
+from tests.physics.particles import averaged, hashed, henyey_greenstein, of_depth, passes
 
 SIZE, PASSES = (9, 12), 12
 ROOM = """<scene version="3.0.0">
@@ -53,7 +54,7 @@ def test_a_white_room_is_white(tmp_path, method):
     medium = hashed(of_depth(2.0, 20_000, phase=henyey_greenstein(0.6)))
     mean, error = averaged(picture(room(tmp_path), method, medium, range(PASSES)).mean(axis=(1, 2, 3)))
     assert error < 0.025
-    assert abs(mean - 1) < student(PASSES) * error
+    assert abs(mean - 1) < sigmas(PASSES) * error
 
 
 def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
@@ -66,4 +67,4 @@ def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
     (mean, error), (expected, other) = found.values()
     error = np.hypot(error, other)
     assert error < 0.035 * expected and expected < 0.9
-    assert abs(mean - expected) < student(PASSES) * error
+    assert abs(mean - expected) < sigmas(PASSES) * error

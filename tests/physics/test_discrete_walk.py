@@ -16,8 +16,9 @@ from bakery.kernels import NO_DISC, stream_key
 from renderers import wavefront
 from renderers.discrete import _transport
 from tests.conftest import slow
+from tests.odds import SIGMAS, sigmas
 from tests.physics import particles
-from tests.physics.particles import SIGMAS, averaged, student
+from tests.physics.particles import averaged
 
 
 def leaving(medium, number, discrete, seed=1):
@@ -104,7 +105,7 @@ def test_the_cube_of_particles(depth, g, number):
     assert error.max() < 5e-3
     # the noise of the table; and 3,000 particles differ by 0.003 themselves
     allowed = 1e-3 + (0.003 if number == 3000 else 0.0)
-    assert np.all(np.abs(mean - CASES[depth, g]) < student(16) * error + allowed)
+    assert np.all(np.abs(mean - CASES[depth, g]) < sigmas(16) * error + allowed)
 
 
 @pytest.mark.parametrize("discrete", [False, True])
@@ -121,7 +122,7 @@ def test_a_path_serves_all_wavelengths(discrete):
         difference.append(together - np.concatenate(alone, axis=1))
     mean, error = averaged(difference)
     assert error.max() < 0.011
-    assert np.all(np.abs(mean) < student(16) * error)
+    assert np.all(np.abs(mean) < sigmas(16) * error)
 
 
 @pytest.mark.parametrize("discrete", [False, True])
@@ -137,7 +138,7 @@ def test_light_through_a_density_grid(discrete):
     x = (np.arange(1000) + 0.5) / 1000
     column = np.interp(x, [0.25, 0.75], density.mean(axis=(1, 2)))
     mean, error = averaged(found)
-    assert error < 0.005 and abs(mean - np.exp(-2 * column).mean()) < student(12) * error
+    assert error < 0.005 and abs(mean - np.exp(-2 * column).mean()) < sigmas(12) * error
 
 
 def straight(medium, discrete, seed):

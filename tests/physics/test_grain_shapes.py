@@ -26,8 +26,9 @@ from bakery.physics.shapes.noise import directions, fractal_noise, gradient_nois
 from bakery.physics.shapes.quality import tree
 from bakery.physics.shapes.simplify import simplified
 from tests.conftest import slow
+from tests.odds import sigmas
 
-SIGMAS = 7.0  # of 31 degrees of freedom: one comparison fails by chance once in 1.4e7; some 40 of them here, so 3e-6 a suite
+SIGMAS = sigmas(32)  # some 40 comparisons of figures of 32 blocks: 4e-6 a suite
 
 
 def closed(vertices, faces):

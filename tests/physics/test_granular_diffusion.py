@@ -14,7 +14,8 @@ from bakery.physics.granular._distance import distance
 from bakery.physics.granular.diffusion import decay
 from renderers.granular import medium
 from renderers.mitsuba.world import World
-from tests.physics.particles import SIGMAS, THETA, Sky, camera, henyey_greenstein, student
+from tests.odds import SIGMAS, sigmas
+from tests.physics.particles import THETA, Sky, camera, henyey_greenstein
 from tests.physics.test_aggregate import CUBE, bumpy, tile, winding
 from tests.physics.test_granular_medium import continuous
 from tests.physics.test_granular_render import COLOURS, SCENE, passes
@@ -169,5 +170,5 @@ def test_surfaces_in_a_body_that_diffuses(tmp_path):
     found = [passes(world, one, world.camera, (36, 48), range(12)).reshape(12, 4, 9, 4, 12, 3).mean(axis=(2, 4))
              for one in (how, ours)]
     (a, da), (b, db) = ((one.mean(axis=0), one.std(axis=0, ddof=1) / np.sqrt(12)) for one in found)
-    assert np.all(np.abs(a - b) < 0.02 * a + student(12) * np.hypot(da, db))
+    assert np.all(np.abs(a - b) < 0.02 * a + sigmas(12) * np.hypot(da, db))
     assert np.median(np.hypot(da, db) / a) < 0.03

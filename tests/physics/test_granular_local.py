@@ -13,7 +13,8 @@ from bakery import kernels
 from bakery.physics.packing.instances import instances, left_out
 from renderers.granular import medium, transport
 from renderers.granular.teleport import Teleports
-from tests.physics.particles import ODDS, Sky, camera, same
+from tests.odds import ODDS, SIGMAS
+from tests.physics.particles import Sky, camera, same
 from tests.physics.test_aggregate import bumpy, check, listed, rays, tile
 from tests.physics.test_granular_medium import MESH, continuous
 from tests.physics.test_granular_render import COLOURS, GLASS, NOTHING, STEEL, STONE, Kind, grains, passes, place, through
@@ -51,7 +52,7 @@ def test_spheres_that_are_there(values):
     names, centre, radius = listed(*spheres, *BODY)
     share = np.array([kernels.share_at(found, *point) for point in centre])
     keep = np.array([not left_out(np.uint64(7), *name[1:], name[0], s) for name, s in zip(names, share)])
-    assert abs(keep.sum() - share.sum()) < 5.4 * np.sqrt(np.sum(share * (1 - share)) + 1)
+    assert abs(keep.sum() - share.sum()) < SIGMAS * np.sqrt(np.sum(share * (1 - share)) + 1)
     assert not keep[share == 0].any() and keep[share == 1].all()
     assert check(found, (names[keep], centre[keep], radius[keep]), *rays(BODY[0], 300, 3)) > 100
     room, met = kernels.aggregate_scratch(), np.empty(4, np.int64)
@@ -142,4 +143,4 @@ def test_nothing_is_lost_where_it_varies():
     found = passes(Sky(above=1, below=1), how, camera((24, 24), (0.0, -25.0, 3.0), (0.0, 0.0, 0.0), 34), (24, 24), range(40))
     mean = found.mean(axis=(1, 2))
     error = mean.std(axis=0, ddof=1) / np.sqrt(40)
-    assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < 5.4 * error)
+    assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < SIGMAS * error)

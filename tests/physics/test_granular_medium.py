@@ -14,7 +14,8 @@ from renderers.granular import material, medium
 from renderers.granular._medium import Medium
 from renderers.mitsuba.world import World
 from tests.conftest import slow
-from tests.physics.particles import ODDS, THETA, Sky, blocks, camera, henyey_greenstein, same, student
+from tests.odds import ODDS, SIGMAS, sigmas
+from tests.physics.particles import THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import bumpy, rays, tile, winding
 from tests.physics.test_granular_render import COLOURS, NOTHING, SCENE, passes
 
@@ -59,7 +60,7 @@ def test_absorption_is_that_of_the_way_inside():
     through = np.empty((len(fine), 3))
     how.open(np.tile(view.origin, (len(fine), 1)), fine, np.full(len(fine), 1e12), through)
     error = picture.std(axis=0, ddof=1) / np.sqrt(12)
-    assert error.max() < 4e-3 and np.all(np.abs(picture.mean(axis=0) - through.mean(axis=0)) < student(12) * error)
+    assert error.max() < 4e-3 and np.all(np.abs(picture.mean(axis=0) - through.mean(axis=0)) < sigmas(12) * error)
 
 
 @pytest.mark.parametrize("sigma_t, g", [([0.5, 0.7, 1.0], [0.0, 0.3, 0.5]), slow(3.0, -0.3)], ids=["thin", "thick"])
@@ -69,7 +70,7 @@ def test_nothing_is_lost(sigma_t, g):
     found = passes(Sky(above=1, below=1), how, camera((24, 24), (0.0, -25.0, 3.0), (0.0, 0.0, 0.0), 34), (24, 24), range(40))
     mean = found.mean(axis=(1, 2))
     error = mean.std(axis=0, ddof=1) / np.sqrt(40)
-    assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < 5.4 * error)
+    assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < SIGMAS * error)
 
 
 @pytest.mark.slow

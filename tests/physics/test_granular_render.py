@@ -15,7 +15,8 @@ from renderers.granular import material, medium, paths, transport
 from renderers.granular._grains import Grains
 from renderers.mitsuba.world import World
 from tests.conftest import slow
-from tests.physics.particles import ODDS, Sky, blocks, camera, same
+from tests.odds import ODDS, SIGMAS
+from tests.physics.particles import Sky, blocks, camera, same
 from tests.physics.test_aggregate import CUBE, bumpy, listed, tile
 
 GLASS, MATT, STEEL = kernels.dielectric(1.5), kernels.diffuse(1.0), kernels.conductor(complex(np.inf, 0))
@@ -79,7 +80,7 @@ def test_matt_white_grains_in_light_from_everywhere():
     where = place(grains([Kind(MATT), Kind(MATT, STONE), Kind(GLASS, STONE)], bumpy(6.0), tile(0.3, 40)))
     found = passes(Sky(above=1, below=1), where, camera((8, 8), (0.0, -25.0, 3.0), (0.0, 0.0, 0.0), 34), (8, 8), range(200))
     mean, error = found.mean(), found.mean(axis=(1, 2, 3)).std(ddof=1) / np.sqrt(200)
-    assert error < 2e-3 and abs(mean - 1) < 5.4 * error
+    assert error < 2e-3 and abs(mean - 1) < SIGMAS * error
 
 
 def test_absorption_takes_what_the_way_through_says():
@@ -143,7 +144,7 @@ def test_a_white_room(tmp_path, eye):
     where = place(grains(kinds, bumpy(6.0), tile(0.5, 40)), world)
     found = passes(world, where, camera((64, 64), eye, (0.1, 2.0, 0.0), 50), (64, 64), range(16))
     error = found.mean(axis=(1, 2, 3)).std(ddof=1) / 4
-    assert error < 1.5e-3 and abs(found.mean() - 1) < 5.4 * error
+    assert error < 1.5e-3 and abs(found.mean() - 1) < SIGMAS * error
 
 
 def test_a_surface_in_a_grain(tmp_path):

@@ -13,7 +13,8 @@ from benchmarks.figures_granular import walks
 from renderers.granular import material
 from renderers.granular.teleport import Teleports, flights
 from renderers.mitsuba.world import World
-from tests.physics.particles import SIGMAS, Sky, averaged, camera
+from tests.odds import SIGMAS
+from tests.physics.particles import Sky, averaged, camera
 from tests.physics.test_aggregate import CUBE, bumpy, tile
 from tests.physics.test_granular_render import ALL_AROUND, COLOURS, GLASS, MATT, NOTHING, STEEL, STONE, Kind, grains, passes
 

@@ -12,7 +12,8 @@ from bakery import kernels
 from renderers.granular import bundles, material, medium, paths, transport
 from renderers.granular._medium import Medium
 from renderers.granular._paths import PASSES
-from tests.physics.particles import ODDS, THETA, Sky, blocks, camera, henyey_greenstein, same
+from tests.odds import ODDS, SIGMAS
+from tests.physics.particles import THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile
 from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, STONE, Kind, bumpy, grains, passes
 
@@ -79,7 +80,7 @@ def test_nothing_is_lost_where_paths_switch():
     whole, *parts = [np.array([one.by_order.mean() * len(one.by_order) for one in part]) for part in (found, *apart)]
     for mean in (whole, sum(parts)):
         error = mean.std(ddof=1) / np.sqrt(len(mean))
-        assert error < 0.03 and abs(mean.mean() - 1) < 5.4 * error
+        assert error < 0.03 and abs(mean.mean() - 1) < SIGMAS * error
     assert not any(one.by_technique[1:].any() for one in apart[0]) and not any(one.by_technique[0].any() for one in apart[1])
     parts = np.mean([one.by_technique.sum(axis=(1, 2)) for one in found], axis=0)
     assert parts[:2].min() > 0.05 * parts.sum() and np.isclose(parts.sum(), sum(one.by_order.sum() for one in found) / len(found))

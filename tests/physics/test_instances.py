@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from bakery.physics.packing.instances import cumulated, instances, matrix, mix, uniforms
+from tests.odds import sigmas
 
 MASK = (1 << 64) - 1
 GOLDEN = 0x9E3779B97F4A7C15
-ODDS = 5.5
+SIGMAS = sigmas(odds=4e-8)
 
 
 def literal(h):
@@ -61,16 +62,16 @@ def test_rotations_are_uniform():
     assert np.allclose(np.einsum("nij,nkj->nik", turned, turned), np.eye(3), atol=1e-14)
     assert np.allclose(np.linalg.det(turned), 1, atol=1e-14)
     n = len(turned)
-    assert np.all(abs(turned.mean(0)) < ODDS * np.sqrt(1 / 3 / n))  # each entry has mean 0, mean square 1/3
+    assert np.all(abs(turned.mean(0)) < SIGMAS * np.sqrt(1 / 3 / n))  # each entry has mean 0, mean square 1/3
     squares = turned**2
-    assert np.all(abs(squares.mean(0) - 1 / 3) < ODDS * np.sqrt(4 / 45 / n))
+    assert np.all(abs(squares.mean(0) - 1 / 3) < SIGMAS * np.sqrt(4 / 45 / n))
     trace = np.trace(turned, axis1=1, axis2=2)
-    assert abs(np.mean(trace**2) - 1) < ODDS * np.sqrt((3 - 1) / n)  # <trace^4> = 3 over SO(3)
+    assert abs(np.mean(trace**2) - 1) < SIGMAS * np.sqrt((3 - 1) / n)  # <trace^4> = 3 over SO(3)
     for axis in turned.transpose(2, 0, 1):  # the z of each turned axis is uniform in -1 ... 1, its azimuth too
         for value in (0.5 * (axis[:, 2] + 1), np.arctan2(axis[:, 1], axis[:, 0]) / (2 * np.pi) + 0.5):
             counts = np.histogram(value, 20, (0, 1))[0]
             chi = np.sum((counts - n / 20) ** 2) / (n / 20)
-            assert chi < 19 + ODDS * np.sqrt(2 * 19) + 8  # tail of chi^2 with 19 degrees of freedom
+            assert chi < 19 + SIGMAS * np.sqrt(2 * 19) + 8  # tail of chi^2 with 19 degrees of freedom
 
 
 def test_neighbours_share_nothing():
@@ -89,7 +90,7 @@ def test_neighbours_share_nothing():
                   (6, i, j, o, s), (5, j, i, o, s + 1), (5, s, j, o, i + 100)):
         other = drawn(*other)
         r = np.corrcoef(one.T, other.T)[:5, 5:]
-        assert np.all(abs(r) < ODDS / np.sqrt(len(i))), r
+        assert np.all(abs(r) < SIGMAS / np.sqrt(len(i))), r
 
 
 def test_types_have_their_shares():
@@ -97,7 +98,7 @@ def test_types_have_their_shares():
     kinds, _ = instances(11, *places(), weights)
     share = np.bincount(kinds.ravel(), minlength=6) / kinds.size
     assert share[0] == share[3] == share[5] == 0
-    assert np.all(abs(share - weights / 10) < ODDS * np.sqrt(0.25 / kinds.size))
+    assert np.all(abs(share - weights / 10) < SIGMAS * np.sqrt(0.25 / kinds.size))
     assert cumulated(np.full(7, 1 / 7))[-1] == 1.0
 
 

@@ -1,6 +1,6 @@
 """The scatterometer's rays through Mitsuba against numba's walk, path by path where chance plays no part, and closed forms.
 
-Statistical tests have fixed seeds and compare within `ODDS` standard errors of 31 degrees of freedom: a false alarm in 1e-6 a
+Statistical tests have fixed seeds and compare within `SIGMAS` standard errors of 32 blocks: a false alarm in 1e-6 a
 comparison, 2e-4 for the file, should random numbers be drawn anew.
 """
 
@@ -26,6 +26,7 @@ from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes.examples import EXAMPLES
 from bakery.system import llvm
 from tests.conftest import ROOT, slow
+from tests.odds import sigmas
 from tests.physics.test_scatterometer import CUBE, STONE, box, torus
 
 try:
@@ -35,7 +36,7 @@ except UsageError as error:
     MISSING = str(error)
 runs = pytest.mark.skipif(bool(MISSING), reason=MISSING)
 
-ODDS = 6.1
+SIGMAS = sigmas(32, 1e-6)
 KEY = (1, 2)
 COPPER = [0.27 + 3.41j, 1.03 + 2.59j, 1.25 + 2.48j, np.inf]  # red, green, blue, and a perfect mirror
 RING = torus()
@@ -165,7 +166,7 @@ def test_figures_are_numbas(name):
     for figure in (*FIGURES, "chord", "lambda_o", "inner_path", "forward_delta", "phase"):
         a, b = np.asarray(getattr(here, figure)), np.asarray(getattr(there, figure))
         away = np.abs(a - b) / np.maximum(np.hypot(here.errors[figure], there.errors[figure]), 1e-6)
-        assert np.all(away < ODDS), f"{figure}: {a} and {b}, {away.max()} standard errors"
+        assert np.all(away < SIGMAS), f"{figure}: {a} and {b}, {away.max()} standard errors"
     assert there.contradicted < CONTRADICTED_MAX and np.all(there.lost == 0)
 
 
@@ -173,13 +174,13 @@ def test_figures_are_numbas(name):
 def test_closed_forms_of_the_glass_cube():
     """2 / pi by Cauchy's formula, mean chord 4/3 of the sphere, and the inner path of index^2 4V/S without trapped modes."""
     found = measure(CUBE, dielectric(1.5), seed=3, tolerance=0.003, tracer=walkers(CUBE, dielectric(1.5))[1])
-    assert abs(found.hit_probability - 2 / np.pi) < ODDS * found.hit_probability_error
+    assert abs(found.hit_probability - 2 / np.pi) < SIGMAS * found.hit_probability_error
     chords = (1 - found.hit_probability) * found.lambda_delta + found.hit_probability * found.chord
     assert abs(chords - 4 / 3) < 1e-3
     exact = 1.5**2 * 0.769800 * 3 * (1 - np.sqrt(1 - 1 / 1.5**2))
     assert abs(exact - 1.323169) < 1e-5
-    assert abs(found.inner_path[0] - exact) < ODDS * found.inner_path_error[0]
-    assert found.albedo[0] == 1 and abs(found.lambda_s[0] - found.lambda_o[0]) < ODDS * np.hypot(
+    assert abs(found.inner_path[0] - exact) < SIGMAS * found.inner_path_error[0]
+    assert found.albedo[0] == 1 and abs(found.lambda_s[0] - found.lambda_o[0]) < SIGMAS * np.hypot(
         found.lambda_s_error[0], found.lambda_o_error[0])
 
 

@@ -8,10 +8,10 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import t as student
 
 from bakery.physics.medium import analytic, phase
 from bakery.physics.multiple import _kernels, _plane, fourier, legendre, photons, point, segment, solution
+from tests.odds import sigmas
 
 HG = legendre.henyey_greenstein
 
@@ -431,7 +431,7 @@ def worst(tally, mean):
     """Largest deviation in standard errors over cells with better than 10 %, and its limit for a false alarm in 3e-7."""
     good = tally.error < 0.1 * tally.value
     assert good.sum() > 40
-    limit = student.ppf(1 - 1.5e-7 / good.sum(), photons.BLOCKS - 1)
+    limit = sigmas(photons.BLOCKS, 3e-7, int(good.sum()))
     return np.abs((tally.value - mean) / tally.error)[good].max(), limit
 
 

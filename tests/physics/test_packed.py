@@ -1,6 +1,6 @@
 """Random walks among packed grains against exact means, single grains' closed forms, published figures and literal twins.
 
-Statistical tests have fixed seeds and compare within `ODDS` standard errors of 31 degrees of freedom: a false alarm in 1e-6 a
+Statistical tests have fixed seeds and compare within `SIGMAS` standard errors of 32 blocks: a false alarm in 1e-6 a
 comparison, 1e-4 for the file, should random numbers be drawn anew.
 """
 
@@ -24,8 +24,9 @@ from bakery.physics.packing import pack
 from bakery.physics.packing._cells import cells
 from bakery.physics.packing.instances import instances, matrix
 from bakery.physics.shapes import build as shapes
+from tests.odds import sigmas
 
-ODDS = 6.1
+SIGMAS = sigmas(32, 1e-6)
 GLASS, MATT, MIRROR = dielectric(1.5), diffuse(1.0), conductor(np.inf)
 
 
@@ -56,7 +57,7 @@ def walked(fraction, grain, tolerance=0.01, count=500):
 
 def near(found, name, exact, spread=0.0):
     away = abs(getattr(found, name) - exact) / np.hypot(found.errors[name], spread)
-    assert away < ODDS, f"{name}: {getattr(found, name)} instead of {exact}, {away} standard errors"
+    assert away < SIGMAS, f"{name}: {getattr(found, name)} instead of {exact}, {away} standard errors"
 
 
 # ---- what is exact
@@ -119,7 +120,7 @@ def test_mean_square_displacement_is_the_published_one(fraction, grain, publishe
     M = found.mean_square_displacement
     near(found, "mean_square_displacement", published, 0.01 * published)
     assert M / found.mean_square_rte > 1 + {0.3: -0.02, 0.63: 0.04}[fraction]
-    assert abs(found.drift) < ODDS * found.drift_error
+    assert abs(found.drift) < SIGMAS * found.drift_error
 
 
 def test_matt_balls_keep_light_back():

@@ -1,6 +1,6 @@
 """Balls walked on the exact sphere against closed forms, quadrature over facets, a literal twin and fine meshes.
 
-Statistical tests have fixed seeds and compare within `ODDS` standard errors of 31 degrees of freedom: a false alarm in 1e-6 a
+Statistical tests have fixed seeds and compare within `SIGMAS` standard errors of 32 blocks: a false alarm in 1e-6 a
 comparison, 3e-4 for the file (300 comparisons), should random numbers be drawn anew.
 """
 
@@ -17,8 +17,9 @@ from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.scatterometer import Statistics, measure
 from bakery.physics.grains.sphere import Ball, ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
+from tests.odds import sigmas
 
-ODDS = 6.1
+SIGMAS = sigmas(32, 1e-6)
 KEY = (1, 2)
 FIGURES = ("hit_probability", "lambda_delta", "chord", "albedo", "lambda_s", "lambda_o", "mean_square", "g")
 EDGES = np.linspace(0, np.pi, 19)
@@ -55,9 +56,9 @@ def test_smooth_balls_have_their_closed_form(surface, mu, radius):
     names = FIGURES + (("inner_path",) if surface.kind == 0 else ())
     found = walked(surface, mu, radius)
     assert found.contradicted == 0 and np.all(found.lost == 0)
-    assert np.all(np.abs(np.concatenate([score(found, exact, name) for name in names])) < ODDS)
+    assert np.all(np.abs(np.concatenate([score(found, exact, name) for name in names])) < SIGMAS)
     # a tenth of the error of a bin of ten degrees is the closed form's
-    assert np.all(np.abs(score(found, exact, "phase")) < ODDS)
+    assert np.all(np.abs(score(found, exact, "phase")) < SIGMAS)
     runs = [walked(surface, mu, radius, seed, tolerance=1.0) for seed in range(8)]
     scores = np.concatenate([score(run, exact, name) for run in runs for name in ("albedo", "lambda_s", "mean_square", "g")])
     assert scores.size == 0 or np.mean(scores**2) < 2.5  # 31/29 if the errors are true; figures of one run go together
@@ -144,8 +145,8 @@ def test_rough_balls_reflect_as_facets_do(kind, alpha):
                    "glass": (dielectric(1.5, alpha), table(lambda x: fresnel(x, 1.5)[0]))}[kind]
     found = walked(surface, 1e6 if kind == "glass" else 0.0, tolerance=5e-3, asked=("g",))
     albedo, g = reflected(alpha, of)
-    assert abs(found.albedo[0] - albedo) < ODDS * np.hypot(found.albedo_error[0], 2e-4 * albedo)
-    assert abs(found.g[0] - g) < ODDS * np.hypot(found.g_error[0], 2e-4)
+    assert abs(found.albedo[0] - albedo) < SIGMAS * np.hypot(found.albedo_error[0], 2e-4 * albedo)
+    assert abs(found.g[0] - g) < SIGMAS * np.hypot(found.g_error[0], 2e-4)
     assert found.lambda_s[0] == pytest.approx(0, abs=1e-5) and found.mean_square[0] < 1e-5  # it leaves where it came
 
 
@@ -157,7 +158,7 @@ def test_roughness_vanishes():
             found = walked(make(index, alpha))
             for name in ("albedo", "lambda_s", "mean_square", "g"):
                 away = abs(getattr(found, name) - getattr(exact, name))[0]
-                assert away < ODDS * found.errors[name][0] + 10 * alpha, (name, alpha)
+                assert away < SIGMAS * found.errors[name][0] + 10 * alpha, (name, alpha)
 
 
 def test_fine_meshes_tend_to_the_rough_ball():
@@ -179,7 +180,7 @@ def test_fine_meshes_tend_to_the_rough_ball():
     for name in ("albedo", "lambda_s", "mean_square", "g", "inner_path"):
         facets = 4e-3  # corners on the sphere, faces up to 6e-4 inside, normals up to 2 degrees off
         away = np.abs(getattr(found, name) - getattr(mesh, name))
-        assert np.all(away < facets + ODDS * np.hypot(found.errors[name], mesh.errors[name])), name
+        assert np.all(away < facets + SIGMAS * np.hypot(found.errors[name], mesh.errors[name])), name
 
 
 def test_rough_balls_are_reciprocal():
@@ -187,7 +188,7 @@ def test_rough_balls_are_reciprocal():
     for surface, radius in ((dielectric(1.5, 0.4), 1.0), (dielectric(0.75, 0.2), 0.8), (conductor(1.5 + 1j, 0.5), 0.7)):
         found = walked(surface, [0.0, 0.8] if surface.kind == 0 else 0.0, radius, asked=("lambda_s", "lambda_o"))
         away = np.abs(found.lambda_s - found.lambda_o) / np.hypot(found.lambda_s_error, found.lambda_o_error)
-        assert np.all(away < ODDS)
+        assert np.all(away < SIGMAS)
         assert found.hit_probability == pytest.approx(radius**2, abs=1e-3)
 
 

@@ -1,6 +1,6 @@
 """The virtual scatterometer against closed forms, identities that hold for every grain, and slow literal twins.
 
-Statistical tests have fixed seeds and compare within `ODDS` standard errors of 31 degrees of freedom: a false alarm in 1e-6 a
+Statistical tests have fixed seeds and compare within `SIGMAS` standard errors of 32 blocks: a false alarm in 1e-6 a
 comparison, 3e-4 for the file (300 comparisons, most of them bins), should random numbers be drawn anew.
 """
 
@@ -19,8 +19,9 @@ from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, EDGES, LOST_MAX, REPLICATES, measure, ratio
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import at_dielectric, conductor, dielectric, diffuse, facet, fresnel_conductor, shadowing
+from tests.odds import sigmas
 
-ODDS = 6.1
+SIGMAS = sigmas(32, 1e-6)
 MIRROR = conductor(np.inf)
 KEY = (1, 2)
 
@@ -60,10 +61,10 @@ STONE = hull(np.random.default_rng(5).normal(size=(40, 3)) * [1, 0.8, 0.6])
 
 
 def near(found, name, exact, spread=0.0):
-    """Within `ODDS` standard errors, those of the exact figure (a measured one) included."""
+    """Within `SIGMAS` standard errors, those of the exact figure (a measured one) included."""
     value, error = np.ravel(getattr(found, name)), np.ravel(found.errors[name])
     away = np.abs(value - exact) / np.maximum(np.hypot(error, spread), 1e-12)
-    assert np.all(away < ODDS), f"{name}: {value} instead of {exact}, {away} standard errors"
+    assert np.all(away < SIGMAS), f"{name}: {value} instead of {exact}, {away} standard errors"
 
 
 def sound(found):
@@ -331,7 +332,7 @@ def test_a_fine_ball_is_opaque_as_the_exact_one():
         for name in ("hit_probability", "lambda_delta", "albedo", "lambda_s", "g", "mean_square"):
             near(found, name, getattr(exact, name), 4e-4)  # facets: S/S_ball = 1 - 1e-3 in area, normals 1 degree off
         good = found.phase_error[0] > 0
-        assert np.all(np.abs(found.phase - exact.phase)[0, good] < ODDS * np.hypot(found.phase_error[0, good], 0.01))
+        assert np.all(np.abs(found.phase - exact.phase)[0, good] < SIGMAS * np.hypot(found.phase_error[0, good], 0.01))
 
 
 @pytest.mark.parametrize("mesh", [TETRAHEDRON, OCTAHEDRON, STONE, box(1, 0.3, 0.1)],
@@ -365,7 +366,7 @@ def test_straight_lines_measure_the_volume_of_a_body_with_a_hole():
     assert found.lambda_s[0] == pytest.approx(found.chord, abs=1e-12)
     beta, ways = found.hit_probability, found.inner_path[0]
     error = np.hypot(found.hit_probability_error * ways, beta * found.inner_path_error[0])
-    assert abs(beta * ways - ring.volume / np.pi) < ODDS * error
+    assert abs(beta * ways - ring.volume / np.pi) < SIGMAS * error
     assert found.events > 2.1 and beta < ring.surface / (4 * np.pi)
     assert np.exp(-2 * found.inner_path[0]) < found.albedo[1] < 1  # Jensen
 
@@ -439,7 +440,7 @@ def test_claimed_errors_are_true_ones(monkeypatch):
         scores.append(float(found.g[0] / found.g_error[0]))
     square = np.mean(np.square(scores))
     assert abs(square - 31 / 29) < 5 * np.sqrt(2.3 / len(scores)), square
-    assert np.max(np.abs(scores)) < ODDS
+    assert np.max(np.abs(scores)) < SIGMAS
 
 
 def test_ratio_of_sums_and_its_error():

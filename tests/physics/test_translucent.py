@@ -14,7 +14,8 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers.mitsuba.world import World
 from renderers.translucent import methods
-from tests.physics.particles import ODDS, blocks, same
+from tests.odds import ODDS, sigmas
+from tests.physics.particles import blocks, same
 from tests.physics.test_aggregate import bumpy
 
 SKY = '<emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter>'
@@ -171,7 +172,7 @@ def test_nothing_is_lost(baked, tmp_path, name, index):
     how = transport(tmp_path, [baked(1.0, extent="auto")], {"ball": BALL}, SKY, index, size=24)
     found = means(how, name, numbers=range(60))
     error = found.std(ddof=1) / 60**0.5
-    assert error < 0.01 and abs(found.mean() - 1) < stats.t.isf(ODDS / 2, 59) * error
+    assert error < 0.01 and abs(found.mean() - 1) < sigmas(60) * error
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ from renderers import wavefront
 from renderers.scattering import scatterer
 from renderers.translucent import _beams, beams, methods
 from renderers.translucent.transport import _share
+from tests.odds import ODDS
 from tests.physics import test_translucent as bodies
-from tests.physics.particles import ODDS
 
 baked = bodies.baked
 POINT = """<emitter type="point"><point name="position" value="7, -3, 9"/>

@@ -17,8 +17,8 @@ from renderers.translucent import _shells, methods, shells
 from renderers.translucent.bodies import Body, laid_out
 from renderers.translucent.transport import Colours, Transport
 from tests.conftest import slow
+from tests.odds import ODDS, sigmas
 from tests.physics.media import angles, henyey_greenstein
-from tests.physics.particles import ODDS
 
 SIGMA, G = np.array([1.0, 0.8, 1.2]), np.array([0.0, 0.5, 0.7])
 ALBEDO = np.array([0.95, 0.99, 0.9])
@@ -110,7 +110,7 @@ def test_a_white_world_stays_white(index, tmp_path):
     found = means(how, "shells", 16).mean(axis=1)
     noise = found.std(ddof=1) / len(found)**0.5
     assert noise < 0.02
-    assert abs(found.mean() - 1) < stats.t.isf(ODDS / 2, len(found) - 1) * noise + 1e-6
+    assert abs(found.mean() - 1) < sigmas(len(found)) * noise + 1e-6
 
 
 @pytest.mark.parametrize(("index", "around"), [slow(1.0, PANEL), slow(1.4, SKY)])  # paths seldom find a panel through glass

@@ -19,6 +19,7 @@ from bakery.stages import measures
 from bakery.stages.discrete.stage import STAGE, check
 from bakery.store.tree import Group
 from tests.conftest import ROOT
+from tests.odds import SIGMAS
 
 CASE = (ROOT / "tests" / "regression" / "cases" / "discrete.yaml").read_text()
 SECTION = CASE[CASE.index("discrete:\n"):]
@@ -97,7 +98,7 @@ def test_each_particle_has_its_class(asset):
     mean = classes.extinction[:, kinds].mean(axis=1)
     assert mean == pytest.approx(asset.discrete.mean_extinction, rel=1e-9)
     off = (asset.discrete.mean_extinction - asset.discrete.law_extinction) / asset.discrete.error["mean_extinction"]
-    assert (np.abs(off) < 5.4).all()
+    assert (np.abs(off) < SIGMAS).all()
 
 
 @pytest.mark.slow
@@ -129,7 +130,7 @@ def test_a_procedural_realisation_stores_no_place(recipe, asset):
 
 def test_chance_decides_the_number_where_there_is_no_count(recipe):
     found = baked(recipe("{box: [10 cm, 10 cm, 20 cm]}")).discrete
-    assert abs(int(found.number) - 2000) < 5.4 * 2000**0.5 and int(found.number) != 2000
+    assert abs(int(found.number) - 2000) < SIGMAS * 2000**0.5 and int(found.number) != 2000
     assert float(found.number_density) == 1e6
 
 
