@@ -79,6 +79,7 @@ def one(recipe: str, folder: str) -> None:
     from numba.core import event
 
     from bakery import run
+    from bakery.run import standing
     from bakery.run.cache import Cache
     from bakery.run.progress import Progress
 
@@ -118,7 +119,7 @@ def one(recipe: str, folder: str) -> None:
     with event.install_listener("numba:compile", Modules()):
         plan = run.prepare(recipe, Path(folder) / "a.h5", cache=cache, jobs=1)
         baked = run.execute(plan, cache=cache, jobs=1, progress=told)
-    peak = max(run._standing(baked.output)[f"provenance/{step.stage.name}"].attributes["peak_memory"] for step in plan.steps)
+    peak = max(standing.asset_at(baked.output)[f"provenance/{step.stage.name}"].attributes["peak_memory"] for step in plan.steps)
     print(json.dumps({
         "seconds": plan.seconds - sum(step.cost.compiling for step in plan.steps), "memory": plan.memory, "file": plan.file,
         "peak": peak, "size": baked.output.stat().st_size, "compiling": modules, "traces": told.traces,

@@ -32,10 +32,10 @@ def baked(scene: Scene, progress=None) -> Scene:
     for one in named:
         if (key := (one.asset, one.recipe)) in paths:
             continue
-        place = None if one.recipe else scene.file(one.asset)
-        recipe = scene.file(one.recipe) if one.recipe else beside(place)
+        output = None if one.recipe else scene.file(one.asset)
+        recipe = scene.file(one.recipe) if one.recipe else beside(output)
         if recipe is None:
-            paths[key] = place
+            paths[key] = output
             shares.append(budget.HALF)
             continue
 
@@ -44,10 +44,10 @@ def baked(scene: Scene, progress=None) -> Scene:
             shares.append(required.share)
             return required
 
-        paths[key] = ensured(recipe, require=require, candidates=_candidates(scene, recipe) if one.recipe else (), output=place,
+        paths[key] = ensured(recipe, require=require, candidates=_candidates(scene, recipe) if one.recipe else (), output=output,
                              progress=progress, by=str(scene.path))
-    every = tuple(paths[one.asset, one.recipe] for one in named)
-    return dataclasses.replace(scene, asset=every[0], assets=every, share=max(shares))
+    assets = tuple(paths[one.asset, one.recipe] for one in named)
+    return dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
 
 
 def _candidates(scene, recipe: Path) -> list[Path]:

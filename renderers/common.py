@@ -126,7 +126,7 @@ class Common(Section):
     description: fields.Text = Field("", description="Free text.")
     asset: fields.Path | None = Field(None, description="Asset of the medium, relative to the scene's folder.")
     recipe: fields.Path | None = Field(
-        None, description="Instead of the asset: its recipe, baked beside the scene where the asset is missing or out of date."
+        None, description="Instead of the asset: its recipe, baked into the cache unless its asset is there and good enough."
     )
     tolerance: Tolerance | None = Field(
         None, description="Of the picture: relative root mean square error of linear radiance; the renderer's own if absent."

@@ -30,7 +30,7 @@ from bakery.system.terminal import remark
 )
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
-              help="Asset to write; DIR/ puts NAME.h5 into a folder.")
+              help="Asset to write; DIR/ puts RECIPE.h5 into a folder.")
 @recipe_options
 @sweep_option
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N",
@@ -47,7 +47,8 @@ from bakery.system.terminal import remark
 @verbose_option
 def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, cluster, force, keep_going, dry_run,
             depfile, overwrite, as_json, quiet, verbose):
-    """Bake each RECIPE into one asset, NAME.h5 unless -o says otherwise; a recipe that sweeps keys into a family of them.
+    """Bake each RECIPE into one asset, called as its file (fog.yaml: fog.h5) unless -o says otherwise; a recipe that sweeps keys
+    into a family of them.
 
     Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset,
     and nothing else, on standard output.  Several recipes share the processors; those that failed are listed at the end.
@@ -60,7 +61,7 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     from bakery.store.outputs import ASSET, DEPFILE, check_outputs
 
     if len(recipes) > 1 and output and not output.endswith("/"):
-        raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each NAME.h5 into a folder')
+        raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each asset into a folder')
     if len(recipes) > 1 and depfile:
         raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; one call a recipe would do")
     if cluster is not None:
@@ -105,7 +106,7 @@ def _check_apart(recipes, plans) -> None:
         other = targets.setdefault(os.path.realpath(plan.output), index)
         if other != index:
             raise UsageError(f"{recipes[other]} and {recipes[index]} would both become {plan.output}; "
-                             "give each its own name or bake them apart")
+                             "give each file its own name or bake them apart")
 
 
 def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose) -> int:

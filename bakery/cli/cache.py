@@ -117,10 +117,10 @@ def _ask(folder, held) -> None:
         return
     named = ", ".join(clean(path.name) for path in held.others[:_NAMED])
     more = f" and {len(held.others) - _NAMED} more" if len(held.others) > _NAMED else ""
-    said = f"{folder}: holds besides {_entries(count)} also {named}{more}, which are no cache's and would stay"
+    message = f"{folder}: holds besides {_entries(count)} also {named}{more}, which are no cache's and would stay"
     if not sys.stdin.isatty():
-        raise UsageError(f"{said}; --yes removes the entries without a question")
-    if not click.confirm(f"{said}. Remove the entries?", err=True):
+        raise UsageError(f"{message}; --yes removes the entries without a question")
+    if not click.confirm(f"{message}. Remove the entries?", err=True):
         raise UsageError("nothing is removed")
 
 

@@ -24,7 +24,7 @@ class FiniteRange(click.FloatRange):
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
 overwrite_option = click.option("--overwrite", is_flag=True,
-                                help="Replace also a file of another kind that stands where an output goes.")
+                                help="Replace also a file of another kind, or the asset of another recipe, where an output goes.")
 sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VALUES",
                             help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
 at_option = click.option("--at", "place", multiple=True, metavar="AXIS=VALUE",

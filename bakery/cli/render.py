@@ -38,9 +38,10 @@ from bakery.errors import UsageError
 def command(source, output, quality, variant, seed, settings, resume, place, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
-    A SCENE that names a recipe has it baked first, where its asset is missing or out of date.  In a Mitsuba scene --set gives a
-    parameter: `$NAME` in the file takes the value of --set NAME=VALUE.  Prints the paths of both pictures; how they were made is
-    said on standard error.  Exit status 3 where the noise or tolerance that a SCENE asks for was missed; a draft only tells.
+    A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
+    asset is replaced.  In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
+    Prints the paths of both pictures; how they were made is said on standard error.  Exit status 3 where the noise or tolerance
+    that a SCENE asks for was missed; a draft only tells.
     """
     from contextlib import ExitStack
     from pathlib import Path

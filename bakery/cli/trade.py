@@ -25,7 +25,7 @@ from bakery.errors import Interrupted, UsageError
 )
 @click.argument("source", type=click.Path(), metavar="RECIPE|SCENE")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR|FILE.html",
-              help="Folder of a recipe's results, page of a scene.  Default: NAME.trade, NAME_trade.html beside the scene.")
+              help="Folder of a recipe's results, page of a scene.  Default: RECIPE.trade, NAME_trade.html beside the scene.")
 @recipe_options
 @click.option("--methods", metavar="A,B,C",
               help="Of a scene: points in place of those that its renderer names, as `bake compare` takes them.")

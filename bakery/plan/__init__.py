@@ -123,12 +123,12 @@ class Wanted(NamedTuple):
 
 def wanted(recipe, only: Sequence[str] = ()) -> list[Wanted]:
     """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need."""
-    found, hashes = [], {}
+    stages, hashes = [], {}
     for stage in chosen(recipe, only):
         inputs = parts(stage, recipe, hashes)
         hashes[stage.name] = input_hash(inputs)
-        found.append(Wanted(stage, inputs, hashes[stage.name]))
-    return found
+        stages.append(Wanted(stage, inputs, hashes[stage.name]))
+    return stages
 
 
 def make(

@@ -31,14 +31,14 @@ class Held(NamedTuple):
     achieved_error: float
 
 
-def lacking(held: Mapping[str, Held], steps: Iterable, own: Mapping[str, Mapping], knobs: Iterable, recipe) -> list[str]:
+def lacking(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str, Mapping], knobs: Iterable, recipe) -> list[str]:
     """Why an asset will not do in place of a bake, in words; nothing where it will.
 
     Parameters
     ----------
     held : the asset's stages
     steps : of the bake (`bakery.plan.Step`)
-    own : parts of each stage of the recipe as it stands: what it holds may stay where no more is asked for
+    recipe_parts : parts of each stage of the recipe as it stands: what it holds may stay where no more is asked for
     knobs : values that somebody decided (`renderers.requirements.Knob`): `key`, `value`, `demand`
     recipe : of the bake, checked
     """
@@ -50,19 +50,19 @@ def lacking(held: Mapping[str, Held], steps: Iterable, own: Mapping[str, Mapping
             reasons.append(f"{name} is missing")
         elif stage.input_hash != step.input_hash:
             reasons += [f"{name}: {key}" for key in _differing(stage.parts, step.parts)
-                        if not _as_good(key, stage.parts, step.parts, own.get(name, {}), knobs)]
+                        if not _as_good(key, stage.parts, step.parts, recipe_parts.get(name, {}), knobs)]
             if stage.achieved_error > step.stage.tolerance(recipe):
                 reasons.append(f"{name}: its error of {stage.achieved_error:.2g}")
     return reasons
 
 
-def lost(held: Mapping[str, Held], steps: Iterable, own: Mapping[str, Mapping], knobs: Iterable) -> list[str]:
+def lost(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str, Mapping], knobs: Iterable) -> list[str]:
     """What a bake would make worse of an asset, in words; arguments as of `lacking`.
 
     A stage that is out of date, because the recipe says another thing than how good it is to be, is nothing to lose.
     """
     knobs, steps = list(knobs), {step.stage.name: step.parts for step in steps}
-    wanted, worse = {**own, **steps}, []
+    wanted, worse = {**recipe_parts, **steps}, []
 
     def stale(name: str) -> bool:
         if name not in held:
@@ -87,13 +87,14 @@ def _differing(held: Mapping, wanted: Mapping) -> list[str]:
     return [key for key in sorted({*held, *wanted}) if not key.startswith(_UPSTREAM) and held.get(key) != wanted.get(key)]
 
 
-def _as_good(key: str, held: Mapping, wanted: Mapping, own: Mapping, knobs) -> bool:
+def _as_good(key: str, held: Mapping, wanted: Mapping, recipe_parts: Mapping, knobs) -> bool:
     """Whether a part that is another than the one wanted asks for as much."""
     if _demand(key, held.get(key), knobs) >= _demand(key, wanted.get(key), knobs):
         return True
     knob = _knob(key, knobs)
     # the recipe's own value, which may be a list, or left to the stage: it does where the knob does not ask for more
-    return knob is not None and held.get(key) == own.get(key) and not knob.demand(knob.value) > knob.demand(own.get(knob.key))
+    return knob is not None and held.get(key) == recipe_parts.get(key) \
+        and not knob.demand(knob.value) > knob.demand(recipe_parts.get(knob.key))
 
 
 def _graded(key: str, knobs) -> bool:

@@ -29,7 +29,7 @@ class Common(Section):
     """Keys of every recipe."""
 
     bakery: Format = Field(description="Recipe format.")
-    name: Name = Field(description="The asset is NAME.h5 unless -o says otherwise.")
+    name: Name = Field(description="What pages and pictures call the asset; its file is called as the recipe's.")
     description: Text = Field("", description="Free text.")
     wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, least=1e-9, most=1e6) = Field(
         NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."

@@ -80,11 +80,11 @@ def overrides(
 
 def target_of(output: str | os.PathLike | None, recipe: Path) -> Path:
     """The asset's path: that of the recipe's file, FILE.h5, in the current folder by default; a closing slash marks a folder."""
-    own = f"{recipe.stem}.h5"
+    file_name = f"{recipe.stem}.h5"
     if output is None:
-        return Path(own)
+        return Path(file_name)
     text = os.fspath(output)
-    return Path(text) / own if text.endswith("/") else Path(text)
+    return Path(text) / file_name if text.endswith("/") else Path(text)
 
 
 def files_of(recipe) -> tuple[Path, ...]:
@@ -96,13 +96,13 @@ def prepare(
     recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
     overwrite: bool = False, progress: Progress | None = None, needs: Sequence = (), remarks: Sequence[str] = (),
-    read: Sequence[Path] = (), own: Mapping[str, Mapping] | None = None,
+    read: Sequence[Path] = (), recipe_parts: Mapping[str, Mapping] | None = None,
 ) -> Plan:
     """Read and check a recipe and plan its bake; runs nothing and writes nothing.  `needs`, `remarks` and `read` are those of
     `Plan`.
 
-    own : parts of each stage of the recipe as it stands, where scenes decide what is baked: an asset at the output that is as
-        good is then left alone, and one that would lose something is not replaced (but for `overwrite`)
+    recipe_parts : parts of each stage of the recipe as it stands, where scenes decide what is baked: an asset at the output that
+        is as good is then left alone, and one that would lose something is not replaced (but for `overwrite`)
 
     Raises
     ------
@@ -112,45 +112,45 @@ def prepare(
     """
     cache, progress = cache or Cache(), progress or Progress()
     with progress.during(f"planning {Path(recipe_path).name}"):
-        recipe, target = _checked(recipe_path, output, settings, overwrite, read)
-        there = standing.asset_at(target)
-        held = standing.held(there) if there else {}
-        plan = _priced(recipe, target, stages, there, held, force=force, cache=cache, jobs=jobs, progress=progress)
+        recipe, target, present = _checked(recipe_path, output, settings, overwrite, read)
+        held = standing.held(present) if present else {}
+        plan = _priced(recipe, target, stages, present, held, force=force, cache=cache, jobs=jobs, progress=progress)
         plan = replace(plan, needs=tuple(needs), remarks=tuple(remarks), read=tuple(read))
-        if own is not None and plan.write and held:
-            plan = _no_worse(plan, held, own, force, overwrite)
+        if recipe_parts is not None and plan.write and held:
+            plan = _no_worse(plan, held, recipe_parts, force, overwrite)
     _refuse_too_large(plan)
-    return plan if plan.write else replace(plan, missed=_missed(there))
+    return plan if plan.write else replace(plan, missed=_missed(present))
 
 
 def _checked(recipe_path, output, settings, overwrite: bool, read):
-    """The recipe, and where its asset goes; the same errors as `prepare`."""
+    """The recipe, where its asset goes, and the asset that stands there, if any; the same errors as `prepare`."""
     from bakery.recipe import load
     from bakery.store.outputs import ASSET, check_outputs
 
     recipe = load(recipe_path, dict(settings or {})).unswept()
     target = target_of(output, recipe.path)
     check_outputs([(target, ASSET)], (*files_of(recipe), *read), overwrite)
-    if not overwrite:
-        standing.check_recipe(target, recipe)
-    return recipe, target
+    present = standing.asset_at(target)
+    if present is not None and not overwrite:
+        standing.check_recipe(target, present, recipe)
+    return recipe, target, present
 
 
-def _no_worse(plan: Plan, held, own: Mapping[str, Mapping], force: bool, overwrite: bool) -> Plan:
+def _no_worse(plan: Plan, held, recipe_parts: Mapping[str, Mapping], force: bool, overwrite: bool) -> Plan:
     """The plan, or one that writes nothing where what is there is as good; UsageError where it is better in something."""
     from bakery.plan.suffice import lacking, lost
 
     knobs = [knob for need in plan.needs if need.needed for knob in need.knobs]
-    if not force and not lacking(held, plan.steps, own, knobs, plan.recipe):
+    if not force and not lacking(held, plan.steps, recipe_parts, knobs, plan.recipe):
         steps = (replace(step, action=REUSE, why=(f"as good in {plan.output}, or better",)) for step in plan.steps)
         return replace(plan, steps=tuple(steps), write=False)
-    if not overwrite and (worse := lost(held, plan.steps, own, knobs)):
+    if not overwrite and (worse := lost(held, plan.steps, recipe_parts, knobs)):
         raise UsageError(f"{plan.output}: holds more than the scene needs ({', '.join(worse)}), so it is not replaced; name "
                          "another output, or say --overwrite")
     return plan
 
 
-def _priced(recipe, target: Path, stages, there: Group | None, held, *, force: bool, cache: Cache, jobs: int | None,
+def _priced(recipe, target: Path, stages, present: Group | None, held, *, force: bool, cache: Cache, jobs: int | None,
             progress: Progress) -> Plan:
     """The plan with what each stage takes on this machine."""
     workers = resources.jobs(jobs)
@@ -168,9 +168,9 @@ def _priced(recipe, target: Path, stages, there: Group | None, held, *, force: b
     measured = () if recipe.particles is None else ("mie._kernels",)
     with remembering(cache), compiling.watched(measured, progress.compiling):
         return make(recipe, target, only=stages, force=force, price=price, in_cache=cache.has,
-                    previous={name: stage.parts for name, stage in held.items() if stage.parts} if there else None,
+                    previous={name: stage.parts for name, stage in held.items() if stage.parts} if present else None,
                     current={name: stage.input_hash for name, stage in held.items()},
-                    same_recipe=there is not None and standing.is_of(there, recipe),
+                    same_recipe=present is not None and standing.is_of(present, recipe),
                     loaded=resources.resident_memory() + LIBRARIES)
 
 
@@ -209,10 +209,10 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     files = (*files_of(plan.recipe), *plan.read)
     asked = {"needs": tuple(plan.needs_as_dicts()), "remarks": plan.remarks}
     with progress.during(f"reading {plan.output.name}"):
-        there = standing.asset_at(plan.output)
+        present = standing.asset_at(plan.output)
     if not plan.write:
         touch(plan.output)
-        existing = there or Group()  # gone since the plan was made: nothing is known of it
+        existing = present or Group()  # gone since the plan was made: nothing is known of it
         steps = tuple(_report(step, "unchanged", 0.0, existing.members.get(step.stage.name)) for step in plan.steps)
         return Baked(plan.output, False, steps, files, _missed(existing), plan.recipe.warnings, **asked)
     if any(step.action == RUN for step in plan.steps):
@@ -225,7 +225,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
             running = stack.enter_context(pool)
         stack.enter_context(remembering(cache))
         for step in plan.steps:
-            group, provenance, report = _finish(step, plan, groups, there, cache, running, workers, progress,
+            group, provenance, report = _finish(step, plan, groups, present, cache, running, workers, progress,
                                                 in_process=not (executor or address))
             groups[step.stage.name], provenances[step.stage.name] = group, provenance
             steps.append(report)
@@ -235,10 +235,10 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings, **asked)
 
 
-def _finish(step: Step, plan: Plan, groups, there, cache: Cache, pool, workers, progress: Progress, in_process: bool):
+def _finish(step: Step, plan: Plan, groups, present, cache: Cache, pool, workers, progress: Progress, in_process: bool):
     """One stage: taken from the asset that stands, from the cache, or computed (`in_process`: by this process)."""
     stage = step.stage
-    if step.action == REUSE and (reused := standing.stage_of(there, stage.name, step.input_hash)):
+    if step.action == REUSE and (reused := standing.stage_of(present, stage.name, step.input_hash)):
         return *reused, _report(step, "unchanged", 0.0, reused[0])
     with cache.lock(stage.name, step.input_hash):
         # looked at again under the lock: another bake may have finished it since the plan was made

@@ -18,13 +18,14 @@ from bakery.run.progress import Progress
 
 def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
             needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (),
-            own: Mapping[str, Mapping] | None = None, **options) -> Plan | FamilyPlan:
+            recipe_parts: Mapping[str, Mapping] | None = None, **options) -> Plan | FamilyPlan:
     """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families."""
     from bakery.recipe import swept
 
     if swept(recipe, settings):
         return prepare_family(recipe, output, settings=settings, **options)
-    return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, own=own, **options)
+    return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, recipe_parts=recipe_parts,
+                   **options)
 
 
 def executed(plan: Plan | FamilyPlan, **options) -> Baked:

@@ -23,7 +23,7 @@ from bakery.plan import wanted as stages_wanted
 from bakery.plan.suffice import lacking
 from bakery.run import draft, execute, prepare, standing
 from bakery.run.cache import Cache
-from bakery.run.entries import asset_key
+from bakery.run.entries import asset_key, is_entry
 from bakery.run.progress import Progress
 from bakery.stages import sections_for
 from bakery.store import scratch
@@ -43,7 +43,7 @@ class Asked:
     settings : overrides of the recipe: what was set before, and on top of the recipe the knobs that are asked for
     stages : names of the only stages to bake, with those that they need
     added, left : names of stages that the recipe does not ask for, and that it asks for in vain
-    own : parts of each stage of the recipe as it stands, with the stages that are added
+    recipe_parts : parts of each stage of the recipe as it stands, with the stages that are added
     needs : why, see `renderers.requirements.Need`
     remarks : what could not be found out
     read : files that it was found out from, besides the recipe's
@@ -53,7 +53,7 @@ class Asked:
     stages: tuple[str, ...]
     added: tuple[str, ...]
     left: tuple[str, ...]
-    own: Mapping[str, Mapping] | None = None
+    recipe_parts: Mapping[str, Mapping] | None = None
     needs: tuple = ()
     remarks: tuple[str, ...] = ()
     read: tuple[Path, ...] = ()
@@ -61,7 +61,7 @@ class Asked:
     @property
     def of_plan(self) -> dict:
         """What `bakery.run.prepare` takes of it, by name."""
-        return {name: getattr(self, name) for name in ("stages", "settings", "needs", "remarks", "read", "own")}
+        return {name: getattr(self, name) for name in ("stages", "settings", "needs", "remarks", "read", "recipe_parts")}
 
 
 def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Callable, cache: Cache | None = None,
@@ -157,18 +157,18 @@ def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequenc
     key = asset_key(values.name, values.text, {step.stage.name: step.input_hash for step in steps})
     kept = cache.asset_path(values.name, key)
     with progress.during(f"looking for an asset of {os.path.basename(recipe)}"):
-        found = _good_enough([*candidates, *([output] if output else [])], wanted, steps, values)
-        if found is None and (root := cache.asset(kept)) is not None:
-            found = kept, root
-    if found:
-        for line in (*wanted.remarks, *_missed(*found)):
+        ready = _good_enough([*candidates, *([output] if output else [])], wanted, steps, values)
+        if ready is None and (root := cache.asset(kept)) is not None:
+            ready = kept, root
+    if ready:
+        for line in (*wanted.remarks, *_missed(*ready)):
             progress.say(line)
-        return found[0]
+        return ready[0]
     if output is None or os.path.lexists(output):
         output = _to_be_written(kept, progress)
-    # a name in the cache is a hash of all that decides the asset: what stands there is damaged, or no asset
+    # a name in the cache is a hash of all that decides the asset: what stands there is the same asset, damaged
     plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=output.name == kept.name,
-                   **{name: value for name, value in wanted.of_plan.items() if name != "own"})
+                   **{name: value for name, value in wanted.of_plan.items() if name != "recipe_parts"})
     for line in told(recipe, wanted):
         progress.say(line)
     baked = execute(plan, cache=cache, progress=progress)
@@ -182,7 +182,7 @@ def _good_enough(paths: Sequence[Path], wanted: Asked, steps: Sequence, recipe) 
     knobs = [knob for need in wanted.needs if need.needed for knob in need.knobs]
     for path in paths:
         root = standing.asset_at(path)
-        if root is not None and not lacking(standing.held(root), steps, wanted.own, knobs, recipe):
+        if root is not None and not lacking(standing.held(root), steps, wanted.recipe_parts, knobs, recipe):
             return path, root
     return None
 
@@ -198,9 +198,9 @@ def _to_be_written(kept: Path, progress: Progress) -> Path:
         writable = os.access(kept.parent, os.W_OK | os.X_OK)
     except OSError:
         writable = False
-    if writable:
+    if writable and (is_entry(kept) or not os.path.lexists(kept)):
         return kept
-    progress.say(f"cache: {kept.parent} cannot be written; the asset of the scene is baked for this run alone")
+    progress.say(f"cache: {kept} cannot be written; the asset of the scene is baked for this run alone")
     return _UNTIL_THE_END.enter_context(scratch.folder("scene")) / kept.name
 
 

@@ -42,7 +42,7 @@ from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.messages import ClusterLost
 from bakery.run.progress import Progress
-from bakery.run.standing import check_recipe
+from bakery.run.standing import asset_at, check_recipe
 from bakery.stages.conform import FAMILY
 from bakery.store import scratch
 from bakery.store.files import free_space
@@ -147,8 +147,8 @@ def prepare_family(
     recipe = load(recipe_path, dict(settings or {}))
     target = target_of(output, recipe.path)
     check_outputs([(target, ASSET)], files_of(recipe), overwrite)
-    if not overwrite:
-        check_recipe(target, recipe)
+    if not overwrite and (root := asset_at(target)) is not None:
+        check_recipe(target, root, recipe)
     if target.suffix == "":
         raise UsageError(f"{target}: the members of a family go into a folder of its name without the ending, and it has none; "
                          f"name it {target}.h5")

@@ -71,24 +71,18 @@ def seen_from(asset: Path, recipe: Path) -> str:
         return os.path.realpath(recipe)
 
 
-def check_recipe(target: Path, recipe) -> None:
-    """UsageError where the asset, or the family, at a path was made from another recipe: it is nothing to bake over.
+def check_recipe(target: Path, root: Group, recipe) -> None:
+    """UsageError where the asset, or the family, that stands at a path was made from another recipe: it is nothing to bake over.
 
     The same recipe is one of the same file name that was edited since, or moved.  Where the file that the asset was made from is
     still there and is another one, the name is a coincidence.
     """
-    from bakery.store.read import read
-
-    try:
-        root = read(target) if target.is_file() else None
-    except (AssetError, StoreError):
-        return
-    provenance = root and root.members.get("provenance")
+    provenance = root.members.get("provenance")
     made_from = provenance.attributes.get("recipe_path") if isinstance(provenance, Group) else None
-    if not isinstance(made_from, str) or "recipe" in root.members and is_of(root, recipe):
+    if not isinstance(made_from, str) or is_of(root, recipe):
         return
-    place = provenance.attributes.get(FROM)
-    origin = target.resolve().parent / place if isinstance(place, str) else None
+    seen = provenance.attributes.get(FROM)
+    origin = target.resolve().parent / seen if isinstance(seen, str) else None
     if os.path.basename(made_from) != recipe.path.name or origin and origin.is_file() and not same_file(origin, recipe.path):
         raise UsageError(f"{target}: holds the asset of another recipe, {origin or made_from}, so it is not replaced; "
                          "name another output, or say --overwrite")

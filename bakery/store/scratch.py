@@ -32,11 +32,11 @@ def folder(purpose: str, files: Files = FILES) -> Iterator[Path]:
 
 def sweep(files: Files = FILES) -> None:
     """Remove such folders of this user whose process has died."""
-    place = tempfile.gettempdir()
+    parent = tempfile.gettempdir()
     with suppress(OSError):
-        for name in files.list(place):
+        for name in files.list(parent):
             if _FOLDER.fullmatch(name):
-                _remove_unheld(os.path.join(place, name), files)
+                _remove_unheld(os.path.join(parent, name), files)
 
 
 def _remove_unheld(path: str, files: Files) -> None:

@@ -214,3 +214,16 @@ def test_tables_of_what_has_changed_are_nothing_to_lose(call, wax):
     assert call(*words)[0] == 0
     (wax / "wax.yaml").write_text((wax / "wax.yaml").read_text().replace("0.9", "0.5"))
     assert call(*words, "--scene", wax / "s.yaml")[0] == 0 and set(bakery.open(wax / "wax.h5").stages) == {"medium"}
+
+
+def test_a_family_is_of_its_recipe_too(call, folder):
+    """Neither an asset nor a family of another recipe takes its place; an edited one does."""
+    sweep = "--sweep", "medium.phase.g=[0.1, 0.2]", "--set", "sweep.refine=false"
+    assert call("fog.yaml", *sweep)[0] == 0
+    before = state(folder)
+    (folder / "mist.yaml").write_text(MILK.format(name="fog", g=0.2))
+    for words in ((), sweep):
+        status, _, err = call("mist.yaml", "-o", "fog.h5", *words)
+        assert status == 2 and "fog.h5: holds the asset of another recipe, " in err and state(folder) == before
+    (folder / "fog.yaml").write_text((folder / "fog.yaml").read_text().replace("0.9998", "0.9"))
+    assert call("fog.yaml", *sweep)[0] == 0 and state(folder) != before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -171,7 +172,8 @@ def test_baked_from_its_recipe(call, assets, place):
     scene = SCENE.replace("80, height: 64", "8, height: 6")
     (place / "s.yaml").write_text(scene.replace("asset: drops.h5", "recipe: drops.yaml"))
     report, _ = rendered(call, place, "own")
-    assert report["asset"] == str(place / "own.h5")
+    assert not (place / "own.h5").exists()
+    (place / "own.h5").write_bytes(Path(report["asset"]).read_bytes())
     (place / "s.yaml").write_text(scene.replace("asset: drops.h5", "asset: own.h5"))
     _, given = rendered(call, place, "given")
     assert np.array_equal(picture(given), picture(layers(place / "own.exr")))
