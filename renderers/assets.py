@@ -28,13 +28,13 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
     """
     if scene.assets:
         return scene
-    named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
+    named = materials(scene)
     _check_apart(scene, named)
     found, shares = {}, [0.0]
     for one in named:
         if (key := (one.asset, one.recipe)) in found:
             continue
-        recipe, place = _recipe(scene, one)
+        recipe, place = recipe_of(scene, one)
         if recipe is None:
             found[key] = place
             shares.append(budget.HALF)
@@ -51,11 +51,16 @@ def baked(scene: Scene, progress=None, overwrite: bool = False) -> Scene:
     return dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(shares))
 
 
+def materials(scene: Scene) -> list:
+    """For each body what names its asset or recipe: the body itself, or the scene."""
+    return [body if body.asset or body.recipe else scene.values for body in scene.bodies]
+
+
 def _check_apart(scene: Scene, named) -> None:
     """UsageError where the asset of a recipe would go where that of another body stands or goes."""
     taken: dict[Path, tuple[str, Path]] = {}
     for number, one in enumerate(named):
-        recipe, place = _recipe(scene, one)
+        recipe, place = recipe_of(scene, one)
         path = Path(place) if recipe is None else output_of(recipe, place)
         word, of = ("asset", path) if recipe is None else ("recipe", Path(recipe))
         first, other = taken.setdefault(path.resolve(), (word, of.resolve()))
@@ -65,8 +70,8 @@ def _check_apart(scene: Scene, named) -> None:
                                    "would do")
 
 
-def _recipe(scene, one):
-    """What to bake, or None, and where the asset is or goes."""
+def recipe_of(scene: Scene, one):
+    """Of what a scene says of a body: what to bake, or None, and where the asset is or goes."""
     if one.recipe:
         return scene.file(one.recipe), os.path.join(scene.path.parent, "")
     asset = scene.file(one.asset)

@@ -32,7 +32,7 @@ from renderers.mitsuba import bitmaps
 from renderers.running import rgb_layers
 
 # passes before which the scatter of a part says nothing, and before which it is not relied upon
-_LEAST, _TRUSTED = 2, 4
+_LEAST, TRUSTED = 2, 4
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
@@ -233,7 +233,7 @@ class Estimate:
         passes = min(mean.count for mean in self.means.values())
         if part is None:
             return "samples"
-        trusted = _TRUSTED if np.any(self.rgb) else _DARK
+        trusted = TRUSTED if np.any(self.rgb) else _DARK
         if passes >= trusted and stop.noise is not None and noise <= stop.noise:
             return "noise"
         if passes >= _LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
@@ -306,7 +306,8 @@ class Estimate:
         """What a part adds to noise and time, for the report."""
         level, variance = max(np.mean(self.rgb @ colour.LUMINANCE), 1e-30), mean.variance
         spots = np.zeros((1, 1)) if variance is None else variance[..., 3]
-        return {"samples": part.samples, "passes": mean.count, "seconds": mean.expected, "noise": float(np.sqrt(np.mean(spots)) / level),
+        return {"samples": part.samples, "passes": mean.count, "seconds": mean.expected,
+                "noise": float(np.sqrt(np.mean(spots)) / level),
                 "concentration": float(np.linalg.norm(spots) / max(np.sum(spots), 1e-300))}
 
     def _interrupted(self, what):

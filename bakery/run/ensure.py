@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bakery.errors import RecipeError, UsageError
-from bakery.plan import chosen
+from bakery.plan import Plan, chosen
 from bakery.run import Baked, draft, execute, prepare, target_of
 from bakery.run.cache import Cache
 from bakery.run.progress import Progress
@@ -116,6 +116,16 @@ def _said(key: str, settings: Mapping[str, str]) -> bool:
         or key.endswith(".tolerance") and "tolerance" in settings
 
 
+def planned(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable, cache: Cache,
+            progress: Progress | None = None, overwrite: bool = False, by: str = "the scene") -> tuple[Plan, Asked]:
+    """What `ensured` will do, and what it was asked for; arguments and errors as of that."""
+    wanted = asked(recipe, {}, require, cache, progress, by)
+    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress, overwrite=overwrite, read=wanted.read)
+    if plan.write or wanted.more:
+        plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=overwrite, **wanted.of_plan)
+    return plan, wanted
+
+
 def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Callable,
             progress: Progress | None = None, overwrite: bool = False, by: str = "the scene") -> Baked:
     """Bakes a recipe unless its asset is up to date, with what is asked of it or, as it stands, with more.
@@ -135,10 +145,7 @@ def ensured(recipe: str | os.PathLike, output: str | os.PathLike, *, require: Ca
     """
     progress = progress or Progress()
     cache = Cache(say=progress.say)
-    wanted = asked(recipe, {}, require, cache, progress, by)
-    plan = prepare(recipe, output, settings=wanted.whole, cache=cache, progress=progress, overwrite=overwrite, read=wanted.read)
-    if plan.write or wanted.more:
-        plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=overwrite, **wanted.of_plan)
+    plan, wanted = planned(recipe, output, require=require, cache=cache, progress=progress, overwrite=overwrite, by=by)
     for line in told(recipe, wanted) if plan.write else wanted.remarks:
         progress.say(line)
     baked = execute(plan, cache=cache, progress=progress)

@@ -48,11 +48,13 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"},
-          "running": {"assets", "budget", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"budget", "colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
+          "reached": {"budget"}, "running": {"assets", "budget", "images", "mitsuba", "progress", "reached", "scene"},
+          "pilot": {"budget", "mitsuba", "pace", "progressive", "reached"},
+          "progressive": {"budget", "colour", "mitsuba", "reached", "running"},
+          "passes": {"budget", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
-          "comparison": {"assets", "images", "pace", "progressive", "scene"}}
+          "comparison": {"assets", "images", "pace", "progressive", "reached", "scene"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for
