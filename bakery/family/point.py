@@ -91,8 +91,7 @@ def asset_at(root: Group, path: str, place: Place) -> Group:
 
 
 def _errors(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> dict:
-    """Tolerance, error and what it is of, at a place: that of the member at a point of all axes, else of the interpolation between
-    the points of some as well."""
+    """Tolerance, error and what it is of: at a point of all axes the member's, else of the interpolation as well."""
     known, achieved = family.attributes, family["members/achieved"].data
     between = [axis for axis, nodes in zip(axes, place, strict=True) if nodes.stop - nodes.start > 1]
     if not between:

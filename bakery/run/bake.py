@@ -17,12 +17,16 @@ from bakery.run.progress import Progress
 
 
 def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
-            needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (), **options) -> Plan | FamilyPlan:
-    """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families."""
+            needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (), keep_going: bool = False,
+            **options) -> Plan | FamilyPlan:
+    """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families.
+
+    keep_going : of a sweep the points that are not wrong are baked where others are
+    """
     from bakery.recipe import swept
 
     if swept(recipe, settings):
-        return prepare_family(recipe, output, settings=settings, **options)
+        return prepare_family(recipe, output, settings=settings, keep_going=keep_going, **options)
     return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, **options)
 
 
