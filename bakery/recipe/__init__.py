@@ -46,9 +46,10 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None, *,
     from bakery.recipe.sweep import checked, sweeps
 
     source, tree, edited, problems = _parsed(path, overrides or {})
+    path = path if isinstance(path, Path) else Path(path)
     if sweeps(tree):
-        return checked(Path(path), source, tree, edited, problems, keep_going)
-    return check(Path(path), source, tree, edited, problems)
+        return checked(path, source, tree, edited, problems, keep_going)
+    return check(path, source, tree, edited, problems)
 
 
 def swept(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> bool:

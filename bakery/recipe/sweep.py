@@ -189,6 +189,8 @@ def _numbers(item: Node) -> tuple[Quantity, float]:
     try:
         if not isinstance(item, Scalar):
             raise Wrong(f"found {describe(item)}", "expected a number")
+        if "," in item.text:
+            raise Wrong(f"found {describe(item)}, several values", f"expected a list: [{item.text}]")
         if item.broken or not units.NUMBER.match(item.text.strip()):
             raise Wrong(f"found {describe(item)}", "expected a number: what is no number has nothing between its values")
         quantity = units.quantity_of(item.text)
