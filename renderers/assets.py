@@ -27,13 +27,11 @@ def baked(scene: Scene, progress=None) -> Scene:
     """
     if scene.assets:
         return scene
-    named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
     paths, shares = {}, [0.0]
-    for one in named:
+    for one in materials(scene):
         if (key := (one.asset, one.recipe)) in paths:
             continue
-        output = None if one.recipe else scene.file(one.asset)
-        recipe = scene.file(one.recipe) if one.recipe else beside(output)
+        recipe, output, candidates = recipe_of(scene, one)
         if recipe is None:
             paths[key] = output
             shares.append(budget.HALF)
@@ -44,12 +42,22 @@ def baked(scene: Scene, progress=None) -> Scene:
             shares.append(required.share)
             return required
 
-        paths[key] = ensured(recipe, require=require, candidates=_candidates(scene, recipe) if one.recipe else (), output=output,
+        paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
                              progress=progress, by=str(scene.path))
-    assets = tuple(paths[one.asset, one.recipe] for one in named)
+    assets = tuple(paths[one.asset, one.recipe] for one in materials(scene))
     return dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
 
 
-def _candidates(scene, recipe: Path) -> list[Path]:
-    """Where users put the asset of a recipe."""
-    return list(dict.fromkeys([scene.path.parent / f"{recipe.stem}.h5", recipe.with_name(f"{recipe.stem}.h5")]))
+def materials(scene: Scene) -> list:
+    """For each body what names its asset or recipe: the body itself, or the scene."""
+    return [body if body.asset or body.recipe else scene.values for body in scene.bodies]
+
+
+def recipe_of(scene: Scene, one) -> tuple[Path | None, Path | None, list[Path]]:
+    """Of what a scene says of a body: what to bake or None, the asset that it names or None, and where users put the asset of
+    the recipe that it names."""
+    if not one.recipe:
+        asset = scene.file(one.asset)
+        return beside(asset), asset, []
+    recipe = scene.file(one.recipe)
+    return recipe, None, list(dict.fromkeys([scene.path.parent / f"{recipe.stem}.h5", recipe.with_name(f"{recipe.stem}.h5")]))

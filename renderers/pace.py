@@ -67,10 +67,10 @@ class Pace:
         # between two renders of one call, of which the first ends without noise, lies no pass
         later = sum(times[i] - times[i - 1] for i in known[1:] if i - 1 in known)
         setup = times[begun] - self._begin + self._clock() - times[known[-1]]
-        return Paced(self._earlier + early + later, setup, *_shared_out(parts, self._earlier + early + later))
+        return Paced(self._earlier + early + later, setup, *shared_out(parts, self._earlier + early + later))
 
 
-def _shared_out(parts, passes):
+def shared_out(parts, passes):
     """`least`, `rate` and `spread`: N passes of a kind, of c seconds, leave the variance v/N; in T seconds in all, best shared
     out, all kinds leave (sum of sqrt(v c))^2 / T."""
     count, noise, seconds, even = (np.array([part[key] for part in parts.values()], float)

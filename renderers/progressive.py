@@ -34,7 +34,7 @@ from renderers.running import SHARED, rgb_layers
 
 # Passes before which the scatter of a part is not relied upon: noise that pixels share has one number a pass for all of them,
 # and of few the smallest would stop the picture
-_TRUSTED, _TRUSTED_SHARED = 4, 8
+TRUSTED, _TRUSTED_SHARED = 4, 8
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
@@ -216,7 +216,7 @@ class Estimate:
         if part is None:
             return "samples"
         shared = noise is not None and self.noise_region > SHARED * self.noise
-        trusted = _DARK if not np.any(self.rgb) else _TRUSTED_SHARED if shared else _TRUSTED
+        trusted = _DARK if not np.any(self.rgb) else _TRUSTED_SHARED if shared else TRUSTED
         if passes >= trusted and stop.noise is not None and noise <= stop.noise:
             return "noise"
         if passes >= LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:

@@ -239,7 +239,8 @@ def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
     except RecipeError as error:
         raise RecipeError(map(_of_scenes, error.problems)) from None
     if isinstance(tree.root, Mapping) and "bakery" in tree.root and "bakery_scene" not in tree.root:
-        instead = f"`bake {source.label}` bakes it, and `bake render` takes its asset"
+        instead = f"`bake {source.label}` bakes it, `bake render` takes its asset, and a scene that names it can be rendered " \
+                  "(`bake new scene` writes one)"
         raise RecipeError([source.problem(None, "", "is a recipe", instead)])
     return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))
 

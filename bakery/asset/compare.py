@@ -4,7 +4,8 @@ What counts is what a user of the asset gets: which groups and datasets there ar
 error that each stage states.  How the values came about does not count: provenance, hashes, versions, descriptions, the name.
 The recipe's text is reported only beside a difference that counts: two recipes that differ in a comment bake the same asset.
 
-Tables over different angles are compared at the angles of both, as the format reads them: linear in cos theta.
+Tables over different angles are compared at the angles of both, as the format reads them: linear in cos theta.  Figures of
+spheres at different nodes of a size distribution are compared at the radii that both have: no others were computed.
 """
 
 from __future__ import annotations
@@ -62,8 +63,7 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
     a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
     found = _attributes("", a, b, rtol)
     left, right = (dict(side.walk()) for side in (a, b))
-    moved = any(path.rpartition("/")[2] == "theta" and isinstance(one, Dataset) and isinstance(right.get(path), Dataset)
-                and not np.array_equal(one.data, right[path].data) for path, one in left.items())
+    moved, sized = (_differs(name, left, right) for name in ("theta", "radius"))
     for path in [*left, *(path for path in right if path not in left)]:
         if path.split("/")[0] in ("provenance", "recipe"):
             continue
@@ -77,6 +77,8 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
                 found += _attributes(path, one, other, rtol)
             else:
                 found.append(Difference(path, "type", "a group in one, a dataset in the other"))
+        elif sized and (nodes := _nodes(path, a, b)) is not None:
+            found += _on_nodes(path, one, other, nodes, rtol)
         elif moved and (angles := _angles(path, a, b)) is not None:
             found += _on_angles(path, a, b, angles, rtol)
         else:
@@ -85,6 +87,12 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
     if found and isinstance(one, Dataset) and isinstance(other, Dataset) and not np.array_equal(one.data, other.data):
         found.append(Difference("recipe", "recipe", "the recipes' texts differ"))
     return found
+
+
+def _differs(name: str, left: dict, right: dict) -> bool:
+    """Whether any coordinate of a name is another in B."""
+    return any(path.rpartition("/")[2] == name and isinstance(one, Dataset) and isinstance(right.get(path), Dataset)
+               and not np.array_equal(one.data, right[path].data) for path, one in left.items())
 
 
 def _attributes(path: str, a: Group, b: Group, rtol: float) -> list[Difference]:
@@ -126,6 +134,30 @@ def _grid(path: str, root: Group) -> np.ndarray | None:
     theta = coordinate(root, path, "A")[1].data
     sound = theta.dtype.kind == "f" and theta.size > 1 and theta[0] == 0 and theta[-1] == math.pi and (np.diff(theta) > 0).all()
     return theta if sound else None
+
+
+def _nodes(path: str, a: Group, b: Group) -> tuple[np.ndarray, np.ndarray] | None:
+    """Positions in A and in B of the radii that both have, where the last axis of a dataset is over radii and these differ."""
+    from bakery.asset.axes import axes
+    from bakery.stages.coordinates import coordinate
+
+    if any(side[path].data.ndim == 0 or axes(side, path)[-1:] != ("R",) for side in (a, b)):
+        return None
+    one, other = (coordinate(side, path, "R")[1].data for side in (a, b))
+    if np.array_equal(one, other) or a[path].data.shape[:-1] != b[path].data.shape[:-1]:
+        return None
+    return np.intersect1d(one, other, return_indices=True)[1:]
+
+
+def _on_nodes(path: str, one: Dataset, other: Dataset, nodes, rtol: float) -> list[Difference]:
+    """Where figures of spheres differ at `nodes`, those of both; of the nodes themselves and their weights, that they differ."""
+    if one.data.ndim == 1:
+        counts = f"{one.data.size} nodes in A, {other.data.size} in B; tables are compared at the {nodes[0].size} that both have"
+        return [] if rtol or path.rpartition("/")[2] != "radius" else [Difference(path, "grid", counts)]
+    if not nodes[0].size:
+        return []
+    left, right = (replace(side, data=side.data[..., where]) for side, where in zip((one, other), nodes, strict=True))
+    return _datasets(path, left, right, None, rtol)
 
 
 def _on_angles(path: str, a: Group, b: Group, angles: np.ndarray, rtol: float) -> list[Difference]:

@@ -22,7 +22,7 @@ from bakery.system.terminal import remark
 COMMANDS = {
     "new": "write a commented recipe to start from",
     "bake": "bake recipes into assets (the default: `bake fog.yaml`)",
-    "plan": "say what a bake would run, why, and what it will cost",
+    "plan": "say what a bake or a render would run, why, and what it will cost",
     "inspect": "print the tree of an asset",
     "verify": "check an asset's integrity and physics",
     "diff": "compare the values of two assets",

@@ -37,7 +37,8 @@ from bakery.system.terminal import remark
               help="Threads, of all recipes together; all processors by default (or BAKERY_JOBS).")
 @click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
 @click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
-@click.option("--keep-going", "-k", is_flag=True, help="Of several recipes bake the others also where one fails.")
+@click.option("--keep-going", "-k", is_flag=True,
+              help="Of several recipes, and of the points of a sweep, bake the others also where one is wrong.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 @click.option("--depfile", type=click.Path(), metavar="FILE",
               help="Write the files that the asset depends on, in Make's syntax.")
@@ -75,7 +76,7 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
             try:
                 wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
                 plans[index] = planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
-                                       progress=progress, **wanted.of_plan)
+                                       progress=progress, keep_going=keep_going, **wanted.of_plan)
             except RecipeError as error:
                 problems += error.problems
                 failures[index] = str(error), error.exit_status

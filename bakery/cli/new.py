@@ -16,21 +16,25 @@ from bakery.errors import UsageError
 @click.argument("kind", default="", metavar="[KIND]", shell_complete=offers.starts)
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
               help="The recipe; DIR/, or a folder that is there, takes KIND.yaml.  Default: KIND.yaml in the current folder.")
-@click.option("--force", is_flag=True, help="Write over what stands there.")
+@click.option("--overwrite", is_flag=True, help="Write over what stands there.")
+@click.option("--force", is_flag=True, hidden=True)
 @json_option
-def command(kind, output, force, as_json):
-    """Write a recipe of a KIND (fog, sand, family, scene, …), or of a published material (espresso, opac_fog, …).
+def command(kind, output, overwrite, force, as_json):
+    """Write a recipe of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or one that ships.
 
     Without KIND all are listed.  The recipe takes the file's name; tables and other files that it needs are
     written beside it, by the same name.
     """
     from bakery.recipe.starting import start, starts
     from bakery.store.put import put
+    from bakery.system.terminal import remark
 
     if not kind:
         _list(starts().values(), as_json)
         return
-    found = start(kind)
+    if force:
+        remark("--force is called --overwrite here, as everywhere")
+    found = start(kind.removesuffix(".yaml"))
     target = Path(output or "")
     if (output or "").endswith("/") or target.is_dir():
         target /= f"{found.name}.yaml"
@@ -41,8 +45,8 @@ def command(kind, output, force, as_json):
     files = {target: found.text(target.stem)}
     files |= {target.with_suffix(path.suffix): path.read_text(encoding="utf-8") for path in found.beside()}
     standing = [path for path in files if path.exists()]
-    if standing and not force:
-        raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --force")
+    if standing and not (overwrite or force):
+        raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --overwrite")
     written = [str(put(path, text)) for path, text in files.items()]
     if as_json:
         print_json({"kind": kind, "files": written})
@@ -51,14 +55,16 @@ def command(kind, output, force, as_json):
 
 
 def _list(starts, as_json: bool) -> None:
-    from bakery.recipe.starting import KINDS
+    from bakery.recipe.starting import KINDS, PUBLISHED, SHIPPED
     from bakery.system.terminal import say, table
 
     if as_json:
-        print_json([{"name": start.name, "published": start.folder != KINDS, "about": start.about} for start in starts])
+        print_json([{"name": start.name, "published": start.folder == PUBLISHED, "shipped": start.folder == SHIPPED,
+                     "about": start.about} for start in starts])
         return
-    for folder, title in ((KINDS, "kinds"), (None, "published materials (docs/catalogue.md)")):
-        rows = [(start.name, start.about) for start in starts if (start.folder == KINDS) == (folder == KINDS)]
+    titles = {KINDS: "kinds", PUBLISHED: "published materials (docs/catalogue.md)", SHIPPED: "recipes that ship (recipes/)"}
+    for folder, title in titles.items():
+        rows = [(start.name, start.about) for start in starts if start.folder == folder]
         say(f"{title}:")
         for line in table(rows):
             say(f"  {line}")

@@ -1,4 +1,4 @@
-"""`bake plan RECIPE`: what a bake would run, why, and what it will cost."""
+"""`bake plan RECIPE|SCENE`: what a bake would run, why, and what it will cost; of a scene what its render will."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from bakery.cli.options import (
 from bakery.system.terminal import remark, say
 
 
-@click.command(name="plan", short_help="say what a bake would run, why, and what it will cost")
-@click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE…")
-@click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset that the bake would write.")
+@click.command(name="plan", short_help="say what a bake or a render would run, why, and what it will cost")
+@click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE|SCENE…")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset or picture that would be written.")
 @recipe_options
 @sweep_option
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
@@ -28,7 +28,13 @@ from bakery.system.terminal import remark, say
 @json_option
 @verbose_option
 def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, force, overwrite, as_json, verbose):
-    """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing."""
+    """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing.
+
+    Of a SCENE what `bake render SCENE` would bake, and seconds, noise and memory of its picture, from a pilot: small pictures of
+    few passes.  What they have to bake stays in the cache; nothing else is written.
+    """
+    from bakery.cli import plan_scene
+    from bakery.cli.trade_scene import is_scene
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.progress import choose
@@ -38,6 +44,12 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     try:
         cache, plans = Cache(say=progress.say), []
         for recipe in recipes:
+            if is_scene(recipe):
+                plan_scene.refused(recipe, {"--stage": stage, "--scene": scenes, "--sweep": sweeps, "--jobs": jobs,
+                                            "--force": force})
+                plans.append(plan_scene.planned(recipe, output, settings_of(None, tolerance, None, settings), quality, seed,
+                                                overwrite, progress))
+                continue
             wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
             plans.append(planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite, progress=progress,
                                  **wanted.of_plan))
@@ -48,12 +60,17 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
 
 def show(plans, as_json: bool, verbose: bool = False) -> None:
     """Print plans, for people or for machines."""
+    from bakery.cli import plan_scene
+
     if as_json:
-        print_json([plan.as_dict() for plan in plans])
+        print_json([plan_scene.as_dict(*plan) if isinstance(plan, tuple) else plan.as_dict() for plan in plans])
         return
     from bakery.system.resources import duration, in_words
 
     for plan in plans:
+        if isinstance(plan, tuple):
+            plan_scene.show(*plan)
+            continue
         for warning in plan.recipe.warnings:
             remark(f"warning: {warning}")
         if plan.recipe.sweep is not None:

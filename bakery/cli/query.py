@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import click
 
 from bakery.cli import offers
 from bakery.cli.options import at_option, json_option, opened, print_json
 from bakery.errors import UsageError
+
+_BEYOND = 3  # digits of a figure from the first one of its error on
 
 
 @click.command(name="query", short_help="print one baked value")
@@ -63,10 +67,12 @@ def _stage_of(root, answer) -> dict | None:
     An error of exactly 0 is none: the figure follows from a formula, and how far that is from the truth is known to the stage.
     """
     from bakery.asset.summary import stage
+    from bakery.stages.coordinates import COORDINATES
 
     name = answer.path.partition("/")[0]
     attributes = getattr(root.members[name], "attributes", {})
-    if "achieved_error" not in attributes or answer.values.dtype.kind != "f":
+    coordinate = answer.path.rpartition("/")[2] in COORDINATES.values()  # where figures are, and itself known
+    if coordinate or "achieved_error" not in attributes or answer.values.dtype.kind != "f":
         return None
     summary = stage(root, name)
     return summary if answer.error is None or not answer.error.any() or summary["missed"] else None
@@ -105,11 +111,16 @@ def _print(answer, stage) -> None:
     from bakery.system.terminal import clean, say, table
 
     unit = "" if answer.units == "1" else f" {clean(answer.units)}"
+    share = stage["achieved_error"] if stage is not None else None
+
+    def figure(value, error=None):
+        return _rounded(value, error or (share or 0.0) * abs(value)) if answer.values.dtype.kind == "f" else _digits(value)
+
     if answer.values.ndim == 0:
         error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
-        say(f"{_digits(answer.values[()])}{error}{unit}")
+        say(f"{figure(answer.values[()], answer.error)}{error}{unit}")
     else:
-        for line in table(answer.rows(_digits), right=range(answer.values.ndim + 64)):
+        for line in table(answer.rows(_digits, figure), right=range(answer.values.ndim + 64)):
             say(line)
     for remark in answer.remarks:
         say(f"# {clean(remark.text)}")
@@ -117,6 +128,15 @@ def _print(answer, stage) -> None:
         say(f"# MISSED by stage {stage['group']}: {clean(stage['missed'])}; the error is the {clean(stage['error_measure'])}")
     elif stage is not None:
         say(f"# error of the stage {stage['achieved_error']:.2g}: {clean(stage['error_measure'])}")
+
+
+def _rounded(value, error) -> str:
+    """A figure to two digits beyond the first one of its error: more say nothing of it; `--json` keeps all."""
+    digits = _digits(value)
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return digits
+    known = max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) if value else 0, 0) + _BEYOND
+    return digits if known > 16 else f"{float(value):.{known}g}"
 
 
 def _digits(value) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from bakery.cli.options import at_option, file_of, json_option, one_asset, overwrite_option, print_json, print_paths
-from bakery.errors import RecipeError
+from bakery.errors import RecipeError, UsageError
 
 
 @click.command(name="report", short_help="write one self-contained page about an asset")
@@ -27,6 +27,9 @@ def command(asset, output, no_render, place, overwrite, as_json):
     from bakery.store.outputs import PAGE, check_outputs
     from bakery.store.put import put
 
+    if output and Path(output).suffix.lower() not in (".html", ".htm"):
+        instead = Path(output).with_suffix(".html") if Path(output).name.strip(".") else "report.html"
+        raise UsageError(f'-o: found "{output}"; the page is HTML, {instead} would do (a browser prints it into a PDF)')
     opened = one_asset(asset, place)
     path = Path(output) if output else Path(opened.path).with_suffix(".html")
     check_outputs([(path, PAGE)], [asset], overwrite)

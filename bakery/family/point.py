@@ -13,6 +13,7 @@ import numpy as np
 import bakery
 from bakery.errors import AssetError, UsageError
 from bakery.family.axes import Axis, file_name, in_words, points, settings, shown
+from bakery.family.refine import ROOM
 from bakery.family.tree import axes_of, error_of, members_of, tables_of
 from bakery.grammar.overrides import apply
 from bakery.grammar.text import Source, parse
@@ -77,9 +78,7 @@ def asset_at(root: Group, path: str, place: Place) -> Group:
     known = family.attributes
     medium = Group(medium_of(optics.sigma_s, optics.sigma_a, optics.theta, optics.elements), {
         "stage": "medium", "stage_version": known["medium_version"], "input_hash": hashlib.sha256(key.encode()).hexdigest(),
-        "tolerance": known["tolerance"] + known["member_tolerance"],
-        "achieved_error": known.get("achieved_error", 0.0) + float(family["members/achieved"].data.max()),
-        "error_measure": "largest error of the members, and of the interpolation between them where that was measured"})
+        **_errors(family, axes, cell(tables, scaled))})
     note = f"interpolated at {place.words} from the family {root.attributes['name']}, {known['method']}"
     told = {"notes": text(note, "remarks of the stage")}
     unknown = _unknown(family, axes, cell(tables, scaled))
@@ -89,6 +88,21 @@ def asset_at(root: Group, path: str, place: Place) -> Group:
     members = {"recipe": text(_recipe(read_text(root["recipe"]), axes, place), "the recipe that would bake this"),
                "wavelength": root["wavelength"], "medium": medium, "provenance": provenance}
     return seal(Group(members, {"name": root.attributes["name"], "bakery_version": bakery.__version__}))
+
+
+def _errors(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> dict:
+    """Tolerance, error and what it is of: at a point of all axes the member's, else of the interpolation as well."""
+    known, achieved = family.attributes, family["members/achieved"].data
+    between = [axis for axis, nodes in zip(axes, place, strict=True) if nodes.stop - nodes.start > 1]
+    if not between:
+        own = np.reshape(achieved, [len(axis.first.values) for axis in axes])[tuple(nodes.start for nodes in place)]
+        return {"tolerance": known["member_tolerance"], "achieved_error": float(own),
+                "error_measure": "error of the member at this point; at angles that all members share"}
+    measured = [error_of(family[f"axes/{axis.first.name}"]) for axis in between]
+    interpolation = sum(float(np.nanmax(error)) for error in measured if error is not None and not np.isnan(error).all()) / ROOM
+    return {"tolerance": known["tolerance"] + known["member_tolerance"],
+            "achieved_error": interpolation + float(achieved.max()),
+            "error_measure": "largest error of the members, and of the interpolation between them where that was measured"}
 
 
 def _unknown(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> list[str]:

@@ -267,14 +267,21 @@ def whole(least: int, most: int, words: dict | None = None):
         text = scalar(node, expected if words else "a whole number").text
         if words and text in words:
             return words[text]
-        # 20 digits hold every whole number in question, however many digits the text has
-        if node.quoted or not re.fullmatch(r"[-+]?\d{1,20}", text, re.ASCII) or not least <= int(text) <= most:
+        value = None if node.quoted else _whole(text)
+        if value is None or not least <= value <= most:
             near = nearest(text, words) if words else ""
             raise Wrong(f"found {show(text)}", f"expected {expected}" + (" without quotes" if node.quoted else "") + near)
-        return int(text)
+        return value
 
     number = {"type": "integer", "minimum": least, "maximum": most}
     return leaf(read, {"anyOf": [*_words(words), number]} if words else number)
+
+
+def _whole(text: str) -> int | None:
+    """The whole number of a text such as 1000 or 1e12; None where it says none."""
+    # 20 digits hold every whole number in question, however many digits the text has
+    match = re.fullmatch(r"([-+]?\d{1,20})(?:[eE]\+?(\d{1,2}))?", text, re.ASCII)
+    return int(match[1]) * 10 ** int(match[2] or 0) if match else None
 
 
 def _read_format(node):

@@ -35,9 +35,22 @@ def asset_root() -> Path:
     return inside if inside.is_dir() else package.parent / "assets"
 
 
+class Written(type(Path())):
+    """A recipe that is no file: what stands for its path, with its text.  Files that it names lie in the current folder."""
+
+    @classmethod
+    def of(cls, text: str) -> Written:
+        """The recipe of a text."""
+        recipe = cls("<recipe>")
+        recipe.text = text
+        return recipe
+
+
 def read_recipe(path: str | os.PathLike) -> bytes:
     """The bytes of a recipe, at most one more than a recipe may have; UsageError where there is no such regular file."""
     label = label_of(path)
+    if isinstance(path, Written):
+        return path.text.encode("utf-8", "surrogateescape")[:MAX_BYTES + 1]
     if "\0" in os.fspath(path):
         raise UsageError(f"{label}: no file has a name like this; give the path of a recipe")
     try:

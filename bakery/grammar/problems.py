@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bakery.errors import Problem
+from bakery.grammar import units
 from bakery.grammar.fields import describe, nearest, one_of
 from bakery.grammar.section import Section, likely, meant
 from bakery.grammar.text import Mapping, Node, Scalar, Sequence, owner, show
@@ -64,8 +65,17 @@ def _unknown(node: Node) -> Iterator[Problem]:
         return  # reported as a merge key
     every = list(parent.model.model_fields) if parent.model else []
     near = likely(parent, name)
-    hint = f" ({near}?)" if near else ""
+    hint = f" ({_as_meant(node, name, near)}?)" if near else ""
     yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}{hint}")
+
+
+def _as_meant(node: Node, name: str, key: str) -> str:
+    """The key that an unknown one seems to stand for, with its value where that is said in another way."""
+    text = node.text.strip() if isinstance(node, Scalar) else ""
+    number = units.NUMBER.match(text)
+    if name == "diameter" and number:
+        return f"{key}: {float(number[0]) / 2:g}{text[number.end():]}"
+    return f"{key}: {{type: hg, g: {text}}}" if (name, key) == ("g", "phase") and number else key
 
 
 def _choice(node: Node, key: str, choices: list[str]) -> Problem:

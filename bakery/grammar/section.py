@@ -28,6 +28,7 @@ class Section(BaseModel):
         return data
 
 
+STANDS_FOR = {"diameter": "radius", "g": "phase"}  # what people write -> the key that takes it
 SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts has its own word
 
 
@@ -36,6 +37,8 @@ def likely(section: Mapping, name: str) -> str:
     names = [field for field in section.model.model_fields if field not in section] if section.model else []
     if name in SHARES:
         return next((field for field in names if field in SHARES), "")
+    if STANDS_FOR.get(name) in names:
+        return STANDS_FOR[name]
     return closest(name, names)
 
 

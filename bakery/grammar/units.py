@@ -17,6 +17,7 @@ from bakery.grammar.text import show
 
 NUMBER = re.compile(r"([-+]?)(\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?", re.ASCII)
 MAX_DIGITS = 400
+_COMPLEX = re.compile(rf"({NUMBER.pattern})\s*[-+]\s*(?P<k>{NUMBER.pattern})?\s*[ij]", re.ASCII)
 _LIST = re.compile(r"\[(.*)\]\s*(\S.*)?", re.DOTALL)
 
 
@@ -98,7 +99,7 @@ def parse(text: str, quantity: Quantity) -> float:
         raise Wrong(f"found a number of {len(match.group()):,} characters", f"expected at most {MAX_DIGITS}")
     canonical = _canonical(unit)
     if not unit and not quantity.bare:
-        raise Wrong(f"found {show(text)}, which has no unit", f"{quantity.takes} ({text} {quantity.suggested}?)")
+        raise Wrong(f"found {show(text)}, which has no unit", f"{quantity.takes} ({text} {_likely(text, quantity)}?)")
     if unit and canonical not in quantity.powers:
         raise _wrong_unit(text, match.group(), unit, canonical, quantity)
     power = quantity.powers.get(canonical, 0)
@@ -108,7 +109,15 @@ def parse(text: str, quantity: Quantity) -> float:
     return math.radians(value) if quantity.degrees and canonical == "deg" else value
 
 
+def _likely(text: str, quantity: Quantity) -> str:
+    """The unit that a number without one may have: few particles are those of a cm^3."""
+    return "/cm^3" if quantity is DENSITY and float(text) < 1e6 else quantity.suggested
+
+
 def _wrong_unit(text: str, number: str, unit: str, canonical: str, quantity: Quantity) -> Wrong:
+    if index := _COMPLEX.fullmatch(text):
+        return Wrong(f"found {show(text)}, a complex number",
+                     f"expected real ones: n: {index[1]}, k: {index['k'] or '1'} is n + ik")
     if not quantity.powers:
         return Wrong(f"found {show(text)}", "expected a number without unit")
     near = difflib.get_close_matches(canonical, quantity.powers, 1, 0.7)

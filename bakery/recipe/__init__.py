@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["json_schema", "load", "swept"]
 
 
-def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> Recipe:
+def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None, *, keep_going: bool = False) -> Recipe:
     """Read and check a recipe.
 
     Parameters
@@ -25,6 +25,7 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) ->
     path : of the recipe, a regular file of at most 1 MiB
     overrides : dotted key -> value as YAML text, such as `{"particles.number_density": "2e8 /m^3"}`; an item of a list is
         `components[0]`, or `components.droplets` if it has a name
+    keep_going : of a sweep, points that are wrong are left to their turn, where others are not
 
     Returns
     -------
@@ -45,7 +46,10 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) ->
     from bakery.recipe.sweep import checked, sweeps
 
     source, tree, edited, problems = _parsed(path, overrides or {})
-    return (checked if sweeps(tree) else check)(Path(path), source, tree, edited, problems)
+    path = path if isinstance(path, Path) else Path(path)
+    if sweeps(tree):
+        return checked(path, source, tree, edited, problems, keep_going)
+    return check(path, source, tree, edited, problems)
 
 
 def swept(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> bool:

@@ -1,4 +1,4 @@
-"""Recipes to start from: one commented recipe a kind, and the catalogue of published materials."""
+"""Recipes to start from: one commented recipe a kind, the catalogue of published materials, and the recipes that ship."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bakery.errors import UsageError
 from bakery.grammar.fields import nearest
 from bakery.grammar.files import asset_root
 
-KINDS, PUBLISHED = "starting", "catalogue"  # folders
+KINDS, PUBLISHED, SHIPPED = "starting", "catalogue", ""  # folders
 _SCHEMA = re.compile(r"\A# yaml-language-server: \$schema=.*\n")
 _NAME = re.compile(r"^name: *\S+( +(?=#))?", re.MULTILINE)  # up to a comment, whose column is kept
 
@@ -23,7 +23,7 @@ class Start:
     Attributes
     ----------
     name : of the file, without .yaml
-    folder : `KINDS` or `PUBLISHED`
+    folder : `KINDS`, `PUBLISHED` or `SHIPPED`
     about : one line
     path : of the recipe
     """
@@ -48,16 +48,20 @@ class Start:
 
 
 def starts() -> dict[str, Start]:
-    """Name -> what may be started from: the kinds first."""
-    return {start.name: start for folder in (KINDS, PUBLISHED) for start in _of(folder)}
+    """Name -> what may be started from: the kinds first, which take a name before the recipes that ship."""
+    found = {}
+    for folder in (KINDS, PUBLISHED, SHIPPED):
+        for each in _of(folder):
+            found.setdefault(each.name, each)
+    return found
 
 
 def start(name: str) -> Start:
     """The one of a name; UsageError with the nearest name where there is none."""
     found = starts()
     if name not in found:
-        raise UsageError(f'found "{name}", which is no kind of recipe and no published material{nearest(name, found)}; '
-                         "`bake new` lists them")
+        raise UsageError(f'found "{name}", which is no kind of recipe, no published material and no recipe that ships'
+                         f"{nearest(name, found)}; `bake new` lists them")
     return found[name]
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence as SequenceOf
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -67,8 +68,10 @@ def sweeps(tree: Tree) -> bool:
     return isinstance(tree.root, Mapping) and isinstance(tree.root.get("sweep"), Mapping)
 
 
-def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Problem]) -> Recipe:
+def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Problem], keep_going: bool = False) -> Recipe:
     """The recipe of the first point of a sweep, and the sweep; arguments as of `build.check`.
+
+    keep_going : points that are wrong are left to their turn, where others are not
 
     All values of each key are tried, up to 200 recipes.  Raises RecipeError with every problem.
     """
@@ -77,16 +80,18 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
     read.problems += _unfit(read, groups)
     if read.problems:
         raise RecipeError(distinct(tree.problems + problems + read.problems))
-    first, found = None, []
-    for indices in _probes([len(group[0].values) for group in groups]):
+    first, wrong = None, []  # of the points that are wrong: what is swept there, and the problems
+    probes = list(_probes([len(group[0].values) for group in groups]))
+    for indices in probes:
+        swept = [(key, index) for group, index in zip(groups, indices, strict=True) for key in group]
         try:
-            for group, index in zip(groups, indices, strict=True):
-                for key in group:
-                    key.key = _put(tree.root, key, index)
+            for key, index in swept:
+                key.key = _put(tree.root, key, index)
             recipe = check(path, source, tree, text, problems)
             first = first or recipe
         except RecipeError as error:
-            found += error.problems
+            wrong.append((swept, error.problems))
+    found = [] if keep_going and first else _told(wrong, len(probes))
     for key in read.keys if not found else ():
         found += _fixed(key, first)
     found += _twice(read.keys) if not found else ()
@@ -184,6 +189,8 @@ def _numbers(item: Node) -> tuple[Quantity, float]:
     try:
         if not isinstance(item, Scalar):
             raise Wrong(f"found {describe(item)}", "expected a number")
+        if "," in item.text:
+            raise Wrong(f"found {describe(item)}, several values", f"expected a list: [{item.text}]")
         if item.broken or not units.NUMBER.match(item.text.strip()):
             raise Wrong(f"found {describe(item)}", "expected a number: what is no number has nothing between its values")
         quantity = units.quantity_of(item.text)
@@ -274,6 +281,23 @@ def _probes(lengths: SequenceOf[int]):
     for axis, length in enumerate(lengths):
         for index in sorted(set(np.linspace(1, length - 1, min(each, length - 1)).astype(int).tolist())) if length > 1 else ():
             yield tuple(index if i == axis else 0 for i in range(len(lengths)))
+
+
+def _told(wrong: SequenceOf[tuple[list[tuple[_Key, int]], list[Problem]]], points: int) -> list[Problem]:
+    """The problems of all points; those of some say which values are swept there, where another key is blamed."""
+    counts = Counter(replace(problem, excerpt="") for _, problems in wrong for problem in distinct(problems))
+    told, seen = [], set()
+    for swept, problems in wrong:
+        values = ", ".join(f"{key.written} is {key.texts[index]}" for key, index in swept)
+        for problem in problems:
+            same = replace(problem, excerpt="")
+            if same in seen:
+                continue
+            seen.add(same)
+            # its own value is in the message, and what is wrong everywhere is no matter of the sweep
+            plain = counts[same] == points or any(problem.key in (key.key, f"sweep.{key.written}") for key, _ in swept)
+            told.append(problem if plain else replace(problem, found=f"{problem.found}, where the sweep says that {values}"))
+    return told
 
 
 def _put(root: Mapping, key: _Key, index: int) -> str:

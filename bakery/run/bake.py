@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
-from bakery.errors import StageError
+from bakery.errors import StageError, UsageError
+from bakery.grammar.files import Written
 from bakery.plan import Plan
 from bakery.run import Baked, execute, overrides, prepare
 from bakery.run.cache import Cache
@@ -18,12 +20,15 @@ from bakery.run.progress import Progress
 
 def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
             needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (),
-            recipe_parts: Mapping[str, Mapping] | None = None, **options) -> Plan | FamilyPlan:
-    """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families."""
+            recipe_parts: Mapping[str, Mapping] | None = None, keep_going: bool = False, **options) -> Plan | FamilyPlan:
+    """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families.
+
+    keep_going : of a sweep the points that are not wrong are baked where others are
+    """
     from bakery.recipe import swept
 
     if swept(recipe, settings):
-        return prepare_family(recipe, output, settings=settings, **options)
+        return prepare_family(recipe, output, settings=settings, keep_going=keep_going, **options)
     return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, recipe_parts=recipe_parts,
                    **options)
 
@@ -33,8 +38,33 @@ def executed(plan: Plan | FamilyPlan, **options) -> Baked:
     return (execute_family if isinstance(plan, FamilyPlan) else execute)(plan, **options)
 
 
+def _as_path(recipe: str | os.PathLike | Mapping) -> str | os.PathLike:
+    """What `bake` takes, as a path; UsageError where it is nothing of that kind."""
+    if isinstance(recipe, Mapping):
+        try:
+            # JSON is YAML; a key a line, so that messages name lines
+            text = json.dumps(dict(recipe), indent=1, ensure_ascii=False, allow_nan=False, default=_plain)
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"recipe: a dict of texts, numbers, lists and dicts would do ({error})") from None
+        return Written.of(text)
+    if isinstance(recipe, str) and "\n" in recipe:
+        return Written.of(recipe)
+    if not isinstance(recipe, (str, os.PathLike)):
+        raise UsageError(f"recipe: found {type(recipe).__name__}; a path, the text of a recipe or a dict would do")
+    return recipe
+
+
+def _plain(value):
+    """A value that JSON does not know: NumPy's, or a path."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"found {type(value).__name__}")
+
+
 def bake(
-    recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
+    recipe: str | os.PathLike | Mapping, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
     quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
     settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
     cluster: str | None = None, force: bool = False, progress: Progress | None = None, overwrite: bool = False,
@@ -43,9 +73,10 @@ def bake(
 
     Parameters
     ----------
-    recipe : path of the recipe
-    output : path of the asset, or of a folder with a closing slash; by default FILE.h5 in the current folder, by the
-        name of the recipe's file
+    recipe : path of the recipe; or its text, of several lines; or a dict of the same keys, `{"bakery": 1, "name": "milk", ...}`.
+        Files that a text or a dict names lie in the current folder
+    output : path of the asset, or of a folder with a closing slash; by default FILE.h5 in the current folder, by the name of the
+        recipe's file, or NAME.h5 of a text or a dict
     stages : names of the only stages to bake (and what they need)
     quality : draft, preview or final
     tolerance, seed : override the recipe's
@@ -71,6 +102,7 @@ def bake(
     >>> print(bakery.bake("fog.yaml", output="fog.h5"))
     fog.h5
     """
+    recipe = _as_path(recipe)
     if cluster is not None:
         check_address(cluster)
     cache = Cache(say=progress.say if progress else lambda text: None)

@@ -16,9 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from bakery.errors import RecipeError, UsageError
-from bakery.plan import chosen
+from bakery.plan import Plan, chosen
 from bakery.plan import wanted as stages_wanted
 from bakery.plan.suffice import lacking
 from bakery.run import draft, execute, prepare, standing
@@ -126,6 +127,56 @@ def _said(key: str, settings: Mapping[str, str]) -> bool:
         or key.endswith(".tolerance") and "tolerance" in settings
 
 
+class Planned(NamedTuple):
+    """What `ensured` will do.
+
+    Attributes
+    ----------
+    asset : path of the one that is good enough, or where it will be baked
+    plan : of its bake; None where it is there
+    asked : what is asked of it
+    lines : what is to be said of it
+    kept : where the cache has, or would have, the asset with just what is asked
+    """
+
+    asset: Path
+    plan: Plan | None
+    asked: Asked
+    lines: tuple[str, ...]
+    kept: Path
+
+
+def planned(recipe: str | os.PathLike, *, require: Callable, cache: Cache, progress: Progress, candidates: Sequence[Path] = (),
+            output: Path | None = None, by: str = "the scene") -> Planned:
+    """What `ensured` will do; arguments and errors as of that."""
+    from bakery.recipe import load
+
+    wanted = asked(recipe, {}, require, cache, progress, by)
+    values = load(recipe, dict(wanted.settings)).unswept()
+    steps = stages_wanted(values, wanted.stages)
+    key = asset_key(values.name, values.text, {step.stage.name: step.input_hash for step in steps})
+    kept = cache.asset_path(values.name, key)
+    with progress.during(f"looking for an asset of {os.path.basename(recipe)}"):
+        ready = _good_enough([*candidates, *([output] if output else [])], wanted, steps, values)
+        if ready is None and (root := cache.asset(kept)) is not None:
+            ready = kept, root
+    if ready:
+        return Planned(ready[0], None, wanted, (*wanted.remarks, *_missed(*ready)), kept)
+    if output is None or os.path.lexists(output):
+        output = _to_be_written(kept, progress)
+    plan = bake_of(recipe, wanted, output, output.name == kept.name, cache, progress)
+    return Planned(output, plan, wanted, tuple(told(recipe, wanted)), kept)
+
+
+def bake_of(recipe: str | os.PathLike, wanted: Asked, output: Path, in_cache: bool, cache: Cache, progress: Progress) -> Plan:
+    """The plan of a bake with just what is asked.
+
+    in_cache : the name of the output is a hash of all that decides the asset: what stands there is the same asset, damaged
+    """
+    return prepare(recipe, output, cache=cache, progress=progress, overwrite=in_cache,
+                   **{name: value for name, value in wanted.of_plan.items() if name != "recipe_parts"})
+
+
 def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequence[Path] = (), output: Path | None = None,
             progress: Progress | None = None, by: str = "the scene") -> Path:
     """The asset of a recipe with what is asked of it.
@@ -147,31 +198,14 @@ def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequenc
     ------
     RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
-    from bakery.recipe import load
-
     progress = progress or Progress()
     cache = Cache(say=progress.say)
-    wanted = asked(recipe, {}, require, cache, progress, by)
-    values = load(recipe, dict(wanted.settings)).unswept()
-    steps = stages_wanted(values, wanted.stages)
-    key = asset_key(values.name, values.text, {step.stage.name: step.input_hash for step in steps})
-    kept = cache.asset_path(values.name, key)
-    with progress.during(f"looking for an asset of {os.path.basename(recipe)}"):
-        ready = _good_enough([*candidates, *([output] if output else [])], wanted, steps, values)
-        if ready is None and (root := cache.asset(kept)) is not None:
-            ready = kept, root
-    if ready:
-        for line in (*wanted.remarks, *_missed(*ready)):
-            progress.say(line)
-        return ready[0]
-    if output is None or os.path.lexists(output):
-        output = _to_be_written(kept, progress)
-    # a name in the cache is a hash of all that decides the asset: what stands there is the same asset, damaged
-    plan = prepare(recipe, output, cache=cache, progress=progress, overwrite=output.name == kept.name,
-                   **{name: value for name, value in wanted.of_plan.items() if name != "recipe_parts"})
-    for line in told(recipe, wanted):
+    due = planned(recipe, require=require, cache=cache, progress=progress, candidates=candidates, output=output, by=by)
+    for line in due.lines:
         progress.say(line)
-    baked = execute(plan, cache=cache, progress=progress)
+    if due.plan is None:
+        return due.asset
+    baked = execute(due.plan, cache=cache, progress=progress)
     for miss in baked.missed:
         progress.say(f"{baked.output}: {miss}")
     return baked.output

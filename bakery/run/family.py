@@ -132,8 +132,11 @@ class FamilyPlan:
 def prepare_family(
     recipe_path, output=None, *, stages: Sequence[str] = (), settings: Mapping[str, str] | None = None, force: bool = False,
     cache: Cache | None = None, jobs: int | None = None, overwrite: bool = False, progress: Progress | None = None,
+    keep_going: bool = False,
 ) -> FamilyPlan:
     """Read and check a swept recipe and plan its bake; arguments as of `bakery.run.prepare`.
+
+    keep_going : points that are wrong are named in their turn, and the others are baked
 
     Raises
     ------
@@ -144,7 +147,7 @@ def prepare_family(
     from bakery.store.outputs import ASSET, check_outputs
 
     cache, progress = cache or Cache(), progress or Progress()
-    recipe = load(recipe_path, dict(settings or {}))
+    recipe = load(recipe_path, dict(settings or {}), keep_going=keep_going)
     target = target_of(output, recipe.path)
     check_outputs([(target, ASSET)], files_of(recipe), overwrite)
     if not overwrite and (root := asset_at(target)) is not None:
@@ -159,8 +162,8 @@ def prepare_family(
     chosen = [every[round(i * (len(every) - 1) / (SAMPLES - 1))] for i in range(SAMPLES)] if len(every) > SAMPLES else every
     plan = FamilyPlan(recipe, target, (), True, (), "", options)
     with progress.during(f"planning {Path(recipe_path).name}"):
-        samples = _samples(plan, chosen, cache, force)
-        _refuse_idle(plan, samples[0], cache)
+        first, samples = _samples(plan, chosen, cache, force)
+        _refuse_idle(plan, first, samples[0], cache)
     key = [VERSION, {step.stage.name: step.input_hash for step in samples[0].steps}, recipe.sweep.tolerance, recipe.sweep.refine,
            recipe.measure, [[key.key, *map(repr, key.values)] for axis in axes for key in axis.keys], len(axes)]
     plan = FamilyPlan(recipe, target, samples, True, (), hashlib.sha256(json.dumps(key).encode()).hexdigest(), options)
@@ -294,17 +297,18 @@ def _plan_of(plan: FamilyPlan, point, path: Path, cache: Cache, force: bool = Fa
                    settings=options["kept"] | settings(plan.recipe.sweep.axes, point), overwrite=options["overwrite"])
 
 
-def _samples(plan: FamilyPlan, chosen: Sequence[tuple], cache: Cache, force: bool) -> tuple[Plan, ...]:
-    """The plans of some points; those that cannot be baked are named when their turn comes, unless all are."""
-    found, refused = [], None
+def _samples(plan: FamilyPlan, chosen: Sequence[tuple], cache: Cache, force: bool) -> tuple[tuple, tuple[Plan, ...]]:
+    """The first of some points that can be baked, and the plans of those that can; others are named when their turn comes, unless
+    all are."""
+    found, refused = {}, None
     for point in chosen:
         try:
-            found.append(_plan_of(plan, point, _member_path(plan, point), cache, force))
+            found[point] = _plan_of(plan, point, _member_path(plan, point), cache, force)
         except (RecipeError, StageError) as error:
             refused = error
     if not found:
         raise refused
-    return tuple(found)
+    return next(iter(found)), tuple(found.values())
 
 
 def _member_path(plan: FamilyPlan, point) -> Path:
@@ -411,7 +415,7 @@ def _standing(plan: FamilyPlan) -> Group | None:
 # ---- what is refused
 
 
-def _refuse_idle(plan: FamilyPlan, first: Plan, cache: Cache) -> None:
+def _refuse_idle(plan: FamilyPlan, point: tuple, first: Plan, cache: Cache) -> None:
     """UsageError for what has no medium to interpolate, and for a key that changes nothing of it."""
     hashes = {step.stage.name: step.input_hash for step in first.steps}
     axes = plan.recipe.sweep.axes
@@ -422,12 +426,22 @@ def _refuse_idle(plan: FamilyPlan, first: Plan, cache: Cache) -> None:
         raise UsageError(f"{where}: found a sweep of packed grains, whose media have statistical errors and are not "
                          "interpolated; expected particles, or a medium given by coefficients")
     for i, axis in enumerate(axes):
-        if len(axis.first.values) > 1:
-            place = tuple(other.first.values[j == i] for j, other in enumerate(axes))
-            other = _plan_of(plan, place, _member_path(plan, place), cache)
-            if any(step.stage.name == "medium" and step.input_hash == hashes["medium"] for step in other.steps):
-                raise UsageError(f"{plan.recipe.sweep.where[axis.first.key]}: found a key that changes nothing of the medium; "
-                                 "expected one that does")
+        other = _beside(plan, point, i, cache)
+        if other and any(step.stage.name == "medium" and step.input_hash == hashes["medium"] for step in other.steps):
+            raise UsageError(f"{plan.recipe.sweep.where[axis.first.key]}: found a key that changes nothing of the medium; "
+                             "expected one that does")
+
+
+def _beside(plan: FamilyPlan, point: tuple, axis: int, cache: Cache) -> Plan | None:
+    """The plan of a point that differs on one axis alone; None where none of them can be baked."""
+    for value in plan.recipe.sweep.axes[axis].first.values:
+        place = (*point[:axis], value, *point[axis + 1:])
+        try:
+            if place != point:
+                return _plan_of(plan, place, _member_path(plan, place), cache)
+        except (RecipeError, StageError):
+            continue  # it is named when its turn comes
+    return None
 
 
 def _refuse_too_large(plan: FamilyPlan) -> None:

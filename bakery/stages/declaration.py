@@ -129,14 +129,17 @@ class Answer:
     error: np.ndarray | None
     remarks: tuple[Remark, ...] = ()
 
-    def rows(self, number: Callable[[Any], str]) -> Iterator[list[str]]:
+    def rows(self, number: Callable[[Any], str], figure: Callable[[Any, float | None], str] | None = None) -> Iterator[list[str]]:
         """Headings, then one row for each place of the last axis, `number` of each value; a single value is one row.
 
         The columns go over the axes before it: one a wavelength.
+
+        figure : of a value and its error, None where it has none of its own, in place of `number`
         """
         quantity = f"{self.path.rpartition('/')[2]} [{self.units}]"
+        figure = figure or (lambda value, error: number(value))
         *across, (name, unit, at) = self.axes or (("", "", None),)
-        columns = [] if at is None else [(f"{name} [{unit}]", at)]
+        columns = [] if at is None else [(f"{name} [{unit}]", list(map(number, at)))]
         whole = (..., None) if at is None else ...
         values, error = self.values[whole], None if self.error is None else np.asarray(self.error)[whole]
         for index in np.ndindex(values.shape[:-1]):
@@ -144,12 +147,13 @@ class Answer:
             place = ", ".join(f"index {i}" if name == "index" else
                               ("" if name == "wavelength" else f"{name} ") + f"{axis[i]:g} {unit}".removesuffix(" 1")
                               for (name, unit, axis), i in places)
-            columns.append((quantity + (f" at {place}" if place else ""), values[index]))
+            own = [None] * len(values[index]) if error is None else error[index]
+            columns.append((quantity + (f" at {place}" if place else ""), list(map(figure, values[index], own))))
             if error is not None:
-                columns.append((f"+- at {place}" if place else "+-", error[index]))
+                columns.append((f"+- at {place}" if place else "+-", list(map(figure, own, own))))
         yield [head for head, _ in columns]
         for i in range(values.shape[-1]):
-            yield [number(column[i]) for _, column in columns]
+            yield [column[i] for _, column in columns]
 
     def __array__(self, dtype=None, copy=None) -> np.ndarray:
         return np.array(self.values, dtype, copy=copy)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import sys
 import textwrap
@@ -24,8 +26,12 @@ def say(line: str = "") -> None:
 
 
 def room() -> int | None:
-    """Columns of the terminal that standard output is; None where it is a file or pipe, whose lines may be of any length."""
-    return max(shutil.get_terminal_size().columns, FEWEST_COLUMNS) if sys.stdout.isatty() else None
+    """Columns of the terminal that standard output is; of a file or pipe what the environment's COLUMNS says, or None: lines may
+    be of any length."""
+    if sys.stdout.isatty():
+        return max(shutil.get_terminal_size().columns, FEWEST_COLUMNS)
+    said = os.environ.get("COLUMNS", "")
+    return max(int(said), FEWEST_COLUMNS) if re.fullmatch(r"[0-9]{1,9}", said) and int(said) else None
 
 
 def wrapped(line: str, columns: int | None) -> list[str]:

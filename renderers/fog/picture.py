@@ -222,10 +222,11 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     distance = unit * sensor.distances(scene, first, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     asked = first.sampler().sample_count()
-    samples = max(1, round(QUALITY[quality] * (samples or (asked if noise is None else _MOST))))
+    at_most = samples or (asked if noise is None else _MOST)
+    samples = max(1, round(QUALITY[quality] * at_most))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
                             tolerance=0.0 if noise is None else noise / QUALITY[quality] ** 0.5, time_limit=time,
                             measure=view_of(camera, distance).noise if noise and view_of else None, progress=progress)
     made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
-            "noise": picture.noise, "stopped_by": picture.stopped_by}
+            "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}
     return Picture(picture.rgb, distance, camera, made, 0.5 * (picture.halves[0] - picture.halves[1]))

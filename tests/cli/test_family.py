@@ -103,6 +103,33 @@ def test_points_that_failed_are_not_counted(call, tmp_path, monkeypatch):
     assert "is a family of 4 assets (2 points failed)" in call("export", tmp_path / "lobes.h5", "--to", "csv")[2]
 
 
+def test_keep_going_bakes_the_points_that_are_not_wrong(call, tmp_path, monkeypatch):
+    """And names those that are; without it nothing is baked.  Also where the first value of an axis is the wrong one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.5, 1.8]"))
+    status, out, err = call("lobes.yaml", "--set", "sweep.refine=false")
+    assert (status, out) == (2, "") and 'lobes.yaml:10: medium.phase.g: found "1.8"' in err and not (tmp_path / "lobes").exists()
+    status, out, err = call("lobes.yaml", "--set", "sweep.refine=false", "--keep-going")
+    assert (status, out) == (3, "lobes.h5\n") and 'point failed: g 1.8: --set medium.phase.g: medium.phase.g: found "1.8"' in err
+    assert [bool(member.reason) for member in bakery.open("lobes.h5").members] == [False, False, True]
+    words = ("lobes.yaml", "-o", "two.h5", "--set", "sweep.refine=false", "--sweep", "medium.phase.g=[-1.8, 0.1, 0.2]",
+             "--sweep", "medium.albedo=[0.5, 0.9]", "-k")
+    status, out, err = call(*words)
+    assert (status, out) == (3, "two.h5\n") and "point failed: albedo 0.5, g -1.8" in err
+    assert [bool(member.reason) for member in bakery.open("two.h5").members] == [True, False, False] * 2
+    status, out, err = call("lobes.yaml", "-k", "--sweep", "medium.phase.g=[2, 3]")
+    assert (status, out) == (2, "") and 'found "2"' in err and 'found "3"' in err
+    status, out, err = call("lobes.yaml", "-k", "--sweep", "medium.phase.g=[0.1, 0.2]", "--set", "medium.albdo=1")
+    assert (status, out) == (2, "") and err.count("unknown key") == 1 and "the sweep says" not in err
+
+
+def test_messages_name_the_swept_value(call, drops):
+    """Where another key is blamed: its line shows the recipe's value, not that of the point."""
+    status, _, err = call("plan", drops, "--sweep", "particles.components.droplets.size.min=[0.1, 0.2, 5] um")
+    assert status == 2 and ("found max 3 um, not above min 5 um, where the sweep says that "
+                            "particles.components.droplets.size.min is 5 um; expected min below max") in err
+
+
 def test_query_names_the_axes_of_a_family(call, tmp_path, monkeypatch):
     monkeypatch.setenv("BAKERY_CACHE", str(tmp_path / "cache"))
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.5]"))

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from bakery.recipe import load
-from bakery.recipe.starting import KINDS, starts
+from bakery.recipe.starting import KINDS, SHIPPED, starts
 from tests.conftest import ROOT, slow
 
 RECIPES = [name for name, start in starts().items() if start.folder == KINDS and name != "scene"]
@@ -68,16 +68,27 @@ def test_the_list_has_all(call):
     status, out, _ = call("new")
     assert status == 0 and all(f"\n  {name} " in out for name in starts()) and len(starts()) > 45
     listed = json.loads(call("new", "--json")[1])
-    assert {"name": "fog", "published": False, "about": "Fog: water droplets in air."} in listed
+    assert {"name": "fog", "published": False, "shipped": False, "about": "Fog: water droplets in air."} in listed
     assert {each["name"] for each in listed if each["published"]} >= {"espresso", "opac_fog", "skin_1"}
 
 
+def test_a_recipe_that_ships(call, tmp_path):
+    """By its name or its file's; a kind of the same name goes first."""
+    shipped = {name for name, start in starts().items() if start.folder == SHIPPED}
+    assert {"snow_pack", "wax", "clouds"} <= shipped == {path.stem for path in (ROOT / "recipes").glob("*.yaml")} - set(
+        name for name, start in starts().items() if start.folder != SHIPPED)
+    for kind in "marble", "marble.yaml":
+        assert call("new", kind, "-o", tmp_path / "stone.yaml", "--overwrite")[0] == 0
+        recipe = load(tmp_path / "stone.yaml")
+        assert recipe.name == "stone" and recipe.medium.albedo.tolist() == [0.999, 0.998, 0.997]
+
+
 @pytest.mark.parametrize(("args", "said"), [
-    (("fgo",), "no published material (fog?)"),
+    (("fgo",), "no recipe that ships (fog?)"),
     (("fog", "-o", "fog.h5"), "fog.yaml would do"),
     (("fog", "-o", "a b.yaml"), 'found "a b"'),
     (("fog", "-o", "missing/fog.yaml"), "its folder does not exist"),
-    (("fog",), "fog.yaml: is there already; choose another file with -o, or write over it with --force"),
+    (("fog",), "fog.yaml: is there already; choose another file with -o, or write over it with --overwrite"),
 ])
 def test_what_cannot_be_written_is_told(args, said, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -90,7 +101,9 @@ def test_what_cannot_be_written_is_told(args, said, call, tmp_path, monkeypatch)
 def test_force_writes_over_it(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fog.yaml").write_text("mine")
-    assert call("new", "fog", "--force")[0] == 0 and load("fog.yaml").name == "fog"
+    assert call("new", "fog", "--overwrite")[0] == 0 and load("fog.yaml").name == "fog"
+    status, out, err = call("new", "fog.yaml", "--force")  # as it was called
+    assert (status, out) == (0, "fog.yaml\n") and "--overwrite" in err
 
 
 @pytest.mark.slow

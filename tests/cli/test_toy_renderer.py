@@ -120,6 +120,53 @@ def test_a_picture_that_misses_its_noise_is_status_3(call, place, milk, monkeypa
     assert status == 3 and "a noise of 2 % was wanted" in report["missed"][0]
 
 
+def test_a_plan_of_a_scene_by_a_pilot(call, place, milk, monkeypatch):
+    """The bake that is due, and the noise of the picture by that of smaller ones; nothing is written but into the cache.
+
+    Passes of independent normal noise, 0.5 of the level: after 64 of them 6.25 %.  The pilots' 192 pixels and two passes or more
+    know that to 7 %, one standard error: four for a false alarm of 6e-5, with a fixed seed.
+    """
+
+    def render(scene, output, quality=None, seed=None, progress=None, **_):
+        job = Render(scene, output, quality=quality, progress=progress)
+        film, stop = job.scene.values.film, job.scene.values.stop
+
+        def passed(index):
+            noise = np.random.default_rng([7, film.width, index]).standard_normal((film.height, film.width, 1))
+            return {"": 1.0 + 0.5 * np.repeat(noise, 3, axis=2)}
+
+        job.part_over("preparation")
+        estimate = Estimate([Part("haze", passed)], {"scene": "haze"})
+        # no clock: pilots that would end by their time end after four passes
+        estimate.run(Stop.of(budget.of(job.scene), samples=4 if stop.time else stop.samples, quality=quality))
+        job.part_over("passes")
+        return estimate.finish(job, method="passes")
+
+    monkeypatch.setattr("tests.toy_renderer.render", render)
+    monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
+    monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
+    (place / "haze.yaml").write_text(SCENE.replace("asset: milk.h5", "recipe: milk.yaml")
+                                     + "film: {width: 160, height: 120}\nstop: {samples: 64, noise: 2%}\n")
+    before = sorted(path.name for path in place.iterdir())
+    status, out, err = call("plan", place / "haze.yaml", "--json")
+    assert status == 0, err
+    [plan] = json.loads(out)
+    assert [(bake["due"], bake["asset"]) for bake in plan["bakes"]] == [(True, str(place / "milk.h5"))]
+    assert plan["bakes"][0]["plan"]["steps"][0]["stage"] == "medium"
+    found = plan["render"]
+    assert found["size"] == [160, 120] and found["stopped_by"] == "samples" and found["pilot"]["size"] == [111, 83]
+    assert found["noise"] == pytest.approx(0.0625, rel=4 * 0.07) and "a noise of 2 % was wanted" in found["missed"][0]
+    assert plan["memory"] >= found["memory"] > 0 and plan["seconds"] > 0
+    assert plan["files"] == [str(place / "haze.png"), str(place / "haze.exr")]
+    assert sorted(path.name for path in place.iterdir()) == before
+    status, out, err = call("plan", place / "haze.yaml", "--set", "stop={samples: 64}", "--quality", "preview")
+    assert status == 0 and "expected: samples ended the passes: a noise of 7.1 % was wanted" in out
+    assert f"milk.yaml -> {place / 'milk.h5'}: " in out and "render toy by passes, 160 x 120: " in out
+    for words in (("--stage", "medium"), ("--sweep", "a.b=[1, 2]"), ("--seed", "x"), ("--force",)):
+        status, _, err = call("plan", place / "haze.yaml", *words)
+        assert status == 2 and words[0] in err
+
+
 def test_its_needs_are_baked(call, place, milk, monkeypatch):
     monkeypatch.setattr("tests.toy_renderer.scene.NEEDS", ("medium", "beam"))
     status, out, err = call("plan", milk, "--scene", place / "haze.yaml", "--json")

@@ -124,6 +124,27 @@ def straight() -> Group:
     return with_member(root, "medium/cdf", replace(root["medium/cdf"], data=cumulative(theta, bent)))
 
 
+def test_other_nodes_of_sizes_are_compared_where_both_have_them():
+    """Every other node left out: equal within a tolerance; without one the nodes differ, and nothing else.  A figure that differs
+    at a node of both is seen."""
+    root = small_asset()
+    other = root
+    for name in ("radius", "weight", "extinction", "scattering", "absorption", "method"):
+        for path in (f"optics/droplets/{name}{ending}" for ending in ("", "_error", "_bias")):
+            if path in dict(root.walk()):
+                other = with_member(other, path, replace(root[path], data=root[path].data[..., ::2]))
+    count = root["optics/droplets/radius"].data.size
+    assert compare(root, other, rtol=1e-9) == [] and compare(other, root, rtol=1e-9) == []
+    [found] = compare(root, other)
+    assert (found.path, found.kind) == ("optics/droplets/radius", "grid")
+    assert found.text.startswith(f"{count} nodes in A, {-(-count // 2)} in B; ")
+    wrong = other["optics/droplets/extinction"].data.copy()
+    wrong[0, 3] *= 1.01
+    other = with_member(other, "optics/droplets/extinction", replace(other["optics/droplets/extinction"], data=wrong))
+    [found] = compare(root, other, rtol=1e-3)
+    assert (found.path, found.kind) == ("optics/droplets/extinction", "value") and found.relative == pytest.approx(0.01, rel=0.02)
+
+
 def test_other_angles_are_compared_by_value():
     """Half of the backward angles left out of a table that is linear there: the same values at every angle."""
     root = straight()

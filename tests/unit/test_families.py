@@ -16,7 +16,7 @@ from bakery.cli.inspect import _family
 from bakery.family.axes import Axis, Swept
 from bakery.family.members import broken
 from bakery.family.pictures import pictures
-from bakery.family.refine import refined
+from bakery.family.refine import ROOM, refined
 from bakery.family.tree import departures, physics
 from bakery.physics.medium.between import Optics, common_angles, difference, hole, interpolated, tabulated
 from bakery.run.bake import executed, planned
@@ -157,6 +157,22 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     assert bakery.open(tmp_path / "baked.h5").medium.g[0] == pytest.approx(again.medium.g[0], abs=2e-3)
     member = next(each for each in family.members if each.at["g"] == 0.5)
     assert member.open().medium.g[0] == pytest.approx(family.at(g=0.5).medium.g[0], abs=1e-4)
+
+
+def test_the_error_at_a_point_is_the_members_own(tmp_path):
+    """Of two axes: between the points of one its error counts, of none nothing but the member's; a member's tolerance is 5 %."""
+    (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.2]"))
+    settings = {"sweep.medium.albedo": "[0.8, 0.9]", "sweep.tolerance": "20%"}
+    family = bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5", settings=settings))
+    largest = max(member.open().stages["medium"]["achieved_error"] for member in family.members)
+    for member in family.members:
+        stage = family.at(**member.at).stages["medium"]
+        assert stage["achieved_error"] == member.open().stages["medium"]["achieved_error"]
+        assert stage["tolerance"] == 0.05 and stage["error_measure"].startswith("error of the member")
+    both, one = (family.at(**at).stages["medium"] for at in ({"g": 0.15, "albedo": 0.85}, {"g": 0.15, "albedo": 0.9}))
+    assert both["achieved_error"] == pytest.approx(family.achieved_error + largest) and both["tolerance"] == pytest.approx(0.25)
+    assert largest < one["achieved_error"] < both["achieved_error"]
+    assert one["achieved_error"] == pytest.approx(family.axes["g"].error.max() / ROOM + largest)
 
 
 @pytest.mark.parametrize("values, says", [

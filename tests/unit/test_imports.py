@@ -48,13 +48,14 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"},
-          "running": {"assets", "budget", "images", "mitsuba", "progress", "scene"},
+          "reached": {"budget"}, "running": {"assets", "budget", "images", "mitsuba", "progress", "reached", "scene"},
           "means": {"colour"}, "signed": {"budget", "colour", "running"},
-          "progressive": {"budget", "colour", "means", "mitsuba", "running", "signed"},
+          "pilot": {"budget", "mitsuba", "pace", "progressive", "reached"},
+          "progressive": {"budget", "colour", "means", "mitsuba", "reached", "running", "signed"},
           "passes": {"budget", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
-          "comparison": {"assets", "images", "pace", "progressive", "scene"}}
+          "comparison": {"assets", "images", "pace", "progressive", "reached", "scene"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

@@ -1,0 +1,85 @@
+"""`bake plan SCENE`: the bakes that are due, and seconds, noise and memory of the picture, from a pilot."""
+
+from __future__ import annotations
+
+from bakery.errors import UsageError
+from bakery.system.terminal import say
+
+
+def refused(scene, options) -> None:
+    """UsageError for an option of `bake plan` that has no meaning for scenes; options : name -> value."""
+    for name, value in options.items():
+        if value:
+            raise UsageError(f"{name}: {scene} is a scene, and this is of recipes; --set KEY=VALUE would set a value of it")
+
+
+def planned(path, output, settings, quality, seed, overwrite, progress):
+    """The plan of a scene's render, and where its pictures go.
+
+    Raises
+    ------
+    BakeryError : what the render would raise before its first pass
+    """
+    from bakery.cli.scene_plan import plan
+    from renderers import images, scene
+
+    if seed is not None and not seed.isdecimal():
+        raise UsageError(f'--seed: found "{seed}"; a whole number from 0 would do')
+    loaded = scene.load(path, settings)
+    pair = images.output_pair(output or loaded.picture, loaded.inputs, overwrite)
+    number = None if seed is None else int(seed)
+    return plan(loaded, quality=quality, seed=number, progress=progress), pair
+
+
+def as_dict(plan, pair) -> dict:
+    """What `--json` prints of a scene."""
+    forecast = plan.forecast
+    return {"scene": str(plan.scene.path), "files": [str(path) for path in pair],
+            "bakes": [{"asset": str(bake.asset), "due": bake.due, "plan": bake.plan and bake.plan.as_dict()}
+                      for bake in plan.bakes],
+            "render": forecast and forecast._asdict() | {"size": list(forecast.size), "missed": list(forecast.missed),
+                                                         "remarks": list(forecast.remarks)},
+            "seconds": plan.seconds, "memory": plan.memory}
+
+
+def show(plan, pair) -> None:
+    """Print it for people."""
+    from bakery.system.memory import free_memory
+    from bakery.system.resources import duration, in_words
+
+    say(f"{plan.scene.path} -> {', '.join(map(str, pair))}")
+    for bake in plan.bakes:
+        if bake.due:
+            say(f"  bake   {bake.plan.recipe.path} -> {bake.asset}: {duration(bake.seconds)}, "
+                f"{in_words(bake.plan.memory)} memory, {in_words(bake.plan.file)} file")
+        else:
+            say(f"  reuse  {bake.asset}")
+    if plan.forecast is None:
+        say(f"  render {plan.scene.section}: not known, as a pilot would have to bake that first")
+    else:
+        _show_forecast(plan)
+    unknown = " and the picture" if plan.forecast is None else ""
+    say(f"  in all {duration(plan.seconds)}{unknown}, {in_words(plan.memory)} memory")
+    free = free_memory()
+    if free is not None and plan.memory > free:
+        say(f"  that is more than the {in_words(free)} of memory that are free: a smaller film would do")
+
+
+def _show_forecast(plan) -> None:
+    from bakery.system.resources import duration, in_words
+    from renderers.budget import percent
+
+    found, pilot = plan.forecast, plan.forecast.pilot
+    wanted = f" of {percent(found.wanted)}" if found.wanted else ""
+    noise = f", noise {percent(found.noise)}{wanted}" if found.noise is not None else ""
+    ended = f", ended by {found.stopped_by}" if found.stopped_by else ""
+    say(f"  render {plan.scene.section} by {found.method}, {found.size[0]} x {found.size[1]}: {duration(found.seconds)}, "
+        f"{in_words(found.memory)} memory{noise}{ended}")
+    samples = f", {pilot['samples']} samples a pixel" if pilot["samples"] is not None else ""
+    scatter = f", noise {percent(pilot['noise'])}" if pilot["noise"] is not None else ""
+    spread = f"; seconds to a noise to {percent(found.spread)} at best" if found.spread else ""
+    say(f"         pilot: {pilot['size'][0]} x {pilot['size'][1]}{samples} in {duration(pilot['seconds'])}{scatter}{spread}")
+    for line in found.missed:
+        say(f"         would be missed: {line}")
+    for line in found.remarks:
+        say(f"         expected: {line}")

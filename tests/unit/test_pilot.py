@@ -1,0 +1,41 @@
+"""Forecasts from pilots: what they make of the figures of two small pictures, in closed form."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from renderers import pilot
+from renderers.progressive import Stop
+
+
+def part(seconds, noise, passes=4, samples=2):
+    return {"samples": samples, "passes": passes, "seconds": seconds, "noise": noise, "concentration": 0.01}
+
+
+def test_passes_are_linear_in_pixels():
+    """3 us a pixel and 1 ms: of a million pixels 3.001 s; a picture no larger than the pilot takes what that took."""
+    small, large = (SimpleNamespace(pixels=pixels, report={"parts": {"walk": part(1e-3 + 3e-6 * pixels, 0.5)}})
+                    for pixels in (2304, 9216))
+    assert pilot._scaled(small, large, 1_000_000)["walk"]["seconds"] == pytest.approx(3.001)
+    assert pilot._scaled(small, large, 9216) == large.report["parts"]
+    assert pilot._scaled(large, large, 1_000_000) == large.report["parts"]
+
+
+def test_what_ends_the_passes():
+    """Two kinds of passes with variances 1 and 4 a pass that take 1 and 4 s: best shared out they leave (1 + 4)^2 / T."""
+    parts = {"a": part(1.0, math.sqrt(1 / 4)), "b": part(4.0, math.sqrt(4 / 4))}
+    ends = pilot._ends(parts, Stop(noise=0.1, time=100.0, samples=20), {"noise": 1.0, "pixel_noise": 3.0})
+    assert ends["noise"] == pytest.approx((2500.0, 0.1)) and ends["time"] == pytest.approx((100.0, 0.5))
+    assert ends["samples"] == pytest.approx((50.0, math.sqrt(5 / 10)))  # ten passes of each
+    pixels = pilot._ends(parts, Stop(noise=0.3, pixels=True), {"noise": 1.0, "pixel_noise": 3.0})
+    assert pixels == {"noise": pytest.approx((2500.0, 0.1))}
+    # four passes of each before a noise is relied upon, two before a time ends them
+    early = pilot._ends(parts, Stop(noise=1e9, time=1e-3), {"noise": 1.0, "pixel_noise": 3.0})
+    assert early["noise"][0] == pytest.approx(20.0) and early["time"] == pytest.approx((10.0, math.sqrt(25 / 10)))
+
+
+@pytest.mark.parametrize("size, pixels, smaller", [((640, 360), 2304, (64, 36)), ((8, 6), 2304, (8, 6)),
+                                                   ((4000, 1), 256, (1012, 2))])
+def test_a_pilot_has_the_shape_of_the_picture(size, pixels, smaller):
+    assert pilot._smaller(*size, pixels) == smaller
