@@ -16,6 +16,7 @@ from pathlib import Path
 
 import bakery
 from bakery.errors import BakeryError, Problem, StageError, StoreError, UsageError
+from bakery.grammar.files import Written
 from bakery.plan import REUSE, RUN, Plan, Step, make
 from bakery.run import compiling, standing
 from bakery.run.cache import Cache
@@ -78,9 +79,10 @@ def overrides(
     return values | dict(settings or {})
 
 
-def target_of(output: str | os.PathLike | None, recipe: Path) -> Path:
-    """The asset's path: that of the recipe's file, FILE.h5, in the current folder by default; a closing slash marks a folder."""
-    file_name = f"{recipe.stem}.h5"
+def target_of(output: str | os.PathLike | None, recipe) -> Path:
+    """The asset's path: by the recipe's file FILE.h5, or NAME.h5 of a recipe that is no file, in the current folder by default; a
+    closing slash marks a folder."""
+    file_name = f"{recipe.name if isinstance(recipe.path, Written) else recipe.path.stem}.h5"
     if output is None:
         return Path(file_name)
     text = os.fspath(output)
@@ -128,7 +130,7 @@ def _checked(recipe_path, output, settings, overwrite: bool, read):
     from bakery.store.outputs import ASSET, check_outputs
 
     recipe = load(recipe_path, dict(settings or {})).unswept()
-    target = target_of(output, recipe.path)
+    target = target_of(output, recipe)
     check_outputs([(target, ASSET)], (*files_of(recipe), *read), overwrite)
     present = standing.asset_at(target)
     if present is not None and not overwrite:

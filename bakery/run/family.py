@@ -148,7 +148,7 @@ def prepare_family(
 
     cache, progress = cache or Cache(), progress or Progress()
     recipe = load(recipe_path, dict(settings or {}), keep_going=keep_going)
-    target = target_of(output, recipe.path)
+    target = target_of(output, recipe)
     check_outputs([(target, ASSET)], files_of(recipe), overwrite)
     if not overwrite and (root := asset_at(target)) is not None:
         check_recipe(target, root, recipe)

@@ -49,7 +49,7 @@ def test_what_stands_beside_is_used_where_it_is_good_enough(call, wax, change, u
     words = [part for one in change for part in ("--set", one)]
     assert call(wax / "wax.yaml", "-o", wax / "wax.h5", "--stage", "medium", *words)[0] == 0
     before = state(wax)
-    status, out, err = call("render", wax / "s.yaml", "--json")
+    status, out, err = call("render", wax / "s.yaml", "--json", "--quality", "draft")
     assert status == 0 and (f'"asset": "{wax / "wax.h5"}"' in out) is used, err
     assert state(wax) == before
 

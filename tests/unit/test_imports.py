@@ -27,7 +27,7 @@ MAY = {
     "asset": {"draw", "family", "grammar", "physics.medium", "stages", "store"},
     "report": {"asset", "draw", "family", "stages", "store", "system.terminal"},
     "export": {"asset", "draw", "physics", "report", "stages", "store"},
-    "run": {"family", "plan", "recipe", "stages", "store", "system"},
+    "run": {"family", "grammar.files", "plan", "recipe", "stages", "store", "system"},
     "trade": {"draw", "plan", "recipe", "run", "stages", "store", "system"},
 }
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",
