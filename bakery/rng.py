@@ -44,6 +44,7 @@ STREAMS = {
     "render.walk": Stream(0x7277616C, ("pass",)),
     "render.splat": Stream(0x7273706C, ("pass",)),
     "render.aims": Stream(0x7261696D, ()),
+    "render.blocks": Stream(0x72626C6B, ()),
     "render.detail": Stream(0x72646574, ()),
     "render.seen": Stream(0x7273656E, ()),
     "render.translucent": Stream(0x7274726E, ("pass",)),

@@ -33,7 +33,7 @@ def collide(medium, origin, direction, far, discrete, left_out, weight, states, 
     ----------
     origin, direction : (n, 3) m, unit;  far : (n,) m, where a surface ends the ray, or inf
     discrete : (n,) m, distance up to which particles stop the ray; beyond, the continuous medium
-    left_out : (n, 3) m, particle that the ray starts at, or nan
+    left_out : (n, 3) m, particle that the ray starts at, also of the continuous medium, or nan
     weight : (n, L), changed;  states : (n,), changed
     kind : (n,) int64, becomes the class, or NO_DISC where the ray reaches `far`
     distance : (n,) m, place : (n, 3) m, become those of the scattering
@@ -44,7 +44,8 @@ def collide(medium, origin, direction, far, discrete, left_out, weight, states, 
         near = min(far[i], discrete[i])
         kind[i] = _particle(medium, origin, direction, near, left_out, weight, states, distance, place, i, room)
         if kind[i] == NO_DISC and discrete[i] < far[i]:
-            kind[i] = _continuum(medium, origin, direction, discrete[i], far[i], weight, states, distance, place, i, room)
+            share = medium.others if left_out[i, 0] == left_out[i, 0] else 1.0
+            kind[i] = _continuum(medium, share, origin, direction, discrete[i], far[i], weight, states, distance, place, i, room)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -88,8 +89,8 @@ def through_box(region, ox, oy, oz, dx, dy, dz, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _continuum(medium, origin, direction, begin, end, weight, states, distance, place, i, room):
-    """Null-collision tracking with the largest extinction of all wavelengths."""
+def _continuum(medium, share, origin, direction, begin, end, weight, states, distance, place, i, room):
+    """Null-collision tracking with the largest extinction of all wavelengths; a share of the medium."""
     region, sigma = medium.discs.region, medium.sigma_t
     most = sigma.max()
     ox, oy, oz, dx, dy, dz = origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2]
@@ -101,7 +102,7 @@ def _continuum(medium, origin, direction, begin, end, weight, states, distance, 
         if t >= end:
             return NO_DISC
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-        rho = relative_density(region, x, y, z, room)
+        rho = share * relative_density(region, x, y, z, room)
         if rho <= 0:
             continue
         total, stopped = 0.0, 0.0
@@ -111,8 +112,8 @@ def _continuum(medium, origin, direction, begin, end, weight, states, distance, 
         chance = rho * stopped / (total * most) if total > 0 else 1.0
         hit = chance >= 1.0 or uniform(states, i) < chance
         for w in range(len(sigma)):
-            share = rho * sigma[w] / most
-            weight[i, w] *= share / chance if hit else (1 - share) / (1 - chance)
+            real = rho * sigma[w] / most
+            weight[i, w] *= real / chance if hit else (1 - real) / (1 - chance)
         if hit:
             distance[i], place[i, 0], place[i, 1], place[i, 2] = t, x, y, z
             return len(medium.albedo) - 1
@@ -122,9 +123,10 @@ def _continuum(medium, origin, direction, begin, end, weight, states, distance, 
 def transmit(medium, ox, oy, oz, dx, dy, dz, far, discrete, sx, sy, sz, states, i, passed, open, room):
     """What of light gets through from a point to `far`: passed (L,), 0 or 1 among particles, an estimate beyond `discrete`.
 
-    sx, sy, sz : particle left out;  open : (L,) uint8, for own use
+    sx, sy, sz : particle left out, or nan;  open : (L,) uint8, for own use
     """
     sigma, region = medium.sigma_t, medium.discs.region
+    share = medium.others if sx == sx else 1.0
     open[:] = 1
     if discrete > 0:
         open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, room)
@@ -138,14 +140,14 @@ def transmit(medium, ox, oy, oz, dx, dy, dz, far, discrete, sx, sy, sz, states, 
         return
     if region.kind == 0:
         for w in range(len(passed)):
-            passed[w] *= math.exp(-sigma[w] * (end - t))
+            passed[w] *= math.exp(-share * sigma[w] * (end - t))
         return
     most = sigma.max()
     while most > 0:
         t -= math.log1p(-uniform(states, i)) / most
         if t >= end:
             return
-        rho = relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, room)
+        rho = share * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, room)
         brightest = 0.0
         for w in range(len(passed)):
             passed[w] *= 1 - rho * sigma[w] / most
@@ -228,8 +230,8 @@ def drawn(medium, kind, weight, i, guide, guided, x, y, z, v, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, kind, origin, direction, weight, states, discrete, order, guide, guided, lit, distance, radiance, density,
-          single, index, added, begin, end):
+def light(medium, kind, origin, direction, weight, states, discrete, order, guide, guided, together, lit, distance, radiance,
+          density, single, index, added, begin, end):
     """What sampled lights send by way of scatterings, added (n, 3) linear sRGB.
 
     Parameters
@@ -239,6 +241,7 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, guid
     discrete : (n,) m, see `collide`
     order : (n,) scatterings so far, this one included; below 0: nothing is added
     guide, guided : as `scatter` takes them
+    together : (n, L) factors of `renderers.discrete.shadow`
     lit, distance, radiance, density, single, index : of the lights' samples: (n, 3) direction, (n,) m, (n, 3) sRGB over the
         sampling density, (n,) 1/sr, (n,) whether no direction drawn by a phase function could meet it, (n,) number of the light
     """
@@ -249,15 +252,18 @@ def light(medium, kind, origin, direction, weight, states, discrete, order, guid
         added[i] = 0.0
         if order[i] >= 0 and _arrives(medium, kind, origin, direction, weight, states, discrete, guide, guided, lit, distance,
                                       radiance, density, single[i], i, values, passed, open, room):
+            for w in range(waves):
+                values[w] *= together[i, w]
             to_rgb(medium, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light_alone(medium, kind, origin, direction, weight, states, chance, lit, distance, radiance, density, single, index, added,
-                begin, end):
+def light_alone(medium, kind, origin, direction, weight, states, chance, together, lit, distance, radiance, density, single,
+                index, added, begin, end):
     """What sampled lights send by way of particles, added (n, 3) linear sRGB, where nothing but light sampling looks for them.
 
     chance : (n,) number in [0, 1): light is hidden where it is above what the mean medium lets through; nan: by others' discs
+    together : (n, L) factors of `renderers.discrete.shadow`, where light is hidden by chance
     """
     medium = lent(medium)
     room, waves = mesh_scratch(), weight.shape[1]
@@ -271,7 +277,8 @@ def light_alone(medium, kind, origin, direction, weight, states, chance, lit, di
             column = in_box(medium.discs.region, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]),
                             np.float64(lit[i, 1]), np.float64(lit[i, 2]), distance[i])
             for w in range(waves):
-                passed[w] = math.exp(-medium.host[w] * column) if chance[i] < math.exp(-medium.sigma_t[w] * column) else 0.0
+                through = together[i, w] * math.exp(-medium.others * medium.sigma_t[w] * column)
+                passed[w] = math.exp(-medium.host[w] * column) if chance[i] < through else 0.0
         else:
             transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], np.float64(lit[i, 0]), np.float64(lit[i, 1]),
                      np.float64(lit[i, 2]), distance[i], np.inf, origin[i, 0], origin[i, 1], origin[i, 2], states, i, passed,
@@ -321,7 +328,7 @@ def _arrives(medium, kind, origin, direction, weight, states, discrete, guide, g
         for w in range(len(values)):
             values[w] *= medium.albedo[kind[i], w] * balance
     sx, sy, sz = np.nan, np.nan, np.nan
-    if 0 <= kind[i] < len(medium.albedo) - 1:
+    if kind[i] != NO_DISC:
         sx, sy, sz = origin[i, 0], origin[i, 1], origin[i, 2]
     lx, ly, lz = np.float64(lit[i, 0]), np.float64(lit[i, 1]), np.float64(lit[i, 2])
     transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], lx, ly, lz, distance[i], discrete[i], sx, sy, sz, states,

@@ -27,7 +27,7 @@ class Spheres:
     absorption : (K, L) 1/m, inside of the spheres
     """
 
-    later = np.inf
+    later, eye = np.inf, None
 
     def __init__(self, medium, index, absorption):
         self.medium, self.index, self.absorption = medium, index, absorption

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
+from renderers.discrete.shadow import Overlap, overlap_of
 
 _METRES, _SQUARE_METRES = 1e-6, 1e-12  # um, um^2
 
@@ -23,6 +24,8 @@ class Medium(NamedTuple):
     phase : (K + 1, L, A) 1/sr;  cdf : the same, cumulated
     host : (L,) 1/m, absorption in the region's box besides that of particles
     to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB
+    overlap : `renderers.discrete.shadow.Overlap`
+    others : share of the continuous medium that light meets which a particle has scattered: without that particle
     """
 
     discs: object
@@ -36,6 +39,8 @@ class Medium(NamedTuple):
     host: np.ndarray
     to_rgb: np.ndarray
     to_waves: np.ndarray
+    overlap: Overlap
+    others: float = 1.0
 
 
 class Classes(NamedTuple):
@@ -132,4 +137,5 @@ def medium(classes, discs_of, to_rgb, to_waves) -> tuple[Medium, np.ndarray]:
     albedo = np.concatenate([(scattering / np.maximum(extinction, 1e-300)).T, (sigma_s / np.maximum(sigma_t, 1e-300))[None]])
     return Medium(discs_of(extinction, density, order), density, sigma_t, np.clip(albedo, 0.0, 1.0), v, steps,
                   np.array([[one[2] for one in row] for row in layouts]), np.array([[one[3] for one in row] for row in layouts]),
-                  *(np.array(one, float, order="C") for one in (classes.host, to_rgb, to_waves))), order
+                  *(np.array(one, float, order="C") for one in (classes.host, to_rgb, to_waves)),
+                  overlap_of(density, extinction, scattering)), order

@@ -93,11 +93,15 @@ def _particles(setup, tolerance, seed):
 
 def _auto(setup, tolerance, seed):
     depth = detail.depths(setup.world, setup.medium, setup.world.camera, *setup.world.size, tolerance, seed)
+    # of a realisation that is known light meets the others: a particle is not in its own surroundings
+    others = 1 - 1 / max(float(setup.group.number[0]), 1.0) if "position" in setup.group else 1.0
+    setup = setup._replace(medium=setup.medium._replace(others=others))
     return _walk_and_splat(setup, depth, later=0.0, drawn=True), depth, [_detail(depth, tolerance)]
 
 
 def _walk_and_splat(setup, depth, later, drawn):
-    passes = [("walk", walk.one_pass, walk.Discs(setup.medium, later=later, splatted=True))]
+    eye = setup.world.camera.origin if drawn else None
+    passes = [("walk", walk.one_pass, walk.Discs(setup.medium, later=later, splatted=True, eye=eye))]
     if depth.max() > 0 and setup.world.light_names:
         how = splat.plan(setup.medium, setup.world.camera, *setup.world.size, depth, drawn)
         passes.append(("splat", splat.one_pass, (setup.medium, how)))

@@ -38,7 +38,7 @@ class Query:
     later : m, 0: between surfaces and lights the mean medium attenuates
     """
 
-    later = 0.0
+    later, eye = 0.0, None
 
     def __init__(self, medium, extinction, scattering, radius):
         self.medium, self.radius = medium, float(radius)

@@ -16,7 +16,7 @@ from numba import njit
 
 from bakery.kernels import BOX, disc_cells, discs_of_cell, hashed, mesh_scratch, open_wavelengths, stream_key, turned_direction
 from renderers import wavefront
-from renderers.discrete import _transport
+from renderers.discrete import _transport, shadow
 from renderers.threads import run
 
 CHUNK = 1 << 17  # particles at a time
@@ -26,6 +26,7 @@ _TRACED, _DRAWN = 1 << 16, 1 << 22  # particles in a pass: a second or two
 _TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
 # steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
 _EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _BLOCK, _BLOCKS = 8, 1 << 18  # cells along an edge of what is compared with the view; fewer where blocks would be few
 
 
@@ -68,7 +69,8 @@ def one_pass(world, what, camera, height, width, number, seed, *, discrete, ligh
     pixels = height * width
     by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     view = View(camera, height, width)
-    for serial, chunk in enumerate(_particles(medium.discs, view, discrete, number % how.shares, how.shares)):
+    share = np.array([number % how.shares, how.shares, stream_key(seed, "render.blocks")], np.uint64)
+    for serial, chunk in enumerate(_particles(medium.discs, view, discrete, share)):
         _add(world, medium, how, view, *chunk, discrete, (seed, number, serial), by_order, by_light)
     by_order[1] *= how.shares  # the others stay untouched, and take no memory
     by_light *= how.shares
@@ -96,8 +98,10 @@ class View:
         self.sides = normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
-def _particles(discs, view, discrete, first, every):
-    """Chunks of particles that may be in the picture and nearer than `discrete` somewhere, of one block of cells in `every`.
+def _particles(discs, view, discrete, share):
+    """Chunks of particles that may be in the picture and nearer than `discrete` somewhere, of a share of the blocks of cells.
+
+    share : (3,) uint64, which of the shares, how many there are, and the key by which blocks belong to them, one for all passes
 
     Yields place (n, 3) m, class (n,) and identity (n,).
     """
@@ -106,7 +110,7 @@ def _particles(discs, view, discrete, first, every):
         edge = _BLOCK
         while edge > 1 and np.prod(bounds[3:] - bounds[:3] + 1.0) < _BLOCKS * edge**3:
             edge //= 2
-        blocks = _blocks_in_view(discs, level, bounds, edge, view.origin, view.sides, farthest, first, every)
+        blocks = _blocks_in_view(discs, level, bounds, edge, view.origin, view.sides, farthest, share)
         state = np.zeros(3, np.int64)  # block, cell in it, particle in that
         while state[0] < len(blocks):
             place, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
@@ -116,10 +120,10 @@ def _particles(discs, view, discrete, first, every):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, first, every):
+def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, share):
     """First cells (n, 3) of blocks of edge^3 cells that a pyramid of view, normals sides (4, 3) inwards, may touch.
 
-    Of one block in `every`, by chance: what is left out has no pattern.
+    Of a share of them, see `_particles`, by chance: what is left out has no pattern.
     """
     counts = (bounds[3:] - bounds[:3]) // edge + 1
     step, corner = discs.step[level], discs.region.lo + discs.shift[level]
@@ -129,7 +133,8 @@ def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, first, 
     for i in range(counts[0]):
         for j in range(counts[1]):
             for k in range(counts[2]):
-                if every > 1 and hashed(np.uint64((i * counts[1] + j) * counts[2] + k)) % np.uint64(every) != np.uint64(first):
+                block = np.uint64((i * counts[1] + j) * counts[2] + k)
+                if hashed(share[2] ^ block * _GOLDEN) % share[1] != share[0]:
                     continue
                 a, b, c = bounds[0] + i * edge, bounds[1] + j * edge, bounds[2] + k * edge
                 x = corner[0] + (a + 0.5 * edge) * step[0] - origin[0]
@@ -197,8 +202,8 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
     chances = _chances(medium, how, view, direction, far, own[:, 2:])
     seen = np.empty(len(kept), bool)
     run(_visible, len(kept), medium, view.origin, direction, far, place, chances[0], weight, seen)
-    place, kind, states, direction, weight, pixel, chance = (
-        values[seen] for values in (place, kind, states, direction, weight, pixel, chances[1]))
+    place, kind, states, direction, far, weight, pixel, chance = (
+        values[seen] for values in (place, kind, states, direction, far, weight, pixel, chances[1]))
     m = len(pixel)
     if not m:
         return
@@ -208,7 +213,11 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
         wavefront.draw(states, numbers)
         sample = world.lights(place, numbers)
         added = np.zeros((m, 3))
-        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chance, *sample, added)
+        together = np.ones(weight.shape)
+        if np.isfinite(chance).any():
+            met = view.origin + far[:, None] * direction
+            together = shadow.factors(medium, view.origin, met, sample.direction.astype(float), sample.distance, place - met)
+        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chance, together, *sample, added)
         _sum(added, pixel, sample.light, by_order[1], by_light)
 
 
@@ -301,7 +310,7 @@ def _visible(medium, origin, direction, far, place, chance, weight, seen, begin,
             column = _transport.in_box(medium.discs.region, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
                                        direction[i, 2], far[i])
             for w in range(len(open)):
-                if chance[i] >= math.exp(-medium.sigma_t[w] * column):
+                if chance[i] >= math.exp(-medium.others * medium.sigma_t[w] * column):
                     weight[i, w] = 0.0
                 seen[i] = seen[i] or weight[i, w] > 0
             continue

@@ -12,8 +12,8 @@ import numpy as np
 
 from bakery.kernels import NO_DISC, stream_key
 from renderers import wavefront
-from renderers.discrete import _transport
-from renderers.mitsuba.world import LightSample
+from renderers.discrete import _transport, shadow
+from renderers.mitsuba.world import FAR, LightSample
 from renderers.threads import run
 
 # ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
@@ -66,10 +66,12 @@ class Discs:
     medium : `renderers.discrete.medium.Medium`
     later : m, distance up to which particles stop rays that are not the camera's: inf or 0
     splatted : whether single scattering by particles, straight from a light and straight to the camera, is left out
+    eye : (3,) m, of the camera, where the continuous medium stands for particles, which hide what is seen from there and from a
+        light beside it together (`renderers.discrete.shadow`); None: it stands for itself
     """
 
-    def __init__(self, medium, later=np.inf, splatted=False):
-        self.medium, self.later, self.splatted = medium, later, splatted
+    def __init__(self, medium, later=np.inf, splatted=False, eye=None):
+        self.medium, self.later, self.splatted, self.eye = medium, later, splatted, eye
 
     def collide(self, paths, far):
         """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
@@ -84,23 +86,38 @@ class Discs:
         n, medium = len(paths), self.medium
         particle = kind < len(medium.albedo) - 1
         first = (paths.bounces == 0) & particle & self.splatted
-        numbers = np.empty((n, 6))
+        numbers = np.empty((n, 6 if self.eye is None else 8))
         wavefront.draw(paths.states, numbers)
         # two places on lights, in one call: one to connect to, and one whose direction guides the path
-        both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:]]))
+        both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
         sample, other = (LightSample(*(values[part] for values in both)) for part in (slice(n), slice(n, None)))
         guide, guided = other.direction.astype(float), (other.radiance > 0).any(axis=1) & (other.delta | (other.density > _SMALL))
         added = np.empty((n, 3))
+        together = _together(self, (paths.bounces == 0) & ~particle, place, sample.direction, sample.distance, numbers[:, 6:])
         run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
-            np.where(first, -1, paths.order), guide, guided, *sample, added)
+            np.where(first, -1, paths.order), guide, guided, together, *sample, added)
         wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
-        paths.origin, paths.left_out = place, np.where(particle[:, None], place, np.nan)
+        paths.origin, paths.left_out = place, place.copy()
         paths.single, paths.seen = np.zeros(n, bool), first
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
         run(_transport.scatter, len(paths), medium, kind[copies], paths.direction, paths.weight, paths.states, guide[copies],
             guided[copies], paths.density)
         return paths
+
+
+def _together(method, straight, seen, towards, distance, numbers=None):
+    """Factors (n, L) of `shadow` for light in places that are seen straight from the camera, bool (n,); 1 elsewhere.
+
+    numbers : (n, 2) uniform, of places where the continuous medium scatters; None of surfaces
+    """
+    together = np.ones((len(seen), len(method.medium.sigma_t)))
+    chosen = np.flatnonzero(straight) if method.eye is not None else []
+    if len(chosen):
+        light = method.medium, method.eye, seen[chosen], towards[chosen].astype(float), distance[chosen]
+        together[chosen] = shadow.factors(*light, np.zeros((len(chosen), 3))) if numbers is None \
+            else shadow.of_continuum(*light, numbers[chosen])
+    return together
 
 
 def _split(paths, copies):
@@ -196,11 +213,18 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     n, medium = len(paths), method.medium
     if n == 0:
         return paths
-    numbers = np.empty((n, 6))
+    numbers = np.empty((n, 6 if method.eye is None else 8))
     wavefront.draw(paths.states, numbers)
     shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
     added = np.empty((n, 3))
-    wavefront.emitted(medium, paths.weight, np.where(paths.seen, -1, paths.order), shading.emitted, added)
+    arriving = paths.weight
+    if method.eye is not None:
+        # what light sampling finds from the same places counts as much
+        far = np.where(shading.hit, np.sqrt(((shading.point - paths.origin) ** 2).sum(axis=1)), FAR)
+        once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
+        arriving = arriving * _together(method, once & (paths.order == 0), *light) \
+            * _together(method, once & (paths.order == 1), *light, numbers[:, 6:])
+    wavefront.emitted(medium, arriving, np.where(paths.seen, -1, paths.order), shading.emitted, added)
     wavefront.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
@@ -208,8 +232,9 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     paths.ways[:] = 1
     paths.discrete[:] = method.later
     sample = LightSample(*(values[hit] for values in shading.light))
+    together = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
     run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
-        paths.discrete, paths.order, paths.direction, np.zeros(m, bool), *sample, added)
+        paths.discrete, paths.order, paths.direction, np.zeros(m, bool), together, *sample, added)
     wavefront.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
     run(wavefront.reflect, m, medium, paths.weight, shading.weight[hit])
     paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)

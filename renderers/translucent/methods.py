@@ -39,10 +39,10 @@ def prepare(job, world, seed) -> Method:
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
                        settings.method)
     name, made = of(how, settings.method, settings.boundary, seed)
-    said = [] if world.dark else _reasons(assets, how.bodies, settings.method, name)
-    said += shells.reasons(shells.laid(how)) if name == "shells" and not world.dark else []
+    reasons = [] if world.dark else _reasons(assets, how.bodies, settings.method, name)
+    reasons += shells.reasons(shells.laid(how)) if name == "shells" and not world.dark else []
     # how far off dipole is nobody states; what sharing between pixels adds to that would pass for all of it
-    return Method(name, made, said,
+    return Method(name, made, reasons,
                   lambda estimate: {"bias": None if name == "dipole" else _bias(estimate.means.values(), estimate.rgb)})
 
 

@@ -109,6 +109,22 @@ def test_other_methods(call, place, method):
     assert any(said in reason for reason in report["reasons"])
 
 
+@pytest.mark.slow
+def test_a_lone_particle_in_a_white_sky(call, place):
+    """Lossless, in light of 0.5: 0.5, as the medium around it is that of the others, of which there are none (one picture in
+    70,000 is farther off by chance)."""
+    text = RECIPE.replace("name: drops", "name: lone", 1).replace("material: water", "material: {n: 1.33, k: 0}")
+    text = text.replace("4e14", "1e15").replace("count: 200, box: [80 um, 80 um, 80 um]", "count: 1, box: [10 um, 10 um, 10 um]")
+    (place / "lone.yaml").write_text(text.replace("METHOD", "method: stored"))
+    assert call("bake", place / "lone.yaml", "-o", place / "lone.h5")[0] == 0
+    (place / "lamp.xml").write_text('<scene version="3.0.0"><emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>'
+                                    "</scene>")
+    report, _ = rendered(call, place, "a", "asset=lone.h5", "discrete={method: auto, peak: keep}",
+                         "film={width: 16, height: 16}", "stop={samples: 100, noise: 0.01%}",
+                         "camera={origin: [5, -24, 5] um, target: [5, 5, 5] um, fov: 22 deg}")
+    assert report["noise_mean"] < 0.02 and abs(report["mean"][1] / 0.5 - 1) < 4.4 * report["noise_mean"]
+
+
 def test_procedural_in_a_box_of_the_scene(call, place):
     """Twice the box at the same density, somewhere else."""
     box = "discrete.where={box: {lo: [0, 0, 0] um, hi: [80, 80, 160] um}}"
