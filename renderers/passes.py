@@ -23,7 +23,8 @@ class Method(NamedTuple):
     name : of the method
     parts : of the picture
     reasons : sentences
-    after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer
+    after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer;
+        further reasons
     """
 
     name: str
@@ -53,4 +54,5 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     stop = Stop.of(budget.of(scene), scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=method.name, reasons=method.reasons, **method.after(estimate))
+    after = method.after(estimate)
+    return estimate.finish(job, method=method.name, reasons=[*method.reasons, *after.pop("reasons", ())], **after)

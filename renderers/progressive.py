@@ -273,7 +273,7 @@ class Estimate:
         ----------
         job : `renderers.running.Render`
         layers : further channels (H, W) by name
-        reasons, more : as `Render.finish` takes them
+        reasons, more : as `Render.finish` takes them; a `noise` of None among them where the scatter of passes does not tell it
 
         Returns
         -------
@@ -295,7 +295,7 @@ class Estimate:
         reasons = [*reasons, *self._missed] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         report = job.finish(self.rgb, layers=self.layers() | (layers or {}),
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
-                            noise=self.noise, pixel_noise=self.pixel_noise,
+                            noise=more.pop("noise", self.noise), pixel_noise=self.pixel_noise,
                             passes={name: mean.count for name, mean in self.means.items()},
                             parts={name: self._part(mean) for name, mean in self.means.items()},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
