@@ -56,7 +56,8 @@ def prepare(job, world, seed) -> Method:
 def of(how, name, boundary, seed):
     """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
     if name == "auto":
-        wide = all(thin.sparse(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies)
+        beams_of = [thin.density(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies]
+        wide = max(beams_of) < thin.DENSE or min(beams_of) < thin.FEWEST["vrl+tables"]
         name = "shells" if wide else "vrl+tables" if all(body.tables for body in how.bodies) else "paths"
     return name, parts(shells.laid(how) if name == "shells" else how, name, boundary, seed)
 
@@ -103,6 +104,8 @@ def _body(shapes, name, asset, index, wrong, method):
     if fault := index_fault(name, index, shape.index):
         raise wrong("boundary.index", fault)
     medium = medium_of(asset) if has_tables(asset) else untabled(asset)
+    if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), method):
+        raise wrong("shape", fault)
     few = np.max(thin.later(thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) <= thin.FEW
     tabled = has_tables(asset) or method in READERS \
         or method == "auto" and not few and not thin.sparse(vertices, faces, smooth.reduced(medium))
@@ -111,6 +114,16 @@ def _body(shapes, name, asset, index, wrong, method):
                              "in its recipe would do")
     tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()] if tabled else []
     return Body(name, vertices, faces, shape.index, shape.smooth, medium, tables, False, shells.none(len(medium.sigma_t)))
+
+
+def _too_wide(name, vertices, faces, reduced, method):
+    """What is wrong with a method by beams for a body of so many transport mean free paths; "" where nothing is."""
+    density = thin.density(vertices, faces, reduced)
+    if density >= thin.FEWEST.get(method, 0.0):
+        return ""
+    wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
+    return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
+            f"pass, and method {method} needs {thin.FEWEST[method]:g}; shells, paths, or auto would do")
 
 
 def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
@@ -224,10 +237,11 @@ def _bias(means, rgb, missing) -> float | None:
     """
     changes = [mean.layers[name] for mean in means for name in (CLOSER, SHARPER) if name in mean.layers]
     bright = float((rgb @ colour.LUMINANCE).mean())
-    if not (changes or np.any(missing)) or not bright > 0:
+    if not bright > 0:
         return None
     spread = 4 / 3 * float(np.sqrt(sum(np.mean((change @ colour.LUMINANCE) ** 2) for change in changes)))
-    return (spread + float(missing @ colour.LUMINANCE)) / bright
+    # where no pixels share, nothing is known of the error
+    return (spread + float(missing @ colour.LUMINANCE)) / bright or None
 
 
 def _beyond(body, mirrored):
