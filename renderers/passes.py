@@ -24,7 +24,8 @@ class Method(NamedTuple):
     name : of the method
     parts : of the picture
     reasons : sentences
-    after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer
+    after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer;
+        further reasons
     approximations : error of the method as it was measured in this scene; None: what the renderer states
     """
 
@@ -61,4 +62,5 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
         stop, reasons = Stop(samples=1), [DARK]
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    return estimate.finish(job, method=method.name, reasons=reasons, **method.after(estimate))
+    after = method.after(estimate)
+    return estimate.finish(job, method=method.name, reasons=[*reasons, *after.pop("reasons", ())], **after)

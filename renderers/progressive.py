@@ -258,7 +258,7 @@ class Estimate:
         ----------
         job : `renderers.running.Render`
         layers : further channels (H, W) by name
-        reasons, more : as `Render.finish` takes them
+        reasons, more : as `Render.finish` takes them; a `noise` of None among them where the scatter of passes does not tell it
 
         Returns
         -------
@@ -284,8 +284,9 @@ class Estimate:
         reasons += picture.reasons
         report = job.finish(picture.rgb, layers=channels | picture.layers,
                             text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
-                            noise=self.noise, noise_mean=self.noise_mean, noise_region=self.noise_region,
-                            pixel_noise=self.pixel_noise, mean=self.rgb.mean(axis=(0, 1)).tolist(), below_zero=picture.figures,
+                            noise=more.pop("noise", self.noise), noise_mean=more.pop("noise_mean", self.noise_mean),
+                            noise_region=more.pop("noise_region", self.noise_region), pixel_noise=self.pixel_noise,
+                            mean=self.rgb.mean(axis=(0, 1)).tolist(), below_zero=picture.figures,
                             passes={name: mean.count for name, mean in self.means.items()},
                             parts={part.name: self._part(part, self.means[part.name]) for part in self.parts},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,

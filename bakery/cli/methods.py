@@ -75,6 +75,7 @@ def summary(made, found, base, file=None) -> dict:
     methods = []
     for one in made:
         report, seen = one.report, by_name[one.job.name]
+        missing = report.get("left_out") or []
         difference = None if seen.difference is None else {
             key: value for key, value in seen.difference._asdict().items() if key != "map"}
         methods.append({"overrides": {key: value for key, value in one.job.scene.overrides.items() if key not in common}}
@@ -84,13 +85,15 @@ def summary(made, found, base, file=None) -> dict:
                           "stated_bias": report["bias"], "processor": one.processor,
                           "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "anew": one.anew,
                           "difference": difference,
-                          "exact": one.job.name in first.rules.EXACT, "kept": one.job.name in first.rules.KEPT,
-                          "flip": seen.flip})
+                          "exact": one.job.name in first.rules.EXACT and not missing,
+                          "kept": one.job.name in first.rules.KEPT and not missing, "left_out": missing, "flip": seen.flip})
     remarks = [differences.flip_missing()]
     unknown = dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)
     whose = "all pictures" if len(unknown) == len(found) else ", ".join(unknown)
     remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
+    remarks += [f"{base.name} does not have all of the light, and neither errors nor bias count what it lacks: {sentence}."
+                for one in methods if one["name"] == base.name for sentence in one["left_out"]]
     pixels = any(one.job.scene.values.measure == "pixels" for one in made)
     remarks += ["Errors, noise and times are those of the picture as a whole; the tolerance is one of pixels (measure: pixels), "
                 "which takes longer."] if pixels else []

@@ -118,8 +118,12 @@ class _Sweep:
 
     def run(self):
         """Renders what the budget allows."""
-        for job in self.jobs:
+        # first those that may be the reference: without one nothing else is worth its time
+        exact = [job for job in self.jobs if job.name in self.loaded.rules.EXACT]
+        for job in [*exact, *(job for job in self.jobs if job not in exact)]:
             self._draw(job, _NOISE, _FIRST * self.budget / len(self.jobs))
+            if exact and job is exact[-1]:
+                self._whole()
         self.reference = self._reference()
         self._draw(self.made[self.reference].job, _LEAST_NOISE, _REFERENCE * self.budget)
         self._compare(with_flip=False)
@@ -142,10 +146,22 @@ class _Sweep:
         except BakeryError as error:
             self.failed[job.name] = error
 
+    def _whole(self) -> list:
+        """What was made by methods without an error of their own.
+
+        Raises UsageError where all of them leave light out.
+        """
+        exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
+        whole = [one for one in exact if not one.report.get("left_out")]
+        if exact and not whole:
+            raise UsageError(f"{self.loaded.path}: no method has all of the light, so none is a reference for errors: "
+                             f"{'; '.join(exact[0].report['left_out'])}")
+        return whole
+
     def _reference(self) -> str:
         """Name of the method without an error of its own whose picture is best: by the time that it takes, or, where a call
         before has given one the time of a reference, by its noise."""
-        exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
+        exact = self._whole()
         if not exact:
             for name in self.loaded.rules.EXACT:
                 if name in self.failed:

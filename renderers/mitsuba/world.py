@@ -116,6 +116,7 @@ class Shape(NamedTuple):
     index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
         (`null`); None of other surfaces
     smooth : whether that is no rough dielectric
+    specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
     normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
     """
 
@@ -126,6 +127,7 @@ class Shape(NamedTuple):
     index: float | None
     smooth: bool
     normals: np.ndarray | None = None
+    specular: bool = False
 
 
 class World:
@@ -205,7 +207,7 @@ class World:
             box = shape.bbox()
             box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
             smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
-            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals))
+            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf())))
         return found
 
     def extents(self):
@@ -264,6 +266,18 @@ class World:
         hit = self._scene.ray_intersect_preliminary(ray, coherent=False)
         distance, valid = _arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
+
+    def met(self, origin, direction):
+        """Distances to the first surface, (n,) m, inf where there is none, and cosines (n,), positive, to its normal."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if not len(origin):
+            return np.zeros(0), np.zeros(0)
+        ray = self._ray(mi, origin, direction)
+        si = self._scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=False)
+        distance, valid, cosine = _arrays(len(origin), si.t, si.is_valid(), dr.abs(dr.dot(si.n, ray.d)))
+        return np.where(valid, self._metres(distance), np.inf), cosine
 
     def lights(self, point, random, *, hidden=True) -> LightSample:
         """A light from each of n points in the medium, (n, 3) m; `random` (n, 2) or more columns, of which two are used.
@@ -434,6 +448,15 @@ def _index(bsdf):
         return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
     through = any(mi.has_flag(flags, one) for one in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
     return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
+
+
+def _specular(bsdf):
+    """As `Shape.specular` says."""
+    import mitsuba as mi
+
+    flags = bsdf.flags()
+    turns = any(mi.has_flag(flags, one) for one in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
+    return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)
 
 
 def _single(mi, values):

@@ -29,6 +29,7 @@ from renderers.wavefront import uniform
 LATER, SECOND, OTHER = range(3)  # what `gather` finds
 _BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bring, and the share that is drawn evenly
 _NEAR = 4.0  # mfp, from the middle of a beam, within which all of it is looked up, not a point that is drawn on it
+_DARK = 1e-290
 DRAWS = 6  # random numbers for each beam
 
 
@@ -207,7 +208,8 @@ def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, directi
     for m in range(_BINS):
         share[m] = _product(medium, beams, beam, w, low + (m + 0.5) * step, along, h, p, d, origin, direction, i)[0]
         whole += share[m]
-    if not whole > 0.0:
+    # numbers smaller than these have fewer digits, or none in an eighth of them: what is 700 mean free paths away is dark
+    if not whole > _DARK:
         return 0.0
     least, chosen, m = _EVEN * whole / _BINS, u * (1 + _EVEN) * whole, 0
     chosen -= share[0] + least

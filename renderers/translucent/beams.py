@@ -71,16 +71,16 @@ def lit(how, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
                np.where(sample.delta, np.inf, sample.density)[some], 0)
     turned, _ = light.turned(how, number, paths, far, place)
     far = transport.located(how.geometry, turned)[1]
-    return first, _begun(turned.origin, turned.direction, far, turned.weight, np.ones(len(turned), np.int64))
+    return first, begun(turned.origin, turned.direction, far, turned.weight, np.ones(len(turned), np.int64))
 
 
 def walked(beams) -> Lit:
     """Those of `_gather.Beams` that begin at events."""
     some = beams.begun
-    return _begun(beams.origin[some], beams.direction[some], beams.length[some], beams.power[some], beams.before[some])
+    return begun(beams.origin[some], beams.direction[some], beams.length[some], beams.power[some], beams.before[some])
 
 
-def _begun(origin, direction, length, power, before):
+def begun(origin, direction, length, power, before):
     """`Lit` that begins at events."""
     n = len(length)
     return of(origin, direction, np.zeros((n, 3)), length, power, np.full(n, np.inf), before)
@@ -96,13 +96,15 @@ class Joins(NamedTuple):
     """How lines of sight gather beams that pass close by (as `transport.Gather`).
 
     sets : of tuples of lit (`Lit`), cells (`Cells`), radius (m), rival (m sr, of `rivals_of`), each of every body
+    every : whether flights after events gather, too; of `sets` then no beam begins at an event
     """
 
     sets: list
+    every: bool = False
 
     def __call__(self, how, paths, number, far, sums):
-        """Adds what beams send to lines of sight that come from a surface, in body `number`."""
-        rows = np.flatnonzero((paths.events == 0) & (paths.weight > 0).any(axis=1))
+        """Adds what beams send to lines of sight in body `number`: those that come from a surface, or all."""
+        rows = np.flatnonzero(((paths.events == 0) | self.every) & (paths.weight > 0).any(axis=1))
         if not len(rows):
             return
         some, lengths, medium = paths.of(rows), far[rows], how.bodies[number].medium
@@ -116,11 +118,11 @@ class Joins(NamedTuple):
             sums.add(some, values * some.weight @ how.colours.to_rgb.T, order + 1)
 
 
-def joins(how, sets) -> Joins:
+def joins(how, sets, every=False) -> Joins:
     """`Joins` of tuples of lit (`Lit`), radius (m) and, where paths find the same light, rival (m sr), each of every body."""
     none = np.zeros(len(how.bodies))
     return Joins([(lit, [_cells(*one) for one in zip(how.bodies, lit, radius, strict=True)], radius, *(rival or [none]))
-                  for lit, radius, *rival in sets])
+                  for lit, radius, *rival in sets], every)
 
 
 def _cells(body, lit, radius) -> Cells:

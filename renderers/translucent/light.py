@@ -27,7 +27,7 @@ from renderers.translucent.transport import UNLIMITED, Sums
 _PILOT, _ROUNDS = 0xFFFFFFF0, 3  # numbers of the passes that find where light comes in
 _GROUPS, _EVEN = 512, 0.25  # of triangles that have one density; share of the places that are spread evenly
 _APART = 1 << 28  # random streams of bodies are so far apart
-_LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
+LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
 
 
 class Entries(NamedTuple):
@@ -120,7 +120,7 @@ def _entered(how, number, entries, places, pass_number, seed):
     body, waves = how.bodies[number], len(how.colours.to_waves)
     states, numbers = drawn(number, places, pass_number, seed)
     triangle, point, normal, sample, cosine = sampled(how, body, entries, numbers)
-    outside = point + _LOOK * how.geometry.scale * normal
+    outside = point + LOOK * how.geometry.scale * normal
     lit = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ how.colours.to_waves.T
     # light from all other ways that it can come
     direction = _about(normal, numbers[:, 5:7])
@@ -152,8 +152,8 @@ def drawn(number, places, pass_number, seed):
 
 def sampled(how, body, entries, numbers):
     """Triangles (n,) where light comes in, points (n, 3) m and outward normals there, a light sample each, and its cosine."""
-    triangle, point, normal = _on_boundary(body, entries, numbers)
-    sample = how.world.lights(point + _LOOK * how.geometry.scale * normal, numbers[:, 3:])
+    triangle, point, normal = on_boundary(body, entries, numbers)
+    sample = how.world.lights(point + LOOK * how.geometry.scale * normal, numbers[:, 3:])
     return triangle, point, normal, sample, np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
 
 
@@ -165,14 +165,14 @@ def refracted(how, body, point, towards, power, states):
         return np.arange(len(paths)), paths, power
     numbers = np.empty((len(paths), 6))
     wavefront.draw(paths.states, numbers)
-    shading = how.world.shade(point + _LOOK * how.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
+    shading = how.world.shade(point + LOOK * how.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
                               power=True)
     paths.origin, paths.direction = shading.origin, shading.direction.astype(float)
     goes = np.flatnonzero(shading.hit & (shading.weight > 0).any(axis=1))
     return goes, paths.of(goes), (power * shading.weight[:, :1])[goes]
 
 
-def _on_boundary(body, entries, numbers):
+def on_boundary(body, entries, numbers):
     """Triangles (n,) of a boundary, points (n, 3) m on them, and their outward normals."""
     n = len(numbers)
     at = np.searchsorted(entries.total, (np.arange(n) + numbers[:, 0]) / n, side="right")
@@ -221,7 +221,7 @@ def _walk_on(how, paths, scale, made, ways):
     fresh = np.ones(len(paths), bool)
     while len(paths):
         within, far, place = _begun(how, paths, fresh, scale, made)
-        parts = [_outside(how, paths.of(within == _geometry.OUTSIDE), far, place, within)]
+        parts = [outside(how, paths.of(within == _geometry.OUTSIDE), far, place, within)]
         kept = [np.ones(len(parts[0]), bool)]
         for body in np.unique(within[within >= 0]):
             here = within == body
@@ -277,7 +277,7 @@ def turned(how, number, paths, far, place):
     return turns.of(alive), status == _walk.CONTACT
 
 
-def _outside(how, paths, far, place, within):
+def outside(how, paths, far, place, within):
     """Walks outside of bodies after their next surface."""
     far, place = far[within == _geometry.OUTSIDE], place[within == _geometry.OUTSIDE]
     own = np.where(place >= 0, how.geometry.owner[place], -1)

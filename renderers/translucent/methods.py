@@ -10,8 +10,8 @@ from bakery import kernels
 from renderers import colour
 from renderers.passes import Method
 from renderers.progressive import Part
-from renderers.translucent import beams, dipole, light, refraction, shells, smooth, thin, transport
-from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of, untabled
+from renderers.translucent import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
+from renderers.translucent.bodies import Body, has_tables, holds, laid_out, medium_of, untabled
 from renderers.translucent.scene import READERS, index_fault
 from renderers.translucent.thin import WALKS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
@@ -24,8 +24,11 @@ JOINED = ("beams+tables", "beams")  # that join beams with lines of sight where 
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 _BESIDE = 3 << 30  # and of those that meet beams
-CLOSER = "closer"  # layer: what sharing over half the distance changes
+# layers: what sharing over half the distance changes, and beams of lights without extent that are half as wide
+CLOSER, SHARPER = "closer", "sharper"
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
+_NOISES = ("noise", "noise_mean", "noise_region")  # of a report
+_UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
 _LAYERS = ("order0", "order1", "order2", "orders")
 
 
@@ -39,11 +42,18 @@ def prepare(job, world, seed) -> Method:
                        lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
                        settings.method)
     name, made = of(how, settings.method, settings.boundary, seed)
-    reasons = [] if world.dark else _reasons(assets, how.bodies, settings.method, name)
-    reasons += shells.reasons(shells.laid(how)) if name == "shells" and not world.dark else []
-    # how far off dipole is nobody states; what sharing between pixels adds to that would pass for all of it
-    return Method(name, made, reasons,
-                  lambda estimate: {"bias": None if name == "dipole" else _bias(estimate.means.values(), estimate.rgb)})
+    if world.dark:
+        return Method(name, made, [], lambda estimate: {"bias": None})
+    reasons = _reasons(assets, how.bodies, settings.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
+    missing, sentences = chains.left_out(how, seed)
+
+    def after(estimate):
+        # how far off dipole is, or how much light is left out, nobody states; what else is known would pass for all of it
+        bias = None if name == "dipole" or missing is None else _bias(estimate.means.values(), estimate.rgb, missing)
+        unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
+        return {"bias": bias, "left_out": sentences} | unlit
+
+    return Method(name, made, [*reasons, *sentences], after)
 
 
 def of(how, name, boundary, seed):
@@ -52,7 +62,8 @@ def of(how, name, boundary, seed):
         # no beams begin, and tables and spheres need not be there
         return "paths" if name == "auto" else name, parts(how, "paths", boundary, seed)
     if name == "auto":
-        wide = all(thin.sparse(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies)
+        beams_of = [thin.density(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies]
+        wide = max(beams_of) < thin.DENSE or min(beams_of) < thin.FEWEST["vrl+tables"]
         name = "shells" if wide else "vrl+tables" if all(body.tables for body in how.bodies) else "paths"
     return name, parts(shells.laid(how) if name == "shells" else how, name, boundary, seed)
 
@@ -72,7 +83,13 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
     panes = any(shape.index is not None and shape.smooth and shape.name not in names for shape in shapes)
-    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies], panes=panes)
+    lights = world.ideal_lights() if world.without_extent else []
+    enclosed = [any(not body.matched and holds(body, light.place) for body in bodies) and not light.distant for light in lights]
+    lamps = frozenset(number for number, body in enumerate(bodies)
+                      if world.lights_in([np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)])]))
+    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies], panes=panes,
+                     points=tuple(light for light, inside in zip(lights, enclosed, strict=True) if not inside),
+                     enclosed=tuple(light for light, inside in zip(lights, enclosed, strict=True) if inside), lamps=lamps)
 
 
 def _body(shapes, name, asset, index, wrong, method):
@@ -93,6 +110,8 @@ def _body(shapes, name, asset, index, wrong, method):
     if fault := index_fault(name, index, shape.index):
         raise wrong("boundary.index", fault)
     medium = medium_of(asset) if has_tables(asset) else untabled(asset)
+    if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), method):
+        raise wrong("shape", fault)
     few = np.max(thin.later(thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) <= thin.FEW
     tabled = has_tables(asset) or method in READERS \
         or method == "auto" and not few and not thin.sparse(vertices, faces, smooth.reduced(medium))
@@ -101,6 +120,16 @@ def _body(shapes, name, asset, index, wrong, method):
                              "in its recipe would do")
     tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()] if tabled else []
     return Body(name, vertices, faces, shape.index, shape.smooth, medium, tables, False, shells.none(len(medium.sigma_t)))
+
+
+def _too_wide(name, vertices, faces, reduced, method):
+    """What is wrong with a method by beams for a body of so many transport mean free paths; "" where nothing is."""
+    density = thin.density(vertices, faces, reduced)
+    if density >= thin.FEWEST.get(method, 0.0):
+        return ""
+    wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
+    return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
+            f"pass, and method {method} needs {thin.FEWEST[method]:g}; shells, paths, or auto would do")
 
 
 def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
@@ -151,11 +180,17 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         return beams.rivals_of(how, known(), _LIT)
 
     def found(number):
-        sums = transport.from_eye(how._replace(rivals=rivals()) if name in JOINED else how, most, None, number, seed)
+        gather = chains.gathering(how, known(), number, seed, name in EACH_EVENT, name == "beams+tables") if how.chained else None
+        sums = transport.from_eye(how._replace(rivals=rivals()) if name in JOINED else how, most, gather, number, seed)
+        if gather:
+            sums.by_order += gather.wide.by_order
         if name == "dipole":
             # what scatters again where a boundary turns it back
             sums.by_order[2:] = 0.0
-        return images(sums)
+        layers = images(sums)
+        if gather:
+            layers[SHARPER] = (gather.sharp.by_order - gather.wide.by_order).sum(axis=0).reshape(height, width, 3)
+        return layers
 
     def diffused(number):
         made = light.beams(how, known(), places, walks, False, False, number, seed)
@@ -198,16 +233,21 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     return Part("few", found), *made.get(name, (Part("beams", gathered),))
 
 
-def _bias(means, rgb) -> float | None:
-    """Error of sharing between pixels, relative to the picture's mean: root mean square of what half the distance changes, and a
-    third more, as it goes with the square of the distance.  Its own noise counts, so it is an upper bound; None where no pixels
-    share.
+def _bias(means, rgb, missing) -> float | None:
+    """Error of sharing between pixels and of spreading beams that `chains` follows, relative to the picture's mean: root mean
+    square of what half the distance changes, and a third more, as both go with the square of the distance.  Its own noise counts,
+    so it is an upper bound.  To that comes light that is left out.  None where there is neither.
 
     means : of passes, of each part (`renderers.progressive.Mean`);  rgb : (H, W, 3), the picture
+    missing : (3,) linear sRGB, what the light that is left out would add to the mean
     """
-    found = [mean.layers[CLOSER] for mean in means if CLOSER in mean.layers]
+    changes = [mean.layers[name] for mean in means for name in (CLOSER, SHARPER) if name in mean.layers]
     bright = float((rgb @ colour.LUMINANCE).mean())
-    return 4 / 3 * float(np.sqrt(np.mean((found[0] @ colour.LUMINANCE) ** 2))) / bright if found and bright > 0 else None
+    if not bright > 0:
+        return None
+    spread = 4 / 3 * float(np.sqrt(sum(np.mean((change @ colour.LUMINANCE) ** 2) for change in changes)))
+    # where no pixels share, nothing is known of the error
+    return (spread + float(missing @ colour.LUMINANCE)) / bright or None
 
 
 def _beyond(body, mirrored):

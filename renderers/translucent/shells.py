@@ -60,7 +60,7 @@ def laid(transport):
     do not find such lights by chance.
     """
     room, sampled = float(transport.geometry.clear.max()), transport.world.without_extent
-    return transport._replace(bodies=[body if bent or body.matched and sampled
+    return transport._replace(bodies=[body if bent or transport.chained or body.matched and sampled
                                       else body._replace(shells=stored(body.medium, room))
                                       for body, bent in zip(transport.bodies, transport.bent, strict=True)])
 

@@ -10,7 +10,11 @@ FEW = 0.01
 WALKS = 8192  # of light, in a pass
 # beams a square transport mean free path of the boundary, below which the shells' jumps take less time to equal error: of 0.05
 # (bust, marble) a fifth of the time, of 0.23 (head, skin) five times as much
-_DENSE = 0.1
+DENSE = 0.1
+# the same, below which a method by beams is refused: hardly a line of sight has a beam near it in a thousand passes, so pictures
+# are dark with a few fireflies, and their noise is not known.  Balls of 300, 1000 and 10,000 mean free paths (0.007, 7e-4, 7e-6),
+# three and more events over those of shells: vrl+tables 1.05 (0.02), 1.03 (0.08), 0.5 (1.5); beams 1.1 (0.2), 0.6 (0.4), 1e-4
+FEWEST = {"vrl": 1e-4, "vrl+tables": 1e-4, "beams+tables": 1e-4, "beams": 1e-3, "dipole": 1e-3}
 _OUTSIDE = 0.1  # of diffuse light, what a boundary reflects from outside: 0.09 at index 1.5, 0.07 at 1.33
 
 
@@ -26,7 +30,13 @@ def sparse(vertices, faces, reduced) -> bool:
 
     vertices, faces : (V, 3) m, (F, 3), of a closed mesh;  reduced : (L,) 1/m, over transport mean free paths
     """
-    return bool(_DENSE * _area(vertices, faces) * np.max(reduced) ** 2 > WALKS)
+    return bool(density(vertices, faces, reduced) < DENSE)
+
+
+def density(vertices, faces, reduced) -> float:
+    """Beams of a pass to a square transport mean free path of the boundary, of the wavelength that has fewest; as `sparse`."""
+    squares = _area(vertices, faces) * np.max(reduced) ** 2
+    return WALKS / squares if squares > 0 else np.inf
 
 
 def _area(vertices, faces):

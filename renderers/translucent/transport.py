@@ -43,6 +43,9 @@ class Transport(NamedTuple):
     rivals : (bodies,) m sr, how many beams bring light of lamps through boundaries, besides paths (`beams.rivals_of`); 0 where
         none do; None: nowhere
     panes : whether other shapes are of smooth glass
+    points, enclosed : lights without extent (`renderers.mitsuba.world.IdealLight`) outside of all bodies whose boundary turns
+        light, and inside of one
+    lamps : numbers of the bodies that lights reach into, or nearly
     """
 
     world: object
@@ -52,6 +55,14 @@ class Transport(NamedTuple):
     bent: list
     rivals: np.ndarray | None = None
     panes: bool = False
+    points: tuple = ()
+    enclosed: tuple = ()
+    lamps: frozenset = frozenset()
+
+    @property
+    def chained(self):
+        """Whether light of lights without extent comes to events by ways that `chains` has to follow."""
+        return bool(self.enclosed) or bool(self.points) and any(body.smooth and not body.matched for body in self.bodies)
 
     @property
     def matched(self):
@@ -204,7 +215,8 @@ def inside(transport, paths, number, far, place, most, sums, gather):
         paths, far, place = paths.of(rest), far[rest], place[rest]
     begun = paths.origin.copy()
     status = through(transport, number, paths, far, place, most[number],
-                     body.matched or sums.found and bool(transport.bent[number]) or _joins(transport, number, sums))
+                     body.matched or sums.found and (bool(transport.bent[number]) or transport.chained)
+                     or _joins(transport, number, sums))
     met, events = status == _walk.CONTACT, status == _walk.EVENT
     parts.append(_at_events(transport, number, paths.of(events), begun[events], sums))
     return parts + _met(transport, number, paths.of(met), far[met], place[met], sums)
@@ -239,7 +251,7 @@ def _at_events(transport, number, paths, begun, sums):
     if n == 0:
         return paths
     medium = transport.bodies[number].medium
-    if sums.found and transport.bodies[number].matched:
+    if sums.found and (transport.bodies[number].matched or number in transport.lamps):
         _lit(transport, medium, paths, sums)
     for bent in transport.bent[number] if sums.found else []:
         _lit_through(transport, number, bent, paths, sums)
@@ -260,13 +272,13 @@ def _lit(transport, medium, paths, sums):
     wavefront.draw(paths.states, numbers)
     sample = transport.world.lights(paths.origin, numbers, hidden=False)
     towards = sample.direction.astype(float)
-    inside, seen = _in_between(transport, paths.origin, towards, sample.distance, (sample.radiance > 0).any(axis=1))
+    inside, seen = in_between(transport, paths.origin, towards, sample.distance, (sample.radiance > 0).any(axis=1))
     run(_walk.lit, n, medium, transport.colours, transport.sigma_t, inside, seen, paths.direction, paths.weight, towards,
         sample.radiance, sample.density, sample.delta, added)
     sums.add(paths, added)
 
 
-def _in_between(transport, origin, towards, distance, bright):
+def in_between(transport, origin, towards, distance, bright):
     """Lengths (n, bodies) m of ways to lights in each body, and whether a light that is `bright` (n,) is seen."""
     n = len(origin)
     inside, last = np.empty((n, len(transport.bodies))), np.empty(n)
@@ -290,7 +302,7 @@ def _lit_through(transport, number, bent, paths, sums):
     sample = transport.world.from_light(bent.number, place)
     away = sample.direction.astype(float)
     radiance = sample.radiance * share[some, None]
-    inside, seen = _in_between(transport, place + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
+    inside, seen = in_between(transport, place + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
     inside[:, number] += within[some]
     run(_walk.lit, len(some), transport.bodies[number].medium, transport.colours, transport.sigma_t, inside, seen, lit.direction,
         lit.weight, towards, radiance.astype(np.float32), sample.density, np.ones(len(some), bool), added)
@@ -324,7 +336,7 @@ def shaded(transport, paths, sums, power=False):
         return paths
     numbers = np.empty((n, 6))
     wavefront.draw(paths.states, numbers)
-    seen = _splits(paths) & (not power)
+    seen = _splits(paths)
     if not seen.any():
         return _turned(transport, paths, _shade(transport, paths, numbers, power), sums)
     parts = [_turned(transport, paths.of(~seen), _shade(transport, paths.of(~seen), numbers[~seen], power), sums)]

@@ -164,6 +164,57 @@ def test_what_is_refused(call, place, setting, said):
     assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists(), err
 
 
+@pytest.mark.parametrize("method", ["vrl+tables", "beams"])
+def test_bodies_too_wide_for_beams(call, place, method):
+    """10,000 mean free paths and more: few beams of a pass are near any line of sight, and whether noise is right is chance."""
+    status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "scene.unit=2 m", "--set",
+                            f"translucent.method={method}")
+    assert status and not out and "ball is 1.8e+04 transport mean free paths wide" in err, err
+    assert f"method {method} needs" in err and "shells, paths, or auto would do" in err
+
+
+POINT = '<emitter type="point"><point name="position" value="0, 0, 20"/><rgb name="intensity" value="90, 90, 90"/></emitter>'
+GLASS = '<bsdf type="dielectric"><float name="int_ior" value="1.4"/><float name="ext_ior" value="1"/></bsdf>'
+FLOOR = """<shape type="rectangle" id="floor"><transform name="to_world"><scale value="20"/><translate z="-6"/></transform>
+<bsdf type="diffuse"/></shape>"""
+
+
+def in_light_of(place, around, ball='<bsdf type="null"/>'):
+    """The scene with other things around the ball than the panel."""
+    begin = XML.index('<shape type="rectangle" id="panel">')
+    text = XML[:begin].replace('<bsdf type="null"/>', ball, 1) + around + "</scene>"
+    (place / "lit.xml").write_text(text)
+
+
+def test_methods_that_leave_light_out_are_no_reference(call, place):
+    """Glass throws light of a point on the floor, which no method brings: it is bias, and nothing counts as exact."""
+    in_light_of(place, POINT + FLOOR, GLASS)
+    status, out, err = call("compare", place / "s.yaml", "--methods", "paths,vrl+tables", "-o", place / "c.html", "--json")
+    assert status == 0, err
+    found = json.loads(out)
+    for one in found["methods"]:
+        assert not one["exact"] and not one["kept"] and "caustics" in one["left_out"][0]
+        assert one["stated_bias"] > 0.003 and one["left_out"][0] in one["reasons"]
+    assert any("paths does not have all of the light" in remark for remark in found["remarks"])
+
+
+@pytest.mark.slow
+def test_trade_has_no_reference_that_leaves_light_out(call, place):
+    in_light_of(place, POINT + FLOOR, GLASS)
+    status, out, err = call("trade", place / "s.yaml", "--methods", "paths,dipole", "--budget", "0.1", "-o", place / "t.html")
+    assert status and not out and "none is a reference for errors" in err and "caustics" in err
+    assert not (place / "t.html").exists()
+
+
+def test_a_picture_without_light_knows_no_noise(call, place):
+    """A point in a bulb of glass, which no way leaves that a method looks for."""
+    in_light_of(place, POINT + f"""<shape type="sphere" id="bulb"><point name="center" x="0" y="0" z="20"/>
+<float name="radius" value="2"/>{GLASS}</shape>""")
+    report, found = rendered(call, place, "a", "translucent.method=paths")
+    assert not picture(found).any() and report["noise"] is None and report["bias"] is None
+    assert any("no pass found any" in said for said in report["reasons"]) and "bulb" in report["left_out"][0]
+
+
 def test_an_open_mesh_is_named_with_its_place(call, place):
     err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "translucent.bodies[0].shape=open")[2]
     assert "face" in err and "edge" in err

@@ -49,7 +49,7 @@ def from_inside(how, count):
     place, _, within, share = refraction.joined(how, 0, bent, paths)
     sample = how.world.from_light(bent.number, place)
     away = sample.direction.astype(float)
-    _, seen = transport._in_between(how, place + how.off * away, away, sample.distance, share > 0)
+    _, seen = transport.in_between(how, place + how.off * away, away, sample.distance, share > 0)
     values = share * sample.radiance[:, 0] * np.exp(-SIGMA * within) * seen * np.prod(high - low)
     return values.sum() / count, np.sqrt((values**2).sum()) / count
 
@@ -67,7 +67,7 @@ def from_outside(how, count):
     sample = how.world.from_light(0, points)
     away = sample.direction.astype(float)
     cosine = np.einsum("nk,nk->n", away, normal)
-    _, seen = transport._in_between(how, points + 2 * how.off * away, away, sample.distance, cosine > 0)
+    _, seen = transport.in_between(how, points + 2 * how.off * away, away, sample.distance, cosine > 0)
     beyond = np.sqrt(1 - (1 - cosine**2) / INDEX**2)
     way = -away / INDEX + (cosine / INDEX - beyond)[:, None] * normal
     reflected = np.array([kernels.fresnel(max(one, 0.0), INDEX)[0] for one in cosine])
