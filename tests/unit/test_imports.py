@@ -18,7 +18,7 @@ MAY = {
     "system": set(),
     "grammar": set(),
     "physics": {"rng", "system.llvm"},
-    "store": set(),
+    "store": {"system.memory"},
     "draw": {"store.put"},
     "stages": {"draw", "grammar", "physics", "rng", "store", "system.terminal"},
     "family": {"draw", "grammar", "physics.medium", "stages", "store"},
@@ -49,7 +49,8 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"},
           "running": {"assets", "budget", "images", "mitsuba", "progress", "scene"},
-          "progressive": {"budget", "colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
+          "progressive": {"budget", "colour", "mitsuba", "running"},
+          "passes": {"budget", "images", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
           "comparison": {"assets", "images", "pace", "progressive", "scene"}}
