@@ -120,6 +120,14 @@ def filtered(halves, variance, features=None, radius=7, patch=2, strength=0.7, c
     return tuple((total / weight[..., None]).astype(float) for total, weight in zip(sums, weights))
 
 
+def refuse_name(path):
+    """Raises UsageError where Mitsuba, which takes names in UTF-8 alone, cannot open or write a file."""
+    try:
+        os.path.abspath(path).encode()
+    except UnicodeEncodeError:
+        raise UsageError(f"{path}: a name that is no UTF-8, which Mitsuba cannot open; another name would do") from None
+
+
 def output_pair(output, inputs=(), overwrite=False):
     """Paths (PNG, EXR) beside each other for `X.png` or `X.exr`.
 
@@ -131,6 +139,7 @@ def output_pair(output, inputs=(), overwrite=False):
     output = Path(output)
     if output.suffix.lower() not in (".png", ".exr"):
         raise UsageError(f"{output}: a picture's name ends in .png or .exr (both are written, beside each other)")
+    refuse_name(output)
     pair = output.with_suffix(".png"), output.with_suffix(".exr")
     if not output.parent.is_dir():
         raise UsageError(f"{output}: there is no folder {output.parent}; make it first")

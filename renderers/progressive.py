@@ -38,6 +38,7 @@ _LEAST, _TRUSTED = 2, 4
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
+_MOST = 1 << 53  # passes; no file of ours says more
 _STATE = "bakery_passes"  # attribute of the EXR
 _ANEW = "without --resume it is rendered from the beginning"
 
@@ -329,7 +330,7 @@ class Estimate:
         channels, text = bitmaps.read(path)
         try:
             other = self._restore(channels, json.loads(text[_STATE]))
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError):
             raise UsageError(f"{path}: holds no passes to go on with; {_ANEW}") from None
         if other:
             raise UsageError(f"{path}: is a picture of something else (other {', '.join(other)}); {_ANEW}")
@@ -341,10 +342,16 @@ class Estimate:
         other = sorted(key for key in stored.keys() | own.keys() if stored.get(key) != own.get(key))
         for name, mean in self.means.items() if not other else ():
             prefix, part = self._prefix(name), state["parts"][name]
-            mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), np.array(part["spread"], float)
+            mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), _spread(part)
+            if not (0 < mean.count < _MOST and mean.lost >= 0):
+                raise ValueError("numbers of passes that nobody renders")
             mean.layers = {layer: _image(channels, _joined(prefix, layer)) for layer in part["layers"]}
             if mean.count >= _LEAST:
                 mean.square = _image(channels, f"{prefix}noise.", "RGBY").astype(float) ** 2 * (mean.count * (mean.count - 1))
+            size = stored.get("size", list(mean.layers[""].shape[:2]))
+            for image in (*mean.layers.values(), *([mean.square] if mean.count >= _LEAST else [])):
+                if list(image.shape[:2]) != size or not np.isfinite(image).all():
+                    raise ValueError("layers that no passes leave")
         return other
 
 
@@ -355,7 +362,7 @@ def error_of_mean(text) -> np.ndarray | None:
     """
     try:
         return _error_of_mean(json.loads(text[_STATE])["parts"])
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
         return None  # another program's, or an earlier version's
 
 
@@ -368,9 +375,17 @@ def _missed(stopped_by, stop, noise) -> tuple[str, ...]:
 
 
 def _error_of_mean(parts):
-    variances = [np.array(part["spread"], float) / (part["passes"] * (part["passes"] - 1)) for part in parts.values()
+    variances = [_spread(part) / (part["passes"] * (part["passes"] - 1)) for part in parts.values()
                  if part["passes"] >= _LEAST]
     return np.sqrt(sum(variances)) if len(variances) == len(parts) else None
+
+
+def _spread(part):
+    """`Mean.spread` as a file has it; ValueError where it cannot be one."""
+    spread = np.array(part["spread"], float)
+    if spread.shape != (4,) or not (np.isfinite(spread) & (spread >= 0)).all():
+        raise ValueError("found no four squares")
+    return spread
 
 
 def _with_luminance(rgb):
