@@ -24,6 +24,7 @@ from renderers.progressive import fingerprint, made_of
 from renderers.reached import coarser, limit
 
 _LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
+_MOST = 1e15  # of any number in a record
 _ENOUGH = 0.8  # share of the time that passes were to take, with which they are not gone on with: each call prepares anew
 
 
@@ -278,9 +279,10 @@ def _kept(job) -> dict:
     try:
         kept = json.loads(job.record.read_text(encoding="utf-8"))
         numbers = [float(one) for one in (*(kept[key] for key in ("seconds", "processor", "compiling")), *Paced(*kept["pace"]))]
-        whole = kept["picture"] == fingerprint(job.pair[1]) and min(numbers) >= 0 and isinstance(kept["made_of"], str)
+        whole = (kept["picture"] == fingerprint(job.pair[1]) and all(0 <= one < _MOST for one in numbers)
+                 and isinstance(kept["made_of"], str))
         return kept if whole and (not kept["finished"] or kept["report"]["seconds"]) else {}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return {}
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import UsageError
+from bakery.system.memory import free_memory
 
 MOST = 1 << 30  # values: 1024^3
 _FILTERS = {"gzip", "lzf", None}
@@ -96,8 +97,9 @@ def _hdf5(path, dataset):
         if where.is_virtual or where.external or where.compression not in _FILTERS:
             raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a layout that is known here')
         _check_shape(path, where.shape or (), where.dtype)
-        # what a bomb of zeros unpacks to; 1100 is the most that deflate can save
-        if where.chunks and where.size * where.dtype.itemsize > 1100 * where.id.get_storage_size() + (1 << 20):
+        # what a bomb of zeros unpacks to, or values never written, which HDF5 makes up; 1100 is the most that deflate can save
+        stored = min(where.id.get_storage_size(), path.stat().st_size)
+        if where.size * where.dtype.itemsize > 1100 * stored + (1 << 20):
             raise UsageError(f'{path}: found "{dataset}" of {where.size:,} values, most of which the file does not hold')
         return (_floats(where[()]),)
 
@@ -149,6 +151,10 @@ def _check_shape(path, shape, dtype):
         raise UsageError(f"{path}: found {shown}{' values' * bool(shape)}; three axes (x, y, z) with an entry or more would do")
     if math.prod(shape) > MOST:
         raise UsageError(f"{path}: found {shown} values; at most {MOST:,} would do")
+    needed, free = 2 * dtype.itemsize * math.prod(shape), free_memory()  # as they are read, and as `read` gives them
+    if free is not None and needed > free:
+        raise UsageError(f"{path}: found {shown} values, which take {needed / 1e9:.3g} GB of memory; "
+                         f"{free / 1e9:.3g} GB are free")
 
 
 def _check_values(path, values):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from renderers import budget
+from renderers import budget, images
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.progressive import Estimate, Part, Stop, fingerprint, made_of
@@ -47,6 +47,7 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     world = World.of(scene, variant)
     if world.camera is None:
         raise scene.no_camera()
+    images.refuse_too_large(scene.path, *world.size)
     job.part_over("scene")
     method = prepare(job, world, seed)
     job.part_over("preparation")

@@ -28,7 +28,7 @@ import numpy as np
 from bakery.errors import Interrupted, UsageError
 from renderers import colour, reached, signed
 from renderers.budget import percent
-from renderers.means import LEAST, Mean, student
+from renderers.means import LEAST, Mean, student, tiled
 from renderers.mitsuba import bitmaps
 from renderers.running import SHARED, rgb_layers
 
@@ -38,6 +38,7 @@ TRUSTED, _TRUSTED_SHARED = 4, 8
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
+_MOST = 1 << 53  # passes; no file of ours says more
 _STATE = "bakery_passes"  # attribute of the EXR
 _ANEW = "without --resume it is rendered from the beginning"
 
@@ -321,7 +322,7 @@ class Estimate:
         channels, text = bitmaps.read(path)
         try:
             other = self._restore(channels, json.loads(text[_STATE]))
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError):
             raise UsageError(f"{path}: holds no passes to go on with; {_ANEW}") from None
         if other:
             raise UsageError(f"{path}: is a picture of something else (other {', '.join(other)}); {_ANEW}")
@@ -334,11 +335,17 @@ class Estimate:
         for name, mean in self.means.items() if not other else ():
             prefix, part = self._prefix(name), state["parts"][name]
             whole = prefix or signed.estimate_of(channels)
-            mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), np.array(part["spread"], float)
-            mean.regions = np.array(part["regions"], float)
+            mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), _spread(part)
+            if not (0 < mean.count < _MOST and mean.lost >= 0):
+                raise ValueError("numbers of passes that nobody renders")
             mean.layers = {layer: _image(channels, _joined(prefix, layer) or whole) for layer in part["layers"]}
             if mean.count >= LEAST:
                 mean.square = _image(channels, f"{whole}noise.", "RGBY").astype(float) ** 2 * (mean.count * (mean.count - 1))
+            mean.regions = _squares(part["regions"], tiled(mean.layers[""][..., 0]).shape)
+            size = stored.get("size", list(mean.layers[""].shape[:2]))
+            for image in (*mean.layers.values(), *([mean.square] if mean.count >= LEAST else [])):
+                if list(image.shape[:2]) != size or not np.isfinite(image).all():
+                    raise ValueError("layers that no passes leave")
         return other
 
 
@@ -349,14 +356,27 @@ def error_of_mean(text) -> np.ndarray | None:
     """
     try:
         return _error_of_mean(json.loads(text[_STATE])["parts"])
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
         return None  # another program's, or an earlier version's
 
 
 def _error_of_mean(parts):
-    variances = [np.array(part["spread"], float) / (part["passes"] * (part["passes"] - 1)) for part in parts.values()
+    variances = [_spread(part) / (part["passes"] * (part["passes"] - 1)) for part in parts.values()
                  if part["passes"] >= LEAST]
     return np.sqrt(sum(variances)) if len(variances) == len(parts) else None
+
+
+def _spread(part):
+    """`Mean.spread` as a file has it."""
+    return _squares(part["spread"], (4,))
+
+
+def _squares(values, shape):
+    """Sums of squares as a file has them; ValueError where they cannot be that."""
+    squares = np.array(values, float)
+    if squares.shape != shape or not (np.isfinite(squares) & (squares >= 0)).all():
+        raise ValueError("found no squares")
+    return squares
 
 
 def fingerprint(*what) -> str:

@@ -16,6 +16,13 @@ from renderers.progress import share
 SHARED = 0.5  # of the noise of pixels: where the means of regions have more than that, pixels share most of it
 
 
+def refuse_too_large(scene) -> None:
+    """Raises UsageError where a scene's film takes more memory than is free."""
+    film = scene.values.film
+    if film.height:
+        images.refuse_too_large(f"{scene.places.get('film.width', scene.path)}: film", film.height, film.width)
+
+
 class Render:
     """A scene that is being rendered.
 
@@ -49,6 +56,7 @@ class Render:
         self._progress, self._quality = progress, quality
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
+        refuse_too_large(self.scene)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
         self.scene = assets.baked(self.scene)
         opened = {path: bakery.open(path) for path in dict.fromkeys(self.scene.assets)}

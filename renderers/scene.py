@@ -33,7 +33,7 @@ from bakery.grammar.problems import distinct, places, translate
 from bakery.grammar.text import Mapping, Node, Sequence
 from renderers import budget, common
 from renderers.common import FORMAT, Common, names_at, node_at, value_at
-from renderers.inputs import files_of, integrators, sources_of
+from renderers.inputs import files_of, integrators, sources_of, unbounded
 
 SUFFIXES = (".yaml", ".yml")
 # section of a scene -> the package that renders it
@@ -278,3 +278,5 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
                                      f"expected a file relative to {text.label_of(path.parent)}")
         elif not (path.parent / name).is_file():
             yield node.place.problem(f"found {text.show(name)}, which is no regular file", "expected a file")
+        elif reason := unbounded(path.parent / name):
+            yield node.place.problem(f"found {text.show(name)}, which names {reason}", "")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
@@ -108,10 +110,20 @@ def one_asset(asset: str, place):
 
 
 def file_of(asset, folder: str) -> str:
-    """The file of an asset, for what reads files: one between the members of a family is put into a folder."""
-    from pathlib import Path
+    """The file of an asset, for what reads files: one between the members of a family is put into a folder.
 
-    return str(asset.save(Path(folder, Path(asset.path).name))) if hasattr(asset, "save") else asset.path
+    So is a link to one whose name is no UTF-8, which Mitsuba does not open.
+    """
+    if hasattr(asset, "save"):
+        return str(asset.save(Path(folder, Path(asset.path).name)))
+    path = os.path.abspath(asset.path)
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        link = Path(folder, "asset.h5")
+        link.symlink_to(path)
+        return str(link)
+    return asset.path
 
 
 def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress):

@@ -65,7 +65,7 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
-        from renderers import assets, images, scene
+        from renderers import assets, images, running, scene
 
         path = scene.load(path, values)
         renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
@@ -75,6 +75,7 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
         draw = renderer.render
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
+            running.refuse_too_large(path)
             prepared = assets.baked
     elif suffix == ".xml":
         import renderers.granular.plugin

@@ -59,10 +59,10 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
     BakeryError : no point that may be the reference could be rendered
     """
     from bakery.draw.files import folder_for
+    from bakery.trade import check_budget
     from renderers import scene
 
-    if not budget > 0:
-        raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do")
+    check_budget(budget)
     loaded, *others = (scene.load(path, settings) for path in (source, *beside))
     page = shared.page_at(output, loaded, "trade")
     jobs, refused = _jobs(loaded, names, page.with_suffix(""), settings, seed)

@@ -8,6 +8,7 @@ Where machines share entries (`bakery.run.shared`), this folder is the local lay
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -36,6 +37,7 @@ def places() -> tuple[Path, str | None]:
     chosen = os.environ.get("BAKERY_CACHE")
     if chosen and not is_shared(chosen):
         folder = Path(chosen).absolute()
+        _refuse_name(folder, f'BAKERY_CACHE: found "{chosen}"')
         stands = next(path for path in (folder, *folder.parents) if path == path.parent or os.path.lexists(path))
         if not os.path.isdir(stands):
             raise UsageError(f'BAKERY_CACHE: found "{chosen}", but {stands} is no folder; '
@@ -44,7 +46,19 @@ def places() -> tuple[Path, str | None]:
     from platformdirs import user_cache_path
 
     own = user_cache_path("bakery")
+    _refuse_name(own, f'found the cache folder "{own}"')
     return own, None if chosen and Path(chosen).absolute() == own else chosen or None
+
+
+def _refuse_name(folder: Path, found: str) -> None:
+    """UsageError where no folder can have such a name."""
+    try:
+        os.lstat(folder)
+    except OSError as error:
+        if error.errno in (errno.ENAMETOOLONG, errno.ELOOP):
+            raise UsageError(f"{found}, which cannot be a folder ({error.strerror}); another one would do") from None
+    except ValueError:
+        raise UsageError(f"{found}, which no folder can be called; another one would do") from None
 
 
 def _median(votes: list[tuple[float, float]]) -> float:
@@ -272,7 +286,7 @@ class Cache:
             speeds = json.loads((self.where / SPEED).read_text())
             return {str(kind): [(str(key), float(work), float(seconds)) for key, work, seconds in entries
                                 if 0 < work < 1e9 and 0 < seconds < 1e9] for kind, entries in speeds.items()}
-        except (OSError, ValueError, AttributeError, TypeError):
+        except (OSError, ValueError, AttributeError, TypeError, RecursionError):
             return {}
 
     # tidying

@@ -15,6 +15,7 @@ from bakery.errors import AssetError
 FORMAT = "bakery-asset"
 VERSION = 1
 USER_BLOCK = 512  # the smallest that HDF5 allows
+FOREIGN = 1 << 16  # bytes of a file that say what it is, where it is no asset
 
 # Names of groups, datasets, attributes and enumerated values.  HDF5 itself would accept "..".
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
@@ -82,7 +83,7 @@ def _what_it_is(data: bytes) -> str:
     """A guess at a foreign file from its first bytes, for the message only."""
     head = data[:4096]
     if head.startswith(SIGNATURE):
-        netcdf = b"_NCProperties" in data[:1 << 16]
+        netcdf = b"_NCProperties" in data[:FOREIGN]
         return "it is a netCDF file" if netcdf else "it is an HDF5 file without bakery's first line"
     if head.startswith((b"CDF\x01", b"CDF\x02", b"CDF\x05")):
         return "it is a netCDF file"

@@ -39,6 +39,13 @@ class Files:
             raise NotRegular(path)
         return fd
 
+    def size(self, fd: int) -> int:
+        return os.fstat(fd).st_size
+
+    def head(self, fd: int, count: int) -> bytes:
+        """The first bytes of a file, which is then read from its beginning all the same."""
+        return os.pread(fd, count, 0)
+
     def read(self, fd: int) -> bytes:
         """The whole file."""
         with open(fd, "rb", buffering=0, closefd=False) as file:

@@ -20,7 +20,8 @@ def put(path: Path, data: bytes | str) -> Path:
     StoreError : the system refused
     """
     check_target(path)
-    data = data.encode() if isinstance(data, str) else data
+    # names of files that are no UTF-8 keep their bytes, which is what Make reads in a depfile
+    data = data.encode(errors="surrogateescape") if isinstance(data, str) else data
     target = os.path.realpath(path)  # a symbolic link stays, the file that it names is replaced
     part = os.path.join(os.path.dirname(target), f".{path.name[:40]}.{secrets.token_hex(6)}.tmp")
     try:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 
 from bakery.errors import AssetError, StoreError
-from bakery.store.container import FORMAT, LIMITS, VERSION, Limits, check_container
+from bakery.store.container import FOREIGN, FORMAT, LIMITS, VERSION, Limits, check_container
 from bakery.store.decode import decode
 from bakery.store.files import FILES, Files, NotRegular
 from bakery.store.hashes import broken_hashes
 from bakery.store.tree import Group, read_text
+from bakery.system.memory import free_memory
 
 __all__ = ["check_format", "decode", "parse", "read", "read_bytes", "read_text", "slurp"]
 
@@ -38,17 +39,32 @@ def parse(path: str, data: bytes, limits: Limits = LIMITS) -> Group:
 
 
 def read_bytes(path: str, files: Files = FILES) -> bytes:
-    """Every byte of a regular file; refuses anything else without waiting."""
+    """Every byte of a regular file, of one that is no asset the beginning; refuses anything else without waiting."""
     if "://" in path:
         raise AssetError(f"{path}: an asset is read from a file, not from a network address; download it first")
     try:
-        return slurp(path, files)
+        return _slurped(path, files)
     except FileNotFoundError:
         raise AssetError(f"{path}: there is no such file") from None
     except NotRegular:
         raise AssetError(f"{path}: a folder, pipe or device, not a bakery asset") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise StoreError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _slurped(path: str, files: Files) -> bytes:
+    """What `read_bytes` gives.  No file of some GB is read to find that it is no asset, nor one that memory does not hold."""
+    fd = files.open(path)
+    try:
+        head = files.head(fd, FOREIGN)
+        if not head.startswith(FORMAT.encode() + b" "):
+            return head
+        size, free = files.size(fd), free_memory()
+        if free is not None and size > free:
+            raise AssetError(f"{path}: holds {size / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are free")
+        return files.read(fd)
+    finally:
+        files.close(fd)
 
 
 def slurp(path: str, files: Files) -> bytes:

@@ -53,16 +53,20 @@ def say_all(text: str) -> None:
 
 def write(text: str) -> None:
     """Text on standard output as it is; what the encoding lacks is written as an escape."""
-    encoding = sys.stdout.encoding or "ascii"
-    sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
+    sys.stdout.write(_encodable(text, sys.stdout))
 
 
 def remark(line: str) -> None:
     """One line on standard error: what is no result; a terminal wraps it."""
     try:
-        print(line, file=sys.stderr)
+        print(_encodable(line, sys.stderr), file=sys.stderr)
     except (OSError, ValueError):
         pass  # standard error is full or closed: the results are written all the same
+
+
+def _encodable(text: str, stream) -> str:
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def plain(out=None) -> bool:

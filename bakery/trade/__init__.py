@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 STAGES = "bakery.stages:all_stages"
 BUDGET = 5.0  # minutes
+LONGEST = 1e6  # minutes, two years: clocks count no further than they have to
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,12 @@ class Trade:
     def as_dict(self) -> dict:
         """The same for machines (`--json`, trade.json)."""
         return {"recipe": self.recipe, "stages": [sweep.as_dict() for sweep in self.sweeps]}
+
+
+def check_budget(budget: float) -> None:
+    """UsageError unless it is a time in minutes."""
+    if not 0 < budget <= LONGEST:
+        raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do, at most {LONGEST:,.0f}")
 
 
 def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
@@ -69,8 +76,7 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     from bakery.trade.settings import Job, text_of
     from bakery.trade.sweep import Sweeper
 
-    if not budget > 0:
-        raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do")
+    check_budget(budget)
     base = overrides(quality, tolerance, seed, settings)
     # a preset is what its name says beyond the recipe; `final` is the recipe's own
     presets = {name: overrides(name) for name in QUALITY}

@@ -18,6 +18,7 @@ from pathlib import Path
 import bakery
 
 FORMAT = 1
+MOST = 1e15  # seconds, bytes, relative errors: no run has shown that much
 
 
 @dataclass(frozen=True)
@@ -86,9 +87,10 @@ class Store:
             run = Run(**{name: tuple(value) if isinstance(value, list) else value for name, value in record["run"].items()})
             complete = ((run.stage, run.input_hash) == (stage, input_hash)
                         and len(run.seconds) == len(run.baseline) == len(run.wall))
-            positive = all(value > 0 for value in (*run.seconds, *run.baseline)) and all(e >= 0 for e in run.errors.values())
-            return run if complete and positive and (run.failed or (run.seconds and run.errors)) else None
-        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            possible = (all(0 < value < MOST for value in (*run.seconds, *run.wall, *run.baseline))
+                        and all(0 <= value < MOST for value in (run.memory, run.achieved, *run.errors.values())))
+            return run if complete and possible and (run.failed or (run.seconds and run.errors)) else None
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return None
 
     def save(self, path: Path, run: Run) -> None:

@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.system.memory import free_memory
+from renderers import images
 from renderers.camera import Camera, length
 
-_BYTES = 1000.0  # a pixel, of all that rendering holds at once
 _ALPHA = 1 - 1e-6
 _MOST = 1 << 20  # samples a pixel, where noise ends a picture
 
@@ -62,7 +61,7 @@ def from_files(color, depth, *, origin, target, up, fov, layer=None, channel=Non
     UsageError : a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance
     """
     rgb = read_color(color, layer)
-    _refuse_too_large(color, *rgb.shape[:2])
+    images.refuse_too_large(color, *rgb.shape[:2])
     raw = read_depth(depth, channel)
     if rgb.shape[:2] != raw.shape:
         raise UsageError(f"{depth}: found {_size(raw)} pixels; {color} has {_size(rgb)}")
@@ -178,14 +177,6 @@ def _refuse(wrong, message, values):
         raise UsageError(message.format(values[y, x], f"row {y}, column {x}{more}"))
 
 
-def _refuse_too_large(path, height, width):
-    """Now rather than when the system runs out of memory, minutes later."""
-    needed, free = _BYTES * height * width, free_memory()
-    if free is not None and needed > free:
-        raise UsageError(f"{path}: found {width} x {height} pixels, which need some {needed / 1e9:.3g} GB of memory; "
-                         f"{free / 1e9:.3g} GB are free, enough for {free / _BYTES / 1e6:.3g} million pixels")
-
-
 # ---- from a Mitsuba scene
 
 
@@ -217,7 +208,7 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     scene, chosen, reason = load(path, variant=variant, integrator=True)
     first = scene.sensors()[0]
     width, height = (int(n) for n in first.film().crop_size())
-    _refuse_too_large(path, height, width)
+    images.refuse_too_large(path, height, width)
     camera = sensor.camera_of(first, path, width, height)
     distance = unit * sensor.distances(scene, first, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)

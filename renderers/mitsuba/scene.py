@@ -47,6 +47,8 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     ------
     UsageError, AssetError : as `render_scene`
     """
+    if fault := inputs.unbounded(path, parameters):
+        raise UsageError(f"{path}: names {fault}")
     import mitsuba as mi
 
     chosen, reason = variants.activate(colour, variant)
@@ -106,6 +108,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
         raise UsageError(f"{scene_path}: there is no such scene")
     pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters, integrator=True)
+    images.refuse_too_large(scene_path, *reversed([int(side) for side in scene.sensors()[0].film().crop_size()]))
     samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
     try:
         picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,

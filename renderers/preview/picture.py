@@ -93,6 +93,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     begin = time.monotonic()
     if quality not in QUALITY:
         raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+    images.refuse_name(asset_path)
     pair = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
     groups = [name for name in ("grains", "medium") if name in asset.stages]

@@ -13,8 +13,9 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
+from renderers import images
 from renderers import scene as scenes
-from renderers.fog import kernels, picture
+from renderers.fog import kernels
 from tests.exr import layers, library
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -397,7 +398,7 @@ def test_the_street_is_what_its_script_writes(tmp_path):
 
 
 def test_a_picture_larger_than_the_memory_is_refused_before_it_is_rendered(place, monkeypatch, capfd):
-    monkeypatch.setattr(picture, "free_memory", lambda: 1e5)
+    monkeypatch.setattr(images, "free_memory", lambda: 1e5)
     assert status_of(["render", str(place / "s.yaml"), "-o", str(place / "big.png")]) == 2
     assert "32 x 18 pixels" in (err := capfd.readouterr().err) and "million pixels" in err
     assert not (place / "big.png").exists()

@@ -23,6 +23,7 @@ import bakery
 from bakery.asset.verify import verify
 from bakery.errors import AssetError
 from bakery.stages.members import MissingStage
+from bakery.store.files import Files
 from bakery.store.read import read
 from bakery.store.write import write
 from tests.conftest import ROOT
@@ -370,6 +371,7 @@ import json, resource, sys
 import h5py, numpy
 from bakery.errors import AssetError
 from bakery.store.hashes import root_hash
+from bakery.store.files import Files
 from bakery.store.read import read
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 200_000_000,) * 2)
@@ -466,3 +468,22 @@ def test_asset_without_a_stage_and_cache_entry(tmp_path):
     read(tmp_path / "b.h5")
     with pytest.raises(AssetError, match="cache"):
         bakery.open(tmp_path / "b.h5")
+
+
+class Unread(Files):
+    """Files of which only the beginning may be looked at."""
+
+    def read(self, fd):
+        raise AssertionError("was read whole")
+
+
+@pytest.mark.parametrize(("begins", "words"), [
+    (b"\0", "not a bakery asset"), (b"bakery-asset 1 sha256:", "GB of memory are free"),
+])
+def test_no_file_is_read_that_is_no_asset_or_that_memory_does_not_hold(tmp_path, begins, words):
+    """4 TB of nothing, that take no room on the disk."""
+    path = tmp_path / "large.h5"
+    path.write_bytes(begins)
+    os.truncate(path, 4 << 40)
+    with pytest.raises(AssetError, match=words):
+        read(path, files=Unread())

@@ -18,7 +18,7 @@ MAY = {
     "system": set(),
     "grammar": set(),
     "physics": {"rng", "system.llvm"},
-    "store": set(),
+    "store": {"system.memory"},
     "draw": {"store.put"},
     "stages": {"draw", "grammar", "physics", "rng", "store", "system.terminal"},
     "family": {"draw", "grammar", "physics.medium", "stages", "store"},
@@ -52,7 +52,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "means": {"colour"}, "signed": {"budget", "colour", "running"},
           "pilot": {"budget", "mitsuba", "pace", "progressive", "reached"},
           "progressive": {"budget", "colour", "means", "mitsuba", "reached", "running", "signed"},
-          "passes": {"budget", "mitsuba", "progressive", "running"},
+          "passes": {"budget", "images", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
           "comparison": {"assets", "images", "pace", "progressive", "reached", "scene"}}

@@ -276,13 +276,15 @@ def _bad_hdf5(path):
         file["void"] = h5py.Empty("f")
         file.create_dataset("huge", (2**20, 2**20, 2**20), chunks=(64, 64, 64), dtype="f4")
         file.create_dataset("bomb", (512, 512, 512), chunks=(64, 64, 64), dtype="f4")
+        file.create_dataset("unwritten", (512, 512, 512), dtype="f4")
         file.create_dataset("outside", (1, 1, 1), "f4", external=[("/etc/hostname", 0, 4)])
 
 
 @pytest.mark.parametrize(("dataset", "said"), [
     ("flat", "2 x 2 values"), ("text", "real numbers"), ("one", "three axes"), ("nan", r"density nan at \[0, 0, 0\]"),
     ("soft", "a link"), ("other", "a link"), ("empty", "0 x 2 x 2"), ("void", "three axes"), ("huge", "at most 1,073,741,824"),
-    ("bomb", "does not hold"), ("outside", "not stored in the file"), ("gone", 'no dataset "gone"; the file holds'),
+    ("bomb", "does not hold"), ("unwritten", "does not hold"),
+    ("outside", "not stored in the file"), ("gone", 'no dataset "gone"; the file holds'),
     ("/", "a group"),
 ])
 def test_datasets_that_are_no_densities(tmp_path, dataset, said):
