@@ -70,9 +70,9 @@ def _check_apart(scene: Scene, named) -> None:
                                    "would do")
 
 
-def recipe_of(scene: Scene, one):
+def recipe_of(scene: Scene, material):
     """Of what a scene says of a body: what to bake, or None, and where the asset is or goes."""
-    if one.recipe:
-        return scene.file(one.recipe), os.path.join(scene.path.parent, "")
-    asset = scene.file(one.asset)
+    if material.recipe:
+        return scene.file(material.recipe), os.path.join(scene.path.parent, "")
+    asset = scene.file(material.asset)
     return beside(asset), asset

@@ -33,7 +33,8 @@ def command(asset, output, no_render, place, overwrite, as_json):
     path = Path(output) if output else Path(opened.path).with_suffix(".html")
     check_outputs([(path, PAGE)], [asset], overwrite)
     if path.suffix.lower() in OTHER_FORMATS:
-        raise UsageError(f'-o: found "{output}"; the page is HTML, {path.with_suffix(".html")} would do (browsers print it to PDF)')
+        instead = path.with_suffix(".html")
+        raise UsageError(f'-o: found "{output}"; the page is HTML, {instead} would do (browsers print it to PDF)')
     picture = preview_beside(Path(opened.path), opened.content_hash) or (b"" if no_render else _rendered(opened))
     put(path, page(opened.tree, _description(opened.recipe), picture, Path(opened.path).name))
     if as_json:

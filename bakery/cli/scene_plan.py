@@ -86,24 +86,24 @@ def plan(scene: Scene, *, quality=None, variant=None, seed=None, progress: Progr
     progress = progress or Progress()
     cache = Cache(say=progress.say)
     bakes = {}
-    for one in assets.materials(scene):
-        if (key := (one.asset, one.recipe)) not in bakes:
-            bakes[key] = _bake(scene, one, cache, progress)
+    for material in assets.materials(scene):
+        if (key := (material.asset, material.recipe)) not in bakes:
+            bakes[key] = _bake(scene, material, cache, progress)
     if sum(bake.seconds for bake in bakes.values()) > PATIENCE:
         return ScenePlan(scene, tuple(bakes.values()), None)
     with tempfile.TemporaryDirectory(prefix="bakery-plan-") as folder:
-        places = {key: _there(bake, folder, number, cache, progress) for number, (key, bake) in enumerate(bakes.items())}
-        paths = tuple(places[one.asset, one.recipe] for one in assets.materials(scene))
+        files = {key: _file(bake, folder, number, cache, progress) for number, (key, bake) in enumerate(bakes.items())}
+        paths = tuple(files[material.asset, material.recipe] for material in assets.materials(scene))
         ready = dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(bake.share for bake in bakes.values()))
         with progress.during("rendering a pilot"):
             forecast = pilot.forecast(ready, quality=quality, variant=variant, seed=seed)
     return ScenePlan(scene, tuple(bakes.values()), forecast)
 
 
-def _bake(scene, one, cache, progress) -> Bake:
-    recipe, place = assets.recipe_of(scene, one)
+def _bake(scene, material, cache, progress) -> Bake:
+    recipe, output = assets.recipe_of(scene, material)
     if recipe is None:
-        return Bake(Path(place))
+        return Bake(Path(output))
     shares = [0.0]
 
     def require(*about):
@@ -111,14 +111,13 @@ def _bake(scene, one, cache, progress) -> Bake:
         shares.append(required.share)
         return required
 
-    its, asked = planned(recipe, place, require=require, cache=cache, progress=progress, by=str(scene.path))
+    its, asked = planned(recipe, output, require=require, cache=cache, progress=progress, by=str(scene.path))
     return Bake(its.output, its, asked, max(shares))
 
 
-def _there(bake: Bake, folder: str, number: int, cache: Cache, progress: Progress) -> Path:
+def _file(bake: Bake, folder: str, number: int, cache: Cache, progress: Progress) -> Path:
     """The asset of a bake: what stands where none is due, else one in a folder."""
     if not bake.due:
         return bake.asset
-    place = Path(folder, f"{number}.h5")
-    due = prepare(bake.plan.recipe.path, place, cache=cache, progress=progress, **bake.asked.of_plan)
+    due = prepare(bake.plan.recipe.path, Path(folder, f"{number}.h5"), cache=cache, progress=progress, **bake.asked.of_plan)
     return execute(due, cache=cache, progress=progress).output
