@@ -39,6 +39,7 @@ STREAMS = {
     "discrete.cells": Stream(0x63656C6C, ()),
     "render.grains": Stream(0x72677261, ("pass",)),
     "render.pilot": Stream(0x7270696C, ("pass",)),
+    "render.levels": Stream(0x726C766C, ()),
     "render.chords": Stream(0x72636872, ()),
     "render.clear": Stream(0x72636C65, ()),
     "render.walk": Stream(0x7277616C, ("pass",)),
@@ -50,6 +51,7 @@ STREAMS = {
     "render.translucent": Stream(0x7274726E, ("pass",)),
     "render.entries": Stream(0x72656E74, ("pass",)),
     "render.lamps": Stream(0x726C6D70, ("pass",)),
+    "render.chains": Stream(0x7263686E, ("pass",)),
     "render.light": Stream(0x726C6774, ("pass",)),
     "render.shells": Stream(0x7273686C, ("radius",)),
 }

@@ -53,11 +53,11 @@ def materials(scene: Scene) -> list:
     return [body if body.asset or body.recipe else scene.values for body in scene.bodies]
 
 
-def recipe_of(scene: Scene, one) -> tuple[Path | None, Path | None, list[Path]]:
+def recipe_of(scene: Scene, material) -> tuple[Path | None, Path | None, list[Path]]:
     """Of what a scene says of a body: what to bake or None, the asset that it names or None, and where users put the asset of
     the recipe that it names."""
-    if not one.recipe:
-        asset = scene.file(one.asset)
+    if not material.recipe:
+        asset = scene.file(material.asset)
         return beside(asset), asset, []
-    recipe = scene.file(one.recipe)
+    recipe = scene.file(material.recipe)
     return recipe, None, list(dict.fromkeys([scene.path.parent / f"{recipe.stem}.h5", recipe.with_name(f"{recipe.stem}.h5")]))

@@ -89,20 +89,22 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
 # ---- of a renderer by passes
 
 
-def _by_passes(scene, stop, quality, options, place):
+def _by_passes(scene, stop, quality, options, picture_path):
     width, height = _size(scene, options["variant"])
     tiny, middle, larger = (_smaller(width, height, pixels) for pixels in (TINY, SMALL, LARGE))
-    few = {"samples": 1}
-    _drawn(scene, tiny, few, options, place)  # compiles
-    small, large = (_drawn(scene, size, {"time": SECONDS}, options, place) for size in (middle, larger))
-    memory = resources.peak_memory() + _held(scene, larger, few, options, place) * max(width * height - large.pixels, 0)
+    shortest = {"samples": 1}
+    _drawn(scene, tiny, shortest, options, picture_path)  # compiles
+    small, large = (_drawn(scene, size, {"time": SECONDS}, options, picture_path) for size in (middle, larger))
+    each_pixel = _held(scene, larger, shortest, options, picture_path)
+    memory = resources.peak_memory() + each_pixel * max(width * height - large.pixels, 0)
     report, parts = large.report, _scaled(small, large, width * height)
     ends = _ends(parts, stop, report)
     stopped_by, (passes, noise) = min(ends.items(), key=lambda end: end[1][0])
     noise *= _of_pixels(report) if stop.pixels else 1.0
     spread = shared_out(parts, _spent(parts))[2]
     setup = report["seconds"]["total"] - report["seconds"].get("passes", 0.0)
-    return _forecast(scene, quality, report, (width, height), setup + passes, passes, noise, stop, spread, stopped_by, memory)
+    return _forecast(scene, quality, stop, report, _Predicted((width, height), setup + passes, passes, noise, spread, stopped_by,
+                                                              memory))
 
 
 def _size(scene, variant):
@@ -121,37 +123,37 @@ def _smaller(width, height, pixels):
     return max(2, round(shrink * width)), max(2, round(shrink * height))
 
 
-def _drawn(scene, size, stop, options, place) -> _Pilot:
+def _drawn(scene, size, stop, options, picture_path) -> _Pilot:
     """A pilot of a scene, which stops as `stop` says and not by its noise."""
     values = scene.values
     stop = values.stop.model_copy(update={"noise": 0.0, "time": None, "samples": None} | stop)
     film = values.film.model_copy(update=dict(zip(("width", "height"), size)))
     small = dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film}))
-    return _Pilot(import_module(scene.renderer).render(small, place, **options), size[0] * size[1])
+    return _Pilot(import_module(scene.renderer).render(small, picture_path, **options), size[0] * size[1])
 
 
-def _held(scene, size, stop, options, place) -> float:
+def _held(scene, size, stop, options, picture_path) -> float:
     """Bytes a pixel that a pilot holds at most from its first pass on; not timed, as Python then notes each array."""
-    begun = []
+    start = []
 
     def passed(_fraction, _noise=None):
-        if not begun:
-            begun.append(tracemalloc.get_traced_memory()[0])
+        if not start:
+            start.append(tracemalloc.get_traced_memory()[0])
             tracemalloc.reset_peak()
 
     tracemalloc.start()
     try:
-        pixels = _drawn(scene, size, stop, options | {"progress": passed}, place).pixels
-        return (tracemalloc.get_traced_memory()[1] - begun[0]) / pixels
+        pixels = _drawn(scene, size, stop, options | {"progress": passed}, picture_path).pixels
+        return (tracemalloc.get_traced_memory()[1] - start[0]) / pixels
     finally:
         tracemalloc.stop()
 
 
 def _scaled(small, large, pixels) -> dict[str, Mapping]:
     """What `renderers.progressive` reports of its parts, as if the larger pilot had so many pixels."""
-    more = (pixels - large.pixels) / (large.pixels - small.pixels) if pixels > large.pixels > small.pixels else 0.0
-    first, second = (one.report["parts"] for one in (small, large))
-    return {name: part | {"seconds": part["seconds"] + more * max(part["seconds"] - first[name]["seconds"], 0.0)}
+    scale = (pixels - large.pixels) / (large.pixels - small.pixels) if pixels > large.pixels > small.pixels else 0.0
+    first, second = (pilot.report["parts"] for pilot in (small, large))
+    return {name: part | {"seconds": part["seconds"] + scale * max(part["seconds"] - first[name]["seconds"], 0.0)}
             for name, part in second.items()}
 
 
@@ -186,7 +188,7 @@ def _ends(parts, stop, report) -> dict[str, tuple[float, float]]:
 # ---- of a filter
 
 
-def _of_filter(scene, stop, quality, options, place):
+def _of_filter(scene, stop, quality, options, picture_path):
     """Of a renderer that does not go on by passes: a picture of full size, in which Mitsuba gets little time."""
     values = scene.values
     short = dataclasses.replace(scene, values=values.model_copy(update={
@@ -194,27 +196,42 @@ def _of_filter(scene, stop, quality, options, place):
     of_files = getattr(values, "picture", None) is not None and not hasattr(values.picture, "mitsuba")
     for _ in range(1 if of_files else 2):  # the first one compiles
         resources.reset_peak()
-        report = import_module(scene.renderer).render(short, place, overwrite=True, **({} if of_files else options))
+        report = import_module(scene.renderer).render(short, picture_path, overwrite=True, **({} if of_files else options))
     picture, seconds, noise = report.get("picture", {}), report["seconds"]["total"], report["noise"]
     if not noise or not picture.get("at_most"):
-        return _forecast(scene, quality, report, report["size"], seconds, 0.0, noise, stop, 0.0, "", resources.peak_memory())
-    each = report["seconds"]["picture"] / report["samples"]
+        return _forecast(scene, quality, stop, report, _Predicted(tuple(report["size"]), seconds, 0.0, noise, 0.0, "",
+                                                                  resources.peak_memory()))
+    a_sample = report["seconds"]["picture"] / report["samples"]
     ends = {"samples": max(1, round(picture["at_most"] / reached.coarser(quality) ** 2))}
     if reached.asked(values):
         ends["noise"] = report["samples"] * (noise / stop.noise) ** 2
     if stop.time is not None:
-        ends["time"] = max(stop.time / each, 2)
+        ends["time"] = max(stop.time / a_sample, 2)
     stopped_by = min(ends, key=ends.get)
-    passes = each * ends[stopped_by]
-    return _forecast(scene, quality, report, report["size"], seconds - each * report["samples"] + passes, passes,
-                     noise * math.sqrt(report["samples"] / ends[stopped_by]), stop, 0.0, stopped_by, resources.peak_memory())
+    passes = a_sample * ends[stopped_by]
+    return _forecast(scene, quality, stop, report, _Predicted(
+        tuple(report["size"]), seconds - a_sample * report["samples"] + passes, passes,
+        noise * math.sqrt(report["samples"] / ends[stopped_by]), 0.0, stopped_by, resources.peak_memory()))
 
 
-def _forecast(scene, quality, report, size, seconds, passes, noise, stop, spread, stopped_by, memory):
+class _Predicted(NamedTuple):
+    """The figures of a `Forecast`."""
+
+    size: tuple[int, int]
+    seconds: float
+    passes: float
+    noise: float | None
+    spread: float
+    stopped_by: str
+    memory: float
+
+
+def _forecast(scene, quality, stop, report, predicted: _Predicted) -> Forecast:
     wanted = stop.noise if scene.rules.RESUMES or reached.asked(scene.values) else None
-    unreached = reached.unreached(stopped_by, wanted, noise, stop.pixels) if noise is not None else ()
+    unreached = ()
+    if predicted.noise is not None:
+        unreached = reached.unreached(predicted.stopped_by, wanted, predicted.noise, stop.pixels)
     missed, remarks = reached.verdict(scene.values, quality, unreached, report["bias"])
-    pilot = {"size": list(report["size"]), "samples": report["samples"], "noise": report["noise"],
-             "seconds": report["seconds"]["total"]}
-    return Forecast(tuple(size), seconds, passes, noise, wanted, spread, stopped_by, memory, report["method"], missed, remarks,
-                    pilot)
+    measured = {"size": list(report["size"]), "samples": report["samples"], "noise": report["noise"],
+                "seconds": report["seconds"]["total"]}
+    return Forecast(**predicted._asdict(), wanted=wanted, method=report["method"], missed=missed, remarks=remarks, pilot=measured)

@@ -73,8 +73,7 @@ class Render:
         """The progress of a part that takes the whole from `begin` to `end`; None where nobody asks."""
         return share(self._progress, begin, end)
 
-    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(),
-               unreached=(), **more) -> dict:
+    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(), **more) -> dict:
         """Writes the pictures, the PNG as the scene's `display` says, and reports.
 
         Parameters
@@ -86,8 +85,8 @@ class Render:
         samples : a pixel
         noise, bias : 1, relative to the mean; None where the method has none, or states none
         reasons : texts, why this method, and what is left out
-        unreached : sentences of `renderers.reached.unreached`
-        more : what this renderer says besides
+        more : what this renderer says besides; `unreached`, sentences of `renderers.reached.unreached`, of which the scene's
+            values and quality decide what they are
 
         Returns
         -------
@@ -96,7 +95,7 @@ class Render:
             and not reached, [] where all was), `tone_curve`, `overrides`, `seconds` (of
             each part), and `more`
         """
-        missed, remarks = reached.verdict(self.scene.values, self._quality, unreached, bias)
+        missed, remarks = reached.verdict(self.scene.values, self._quality, more.pop("unreached", ()), bias)
         display, words = images.shown(rgb, **dict(self.scene.values.display))
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}), text)
         self.part_over("write")

@@ -91,8 +91,8 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
 
 def _differs(name: str, left: dict, right: dict) -> bool:
     """Whether any coordinate of a name is another in B."""
-    return any(path.rpartition("/")[2] == name and isinstance(one, Dataset) and isinstance(right.get(path), Dataset)
-               and not np.array_equal(one.data, right[path].data) for path, one in left.items())
+    return any(path.rpartition("/")[2] == name and isinstance(member, Dataset) and isinstance(right.get(path), Dataset)
+               and not np.array_equal(member.data, right[path].data) for path, member in left.items())
 
 
 def _attributes(path: str, a: Group, b: Group, rtol: float) -> list[Difference]:
@@ -143,21 +143,21 @@ def _nodes(path: str, a: Group, b: Group) -> tuple[np.ndarray, np.ndarray] | Non
 
     if any(side[path].data.ndim == 0 or axes(side, path)[-1:] != ("R",) for side in (a, b)):
         return None
-    one, other = (coordinate(side, path, "R")[1].data for side in (a, b))
-    if np.array_equal(one, other) or a[path].data.shape[:-1] != b[path].data.shape[:-1]:
+    radii = [coordinate(side, path, "R")[1].data for side in (a, b)]
+    if np.array_equal(*radii) or a[path].data.shape[:-1] != b[path].data.shape[:-1]:
         return None
-    return np.intersect1d(one, other, return_indices=True)[1:]
+    return np.intersect1d(*radii, return_indices=True)[1:]
 
 
-def _on_nodes(path: str, one: Dataset, other: Dataset, nodes, rtol: float) -> list[Difference]:
+def _on_nodes(path: str, a: Dataset, b: Dataset, nodes, rtol: float) -> list[Difference]:
     """Where figures of spheres differ at `nodes`, those of both; of the nodes themselves and their weights, that they differ."""
-    if one.data.ndim == 1:
-        counts = f"{one.data.size} nodes in A, {other.data.size} in B; tables are compared at the {nodes[0].size} that both have"
+    if a.data.ndim == 1:
+        counts = f"{a.data.size} nodes in A, {b.data.size} in B; tables are compared at the {nodes[0].size} that both have"
         return [] if rtol or path.rpartition("/")[2] != "radius" else [Difference(path, "grid", counts)]
     if not nodes[0].size:
         return []
-    left, right = (replace(side, data=side.data[..., where]) for side, where in zip((one, other), nodes, strict=True))
-    return _datasets(path, left, right, None, rtol)
+    a, b = (replace(side, data=side.data[..., where]) for side, where in zip((a, b), nodes, strict=True))
+    return _datasets(path, a, b, None, rtol)
 
 
 def _on_angles(path: str, a: Group, b: Group, angles: np.ndarray, rtol: float) -> list[Difference]:

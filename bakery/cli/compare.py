@@ -58,7 +58,7 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
         raise Interrupted("interrupted; pictures that are finished are kept, the same call goes on") from None
     finally:
         progress.close()
-    missed = max(status_of_missed(one["files"][0], one["missed"]) for one in summary["methods"])
+    missed = max(status_of_missed(method["files"][0], method["missed"]) for method in summary["methods"])
     if as_json:
         print_json(summary)
         return missed
@@ -109,8 +109,8 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     with progress.during("measuring differences"):
         found = differences.compared([*([other] if other else []), *pictures], base, dict(jobs[0].scene.values.display))
         summary = shared.summary(made, found, base, file)
-        for one, its in zip(summary["methods"], made, strict=True):
-            one["missed"] = its.report.get("missed", [])  # none of an earlier version's record
+        for method, its in zip(summary["methods"], made, strict=True):
+            method["missed"] = its.report.get("missed", [])  # none of an earlier version's record
         curves = shared.curves(summary)
         summary["trade"] = trade.compared(curves, jobs[0].scene.values.tolerance or shared.TOLERANCE) if curves else None
         shown, limit = shared.shown(found)

@@ -69,17 +69,18 @@ def _show_forecast(plan) -> None:
     from bakery.system.resources import duration, in_words
     from renderers.budget import percent
 
-    found, pilot = plan.forecast, plan.forecast.pilot
-    wanted = f" of {percent(found.wanted)}" if found.wanted else ""
-    noise = f", noise {percent(found.noise)}{wanted}" if found.noise is not None else ""
-    ended = f", ended by {found.stopped_by}" if found.stopped_by else ""
-    say(f"  render {plan.scene.section} by {found.method}, {found.size[0]} x {found.size[1]}: {duration(found.seconds)}, "
-        f"{in_words(found.memory)} memory{noise}{ended}")
+    forecast, pilot = plan.forecast, plan.forecast.pilot
+    wanted = f" of {percent(forecast.wanted)}" if forecast.wanted else ""
+    noise = f", noise {percent(forecast.noise)}{wanted}" if forecast.noise is not None else ""
+    ended = f", ended by {forecast.stopped_by}" if forecast.stopped_by else ""
+    width, height = forecast.size
+    say(f"  render {plan.scene.section} by {forecast.method}, {width} x {height}: {duration(forecast.seconds)}, "
+        f"{in_words(forecast.memory)} memory{noise}{ended}")
     samples = f", {pilot['samples']} samples a pixel" if pilot["samples"] is not None else ""
     scatter = f", noise {percent(pilot['noise'])}" if pilot["noise"] is not None else ""
-    spread = f"; seconds to a noise to {percent(found.spread)} at best" if found.spread else ""
+    spread = f"; seconds to a noise to {percent(forecast.spread)} at best" if forecast.spread else ""
     say(f"         pilot: {pilot['size'][0]} x {pilot['size'][1]}{samples} in {duration(pilot['seconds'])}{scatter}{spread}")
-    for line in found.missed:
+    for line in forecast.missed:
         say(f"         would be missed: {line}")
-    for line in found.remarks:
+    for line in forecast.remarks:
         say(f"         expected: {line}")

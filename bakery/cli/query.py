@@ -135,8 +135,8 @@ def _rounded(value, error) -> str:
     digits = _digits(value)
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return digits
-    known = max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) if value else 0, 0) + _BEYOND
-    return digits if known > 16 else f"{float(value):.{known}g}"
+    figures = max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) if value else 0, 0) + _BEYOND
+    return digits if figures > 16 else f"{float(value):.{figures}g}"
 
 
 def _digits(value) -> str:

@@ -9,6 +9,8 @@ import click
 from bakery.cli.options import at_option, file_of, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import RecipeError, UsageError
 
+OTHER_FORMATS = (".pdf", ".ps", ".md", ".rst", ".tex", ".doc", ".docx", ".odt", ".png", ".jpg", ".svg", ".json", ".csv", ".xml")
+
 
 @click.command(name="report", short_help="write one self-contained page about an asset")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
@@ -27,12 +29,12 @@ def command(asset, output, no_render, place, overwrite, as_json):
     from bakery.store.outputs import PAGE, check_outputs
     from bakery.store.put import put
 
-    if output and Path(output).suffix.lower() not in (".html", ".htm"):
-        instead = Path(output).with_suffix(".html") if Path(output).name.strip(".") else "report.html"
-        raise UsageError(f'-o: found "{output}"; the page is HTML, {instead} would do (a browser prints it into a PDF)')
     opened = one_asset(asset, place)
     path = Path(output) if output else Path(opened.path).with_suffix(".html")
     check_outputs([(path, PAGE)], [asset], overwrite)
+    if path.suffix.lower() in OTHER_FORMATS:
+        instead = path.with_suffix(".html")
+        raise UsageError(f'-o: found "{output}"; the page is HTML, {instead} would do (browsers print it to PDF)')
     picture = preview_beside(Path(opened.path), opened.content_hash) or (b"" if no_render else _rendered(opened))
     put(path, page(opened.tree, _description(opened.recipe), picture, Path(opened.path).name))
     if as_json:

@@ -88,21 +88,21 @@ def plan(scene: Scene, *, quality=None, variant=None, seed=None, progress: Progr
     progress = progress or Progress()
     cache = Cache(say=progress.say)
     bakes = {}
-    for one in assets.materials(scene):
-        if (key := (one.asset, one.recipe)) not in bakes:
-            bakes[key] = _bake(scene, one, cache, progress)
+    for material in assets.materials(scene):
+        if (key := (material.asset, material.recipe)) not in bakes:
+            bakes[key] = _bake(scene, material, cache, progress)
     if sum(bake.seconds for bake in bakes.values()) > PATIENCE:
         return ScenePlan(scene, tuple(bakes.values()), None)
-    places = {key: _there(bake, cache, progress) for key, bake in bakes.items()}
-    paths = tuple(places[one.asset, one.recipe] for one in assets.materials(scene))
+    files = {key: _file(bake, cache, progress) for key, bake in bakes.items()}
+    paths = tuple(files[material.asset, material.recipe] for material in assets.materials(scene))
     ready = dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(bake.share for bake in bakes.values()))
     with progress.during("rendering a pilot"):
         forecast = pilot.forecast(ready, quality=quality, variant=variant, seed=seed)
     return ScenePlan(scene, tuple(bakes.values()), forecast)
 
 
-def _bake(scene, one, cache, progress) -> Bake:
-    recipe, output, candidates = assets.recipe_of(scene, one)
+def _bake(scene, material, cache, progress) -> Bake:
+    recipe, output, candidates = assets.recipe_of(scene, material)
     if recipe is None:
         return Bake(output)
     shares = [0.0]
@@ -117,7 +117,7 @@ def _bake(scene, one, cache, progress) -> Bake:
     return Bake(due.asset, due, max(shares))
 
 
-def _there(bake: Bake, cache: Cache, progress: Progress) -> Path:
+def _file(bake: Bake, cache: Cache, progress: Progress) -> Path:
     """The asset of a bake: what stands where none is due, else one in the cache, from which the render takes it."""
     if not bake.due:
         return bake.asset

@@ -90,17 +90,17 @@ def asset_at(root: Group, path: str, place: Place) -> Group:
     return seal(Group(members, {"name": root.attributes["name"], "bakery_version": bakery.__version__}))
 
 
-def _errors(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> dict:
+def _errors(family: Group, axes: Sequence[Axis], cells: Sequence[slice]) -> dict:
     """Tolerance, error and what it is of: at a point of all axes the member's, else of the interpolation as well."""
-    known, achieved = family.attributes, family["members/achieved"].data
-    between = [axis for axis, nodes in zip(axes, place, strict=True) if nodes.stop - nodes.start > 1]
+    allowed, achieved = family.attributes, family["members/achieved"].data
+    between = [axis for axis, nodes in zip(axes, cells, strict=True) if nodes.stop - nodes.start > 1]
     if not between:
-        own = np.reshape(achieved, [len(axis.first.values) for axis in axes])[tuple(nodes.start for nodes in place)]
-        return {"tolerance": known["member_tolerance"], "achieved_error": float(own),
+        member = np.reshape(achieved, [len(axis.first.values) for axis in axes])[tuple(nodes.start for nodes in cells)]
+        return {"tolerance": allowed["member_tolerance"], "achieved_error": float(member),
                 "error_measure": "error of the member at this point; at angles that all members share"}
     measured = [error_of(family[f"axes/{axis.first.name}"]) for axis in between]
     interpolation = sum(float(np.nanmax(error)) for error in measured if error is not None and not np.isnan(error).all()) / ROOM
-    return {"tolerance": known["tolerance"] + known["member_tolerance"],
+    return {"tolerance": allowed["tolerance"] + allowed["member_tolerance"],
             "achieved_error": interpolation + float(achieved.max()),
             "error_measure": "largest error of the members, and of the interpolation between them where that was measured"}
 

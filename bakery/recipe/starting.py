@@ -49,11 +49,11 @@ class Start:
 
 def starts() -> dict[str, Start]:
     """Name -> what may be started from: the kinds first, which take a name before the recipes that ship."""
-    found = {}
-    for folder in (KINDS, PUBLISHED, SHIPPED):
-        for each in _of(folder):
-            found.setdefault(each.name, each)
-    return found
+    listed = [start for folder in (KINDS, PUBLISHED, SHIPPED) for start in _of(folder)]
+    by_name: dict[str, Start] = {}
+    for start in listed:
+        by_name.setdefault(start.name, start)
+    return by_name
 
 
 def start(name: str) -> Start:

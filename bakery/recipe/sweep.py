@@ -91,7 +91,7 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
             first = first or recipe
         except RecipeError as error:
             wrong.append((swept, error.problems))
-    found = [] if keep_going and first else _told(wrong, len(probes))
+    found = [] if keep_going and first else _described(wrong, len(probes))
     for key in read.keys if not found else ():
         found += _fixed(key, first)
     found += _twice(read.keys) if not found else ()
@@ -283,7 +283,7 @@ def _probes(lengths: SequenceOf[int]):
             yield tuple(index if i == axis else 0 for i in range(len(lengths)))
 
 
-def _told(wrong: SequenceOf[tuple[list[tuple[_Key, int]], list[Problem]]], points: int) -> list[Problem]:
+def _described(wrong: SequenceOf[tuple[list[tuple[_Key, int]], list[Problem]]], points: int) -> list[Problem]:
     """The problems of all points; those of some say which values are swept there, where another key is blamed."""
     counts = Counter(replace(problem, excerpt="") for _, problems in wrong for problem in distinct(problems))
     told, seen = [], set()

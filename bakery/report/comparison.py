@@ -185,7 +185,8 @@ def _times(summary: Mapping) -> str:
 
 
 def _reasons(summary: Mapping) -> str:
-    said = {one["name"]: [*one["reasons"], *(f"Missed: {line}" for line in one.get("missed", ()))] for one in summary["methods"]}
+    sentences = {method["name"]: [*method["reasons"], *(f"Missed: {line}" for line in method.get("missed", ()))]
+                 for method in summary["methods"]}
     items = [f"<dt><strong>{escape(name)}</strong></dt>\n" + "".join(f"<dd>{escape(line)}</dd>\n" for line in lines)
-             for name, lines in said.items() if lines]
+             for name, lines in sentences.items() if lines]
     return f"<dl>\n{''.join(items)}</dl>\n" if items else ""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
-from bakery.errors import StageError, UsageError
-from bakery.grammar.files import Written
+from bakery.errors import StageError
 from bakery.plan import Plan
+from bakery.recipe.written import as_path
 from bakery.run import Baked, execute, overrides, prepare
 from bakery.run.cache import Cache
 from bakery.run.dask import check_address
@@ -36,31 +35,6 @@ def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, 
 def executed(plan: Plan | FamilyPlan, **options) -> Baked:
     """What a plan bakes; arguments as of `bakery.run.execute`."""
     return (execute_family if isinstance(plan, FamilyPlan) else execute)(plan, **options)
-
-
-def _as_path(recipe: str | os.PathLike | Mapping) -> str | os.PathLike:
-    """What `bake` takes, as a path; UsageError where it is nothing of that kind."""
-    if isinstance(recipe, Mapping):
-        try:
-            # JSON is YAML; a key a line, so that messages name lines
-            text = json.dumps(dict(recipe), indent=1, ensure_ascii=False, allow_nan=False, default=_plain)
-        except (TypeError, ValueError) as error:
-            raise UsageError(f"recipe: a dict of texts, numbers, lists and dicts would do ({error})") from None
-        return Written.of(text)
-    if isinstance(recipe, str) and "\n" in recipe:
-        return Written.of(recipe)
-    if not isinstance(recipe, (str, os.PathLike)):
-        raise UsageError(f"recipe: found {type(recipe).__name__}; a path, the text of a recipe or a dict would do")
-    return recipe
-
-
-def _plain(value):
-    """A value that JSON does not know: NumPy's, or a path."""
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"found {type(value).__name__}")
 
 
 def bake(
@@ -102,7 +76,7 @@ def bake(
     >>> print(bakery.bake("fog.yaml", output="fog.h5"))
     fog.h5
     """
-    recipe = _as_path(recipe)
+    recipe = as_path(recipe)
     if cluster is not None:
         check_address(cluster)
     cache = Cache(say=progress.say if progress else lambda text: None)

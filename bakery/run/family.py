@@ -300,15 +300,15 @@ def _plan_of(plan: FamilyPlan, point, path: Path, cache: Cache, force: bool = Fa
 def _samples(plan: FamilyPlan, chosen: Sequence[tuple], cache: Cache, force: bool) -> tuple[tuple, tuple[Plan, ...]]:
     """The first of some points that can be baked, and the plans of those that can; others are named when their turn comes, unless
     all are."""
-    found, refused = {}, None
+    plans, refused = {}, None
     for point in chosen:
         try:
-            found[point] = _plan_of(plan, point, _member_path(plan, point), cache, force)
+            plans[point] = _plan_of(plan, point, _member_path(plan, point), cache, force)
         except (RecipeError, StageError) as error:
             refused = error
-    if not found:
+    if not plans:
         raise refused
-    return next(iter(found)), tuple(found.values())
+    return next(iter(plans)), tuple(plans.values())
 
 
 def _member_path(plan: FamilyPlan, point) -> Path:
@@ -426,8 +426,8 @@ def _refuse_idle(plan: FamilyPlan, point: tuple, first: Plan, cache: Cache) -> N
         raise UsageError(f"{where}: found a sweep of packed grains, whose media have statistical errors and are not "
                          "interpolated; expected particles, or a medium given by coefficients")
     for i, axis in enumerate(axes):
-        other = _beside(plan, point, i, cache)
-        if other and any(step.stage.name == "medium" and step.input_hash == hashes["medium"] for step in other.steps):
+        neighbour = _beside(plan, point, i, cache)
+        if neighbour and any(step.stage.name == "medium" and step.input_hash == hashes["medium"] for step in neighbour.steps):
             raise UsageError(f"{plan.recipe.sweep.where[axis.first.key]}: found a key that changes nothing of the medium; "
                              "expected one that does")
 
@@ -435,10 +435,10 @@ def _refuse_idle(plan: FamilyPlan, point: tuple, first: Plan, cache: Cache) -> N
 def _beside(plan: FamilyPlan, point: tuple, axis: int, cache: Cache) -> Plan | None:
     """The plan of a point that differs on one axis alone; None where none of them can be baked."""
     for value in plan.recipe.sweep.axes[axis].first.values:
-        place = (*point[:axis], value, *point[axis + 1:])
+        moved = (*point[:axis], value, *point[axis + 1:])
         try:
-            if place != point:
-                return _plan_of(plan, place, _member_path(plan, place), cache)
+            if moved != point:
+                return _plan_of(plan, moved, _member_path(plan, moved), cache)
         except (RecipeError, StageError):
             continue  # it is named when its turn comes
     return None

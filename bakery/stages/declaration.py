@@ -147,10 +147,10 @@ class Answer:
             place = ", ".join(f"index {i}" if name == "index" else
                               ("" if name == "wavelength" else f"{name} ") + f"{axis[i]:g} {unit}".removesuffix(" 1")
                               for (name, unit, axis), i in places)
-            own = [None] * len(values[index]) if error is None else error[index]
-            columns.append((quantity + (f" at {place}" if place else ""), list(map(figure, values[index], own))))
+            errors = [None] * len(values[index]) if error is None else error[index]
+            columns.append((quantity + (f" at {place}" if place else ""), list(map(figure, values[index], errors))))
             if error is not None:
-                columns.append((f"+- at {place}" if place else "+-", list(map(figure, own, own))))
+                columns.append((f"+- at {place}" if place else "+-", list(map(figure, errors, errors))))
         yield [head for head, _ in columns]
         for i in range(values.shape[-1]):
             yield [column[i] for _, column in columns]

@@ -30,8 +30,8 @@ def room() -> int | None:
     be of any length."""
     if sys.stdout.isatty():
         return max(shutil.get_terminal_size().columns, FEWEST_COLUMNS)
-    said = os.environ.get("COLUMNS", "")
-    return max(int(said), FEWEST_COLUMNS) if re.fullmatch(r"[0-9]{1,9}", said) and int(said) else None
+    columns = os.environ.get("COLUMNS", "")
+    return max(int(columns), FEWEST_COLUMNS) if re.fullmatch(r"[0-9]{1,9}", columns) and int(columns) else None
 
 
 def wrapped(line: str, columns: int | None) -> list[str]:

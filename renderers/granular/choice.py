@@ -186,7 +186,7 @@ def _by_chance(found, paths, radiance):
 def _radiances(world, vertices):
     """Mean radiance (lights,) by their light, at vertices (V, 3) m of the meshes: luminances."""
     states, numbers = np.empty(_SAMPLES, np.uint64), np.empty((_SAMPLES, 3))
-    wavefront.begin_streams(kernels.stream_key(0, "render.pilot", 0), _FIRST, states)
+    wavefront.begin_streams(kernels.stream_key(0, "render.levels"), 0, states)
     wavefront.draw(states, numbers)
     sample = world.lights(vertices[np.arange(_SAMPLES) * len(vertices) // _SAMPLES], numbers)
     power = np.where(sample.delta, 0.0, sample.radiance @ colour.LUMINANCE)

@@ -65,7 +65,7 @@ def _shapes(about):
         name = about.scene.values.translucent.bodies[number].shape
         if name not in named or named[name].faces is None:
             key = f"translucent.bodies[{number}].shape"
-            meshes = ", ".join(sorted(each for each, shape in named.items() if shape.faces is not None)) or "it has none"
+            meshes = ", ".join(sorted(shape.name for shape in named.values() if shape.faces is not None)) or "it has none"
             raise about.scene.wrong(key, f"found {name!r}, which is no mesh of the Mitsuba scene; expected the id of one: "
                                          f"{meshes}")
         said = about.scene.values.translucent.bodies[number].boundary

@@ -118,6 +118,7 @@ def test_a_scene_that_cannot_be_measured(call, place):
     (place / "s.yaml").write_text(SCENE.replace("shape: ball", "shape: bowl"))
     stages, said, knobs, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
     assert stages == ["medium", "multiple"] and not knobs and "found 'bowl', which is no mesh" in err
+    assert "expected the id of one: ball" in err
     (place / "s.yaml").write_text(SCENE.replace("lit.xml", "gone.xml"))
     assert "there is no such file" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
 

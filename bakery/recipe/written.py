@@ -1,0 +1,35 @@
+"""Recipes that are no files: a text, or a dict of the same keys."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+
+from bakery.errors import UsageError
+from bakery.grammar.files import Written
+
+
+def as_path(recipe: str | os.PathLike | Mapping) -> str | os.PathLike:
+    """What `bakery.bake` takes as a recipe, as a path; UsageError where it is nothing of that kind."""
+    if isinstance(recipe, Mapping):
+        try:
+            # JSON is YAML; a key a line, so that messages name lines
+            text = json.dumps(dict(recipe), indent=1, ensure_ascii=False, allow_nan=False, default=_plain)
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"recipe: a dict of texts, numbers, lists and dicts would do ({error})") from None
+        return Written.of(text)
+    if isinstance(recipe, str) and "\n" in recipe:
+        return Written.of(recipe)
+    if not isinstance(recipe, (str, os.PathLike)):
+        raise UsageError(f"recipe: found {type(recipe).__name__}; a path, the text of a recipe or a dict would do")
+    return recipe
+
+
+def _plain(value):
+    """A value that JSON does not know: NumPy's, or a path."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"found {type(value).__name__}")
