@@ -15,7 +15,7 @@ import click
 
 from bakery import __version__
 from bakery.errors import BakeryError, Interrupted, RecipeError, StoreError
-from bakery.system import signals, streams
+from bakery.system import memory, signals, streams
 from bakery.system.terminal import remark
 
 # name -> help line; the module bakery.cli.NAME holds the click command `command`
@@ -143,6 +143,7 @@ def main(args: list[str] | None = None) -> None:
     """Run the command line and leave with the status that the contract names."""
     streams.prepare()
     signals.raise_when_asked({signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: signals.Terminated})
+    memory.refuse_what_does_not_fit()
     status = status_of(args)
     streams.flush()
     if status in (INTERRUPTED, TERMINATED):
@@ -179,8 +180,11 @@ def status_of(args: list[str] | None = None) -> int:
     except BakeryError as error:
         remark(str(error))
         return error.exit_status
-    except MemoryError:
-        remark("out of memory; `bake plan RECIPE` says what a bake needs")
+    except (MemoryError, ImportError, OSError, RuntimeError) as error:
+        if not memory.exhausted(error):
+            raise
+        why = f" ({error})" if str(error) else ""
+        remark(f"out of memory{why}; `bake plan RECIPE` says what a bake needs")
         return 3
 
 

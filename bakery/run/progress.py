@@ -173,7 +173,10 @@ class Lines(Progress):
         if seconds is not None:
             self._timer = threading.Timer(seconds, self._tell)
             self._timer.daemon = True
-            self._timer.start()
+            try:
+                self._timer.start()
+            except RuntimeError:  # no thread to be had: nothing is said in between
+                self._timer = None
 
     def _tell(self):
         with self._lock:

@@ -23,6 +23,7 @@ from bakery.run.dask import NoCluster, cluster
 from bakery.run.executors import Lent
 from bakery.run.messages import ClusterLost
 from bakery.run.wire import Sent, Wire
+from bakery.system.memory import refuse_what_does_not_fit
 from bakery.system.signals import Terminated, raise_when_asked
 
 TERMINATED = 143
@@ -84,6 +85,7 @@ def _listen(wire: Wire, plans: SimpleQueue, baker: _Baker) -> None:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts all of its processes; the bake itself ends this one
     raise_when_asked({signal.SIGTERM: Terminated})
+    refuse_what_does_not_fit()
     try:
         wire = Wire(Connection(int(sys.argv[1])))
         baker, plans = _Baker(wire, *wire.receive()), SimpleQueue()
