@@ -10,7 +10,8 @@ may say stands in `renderers.common`.  One of its sections names the renderer (`
   `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
   `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the dotted key that chooses the method, and the names
   that it may have; `POINTS`, `EXACT` and `KEPT`, methods as `bake compare` takes them: those that `bake trade` tries, those
-  without an error of their own, and those that keep within a scene's tolerance by themselves; `problems(root, values)`,
+  without an error of their own (unless a report's `left_out` says what a picture lacks), and those that keep within a scene's
+  tolerance by themselves; `problems(root, values)`,
   what has to hold between keys; and it may have `approximations(values, tolerance)`, the error that the chosen method states,
   relative to the picture's mean, and `PACE`, seconds of a core that a pixel takes to a relative variance of 1.
 """

@@ -32,7 +32,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Notes
     -----
     EXR layers: order0 (light that no body scattered), order1, order2, orders (three events and more), noise (standard error);
-    closer (what it would change if pixels shared light over half the distance).
+    closer (what it would change if pixels shared light over half the distance), sharper (if beams of lights without extent were
+    half as wide).  `left_out` of the report: sentences about light that no method brings.
     """
     from renderers import passes
     from renderers.translucent import methods

@@ -53,9 +53,9 @@ def gathering(how, entries, number, seed, every, events) -> Gathering:
     events : whether beams count that begin at the first events of these
     number, seed : of the pass: its random numbers
     """
-    beams_of_bodies = _Made(how, events)
-    rays, power, touched = _arriving(how, entries, number, seed)
-    _follow(how, rays, power, touched, beams_of_bodies)
+    beams_of_bodies = _Collected(how, events)
+    paths, power, joined_directly = _arriving(how, entries, number, seed)
+    _follow(how, paths, power, joined_directly, beams_of_bodies)
     widths = [one * beams.narrower(number) for one in beams.half_widths(how)]
     return Gathering(how, beams_of_bodies.lit(), *widths, int(np.prod(how.world.size)), every)
 
@@ -83,11 +83,11 @@ def _arriving(how, entries, number, seed):
     """Light behind its first smooth surface: paths, the power (n,) W that a weight of 1 stands for by their `pixel`, and whether
     (n,) events are joined with the light through that surface."""
     parts, powers, refracted, begun = [], [], [], 0
-    for body, its in zip(range(len(how.bodies)), entries, strict=True):
+    for body, places in zip(range(len(how.bodies)), entries, strict=True):
         if how.points and how.bodies[body].smooth and not how.bodies[body].matched:
-            parts.append(_to_boundary(how, body, its, number, seed))
+            parts.append(_to_boundary(how, body, places, number, seed))
     parts += [_from_inside(how, source, number, seed) for source in how.enclosed]
-    made = []
+    behind = []
     for paths, power in parts:
         before, _, place = transport.located(how.geometry, paths)
         owner = np.where(place >= 0, how.geometry.owner[place], -1)
@@ -95,15 +95,15 @@ def _arriving(how, entries, number, seed):
         beyond = transport.shaded(how, paths, Sums(0, found=False), power=True)
         beyond = beyond.of(beyond.single)  # from rough surfaces a light sample finds the light
         within = transport.located(how.geometry, beyond)[0]
-        its = beyond.pixel
-        refracted.append((within >= 0) & (within == owner[its]) & (before[its] != within))
-        beyond.pixel = its + begun
+        rays = beyond.pixel
+        refracted.append((within >= 0) & (within == owner[rays]) & (before[rays] != within))
+        beyond.pixel = rays + begun
         begun += len(power)
-        made.append(beyond)
+        behind.append(beyond)
         powers.append(power)
     none = Paths.begun(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, len(how.colours.to_waves))), np.zeros(0, np.uint64),
                        np.arange(0))
-    return joined([*made, none]), np.concatenate([*powers, np.zeros(0)]), np.concatenate([*refracted, np.zeros(0, bool)])
+    return joined([*behind, none]), np.concatenate([*powers, np.zeros(0)]), np.concatenate([*refracted, np.zeros(0, bool)])
 
 
 def _to_boundary(how, number, entries, pass_number, seed):
@@ -170,7 +170,7 @@ def _lit(paths):
 # ---- beams behind it
 
 
-class _Made:
+class _Collected:
     """Beams of all bodies, as they are made."""
 
     def __init__(self, how, events):
@@ -204,13 +204,13 @@ class _Made:
                 for kind in range(2)]
 
 
-def _follow(how, paths, power, joined_directly, made):
+def _follow(how, paths, power, joined_directly, collected):
     """Adds the beams of paths, but for those whose events are joined with the light itself, up to their end."""
     while len(paths):
         within, far, place = transport.located(how.geometry, paths)
         for number in np.unique(within[within >= 0]):
             here = (within == number) & ~joined_directly
-            made.add(number, paths.of(here), far[here], place[here], power[paths.pixel[here]])
+            collected.add(number, paths.of(here), far[here], place[here], power[paths.pixel[here]])
         parts = [light.outside(how, paths.of(within == _geometry.OUTSIDE), far, place, within)]
         paths, far, place, met = _ahead(how, paths.of(within >= 0))
         parts.append(transport.crossed(how, paths.of(~met), far[~met], place[~met]))

@@ -283,7 +283,8 @@ def _reasons(assets, bodies, asked, method):
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
     elif any(not body.matched for body in bodies):
         said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
-                    "extent is looked for from where it scatters, straight through one smooth boundary, not by mirrors or glass")
+                    "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
+                    "turn more than once is spread over 1 % of the body's size to both sides, less in each pass")
     return said
 
 

@@ -194,3 +194,13 @@ def test_mitsuba_sees_the_same(baked, tmp_path, index):
         noisy = (theirs.std(axis=0) > 1e-4) & (ours.std(axis=0) > 1e-4)  # where there is only sky, they differ by rounding
         assert noisy.mean() > 0.5 and same(ours[:, noisy], theirs[:, noisy]) > ODDS
         assert same(ours[:, noisy], 1.05 * theirs[:, noisy]) < ODDS, "nothing would be seen"
+
+
+@pytest.mark.slow
+def test_beams_that_are_far_away_bring_numbers(baked, tmp_path):
+    """A ball of 10,000 mean free paths, where most beams are so far from lines of sight that their light has no digits left."""
+    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL)
+    how = how._replace(bodies=[body._replace(medium=body.medium._replace(sigma_t=2000 * body.medium.sigma_t))
+                               for body in how.bodies])
+    beams = methods.parts(how, "vrl", "negative", 0)[1]
+    assert all(np.isfinite(beams.render(number)[""]).all() for number in range(40))

@@ -59,7 +59,7 @@ def _reflectance(cosine, index):
 def _photons(count, half, point, inside, index, albedo, eye, cone, seed):
     """Intensity (4,) W/sr towards the eye of a point of 1 W/sr, by events (0 to 3 and more); what of it was turned back first."""
     np.random.seed(seed)
-    found, turned_back = np.zeros(4), np.zeros(4)
+    intensity, turned_back = np.zeros(4), np.zeros(4)
     distance, reach = math.sqrt(point @ point), half * math.sqrt(3.0)
     narrow = -1.0 if inside else math.sqrt(1 - (reach / distance) ** 2)
     ahead = -point / distance
@@ -114,10 +114,10 @@ def _photons(count, half, point, inside, index, albedo, eye, cone, seed):
             d *= index
             d[axis] = sign * beyond
             if d @ eye > math.cos(cone):
-                found[min(events, 3)] += each * weight
+                intensity[min(events, 3)] += each * weight
                 turned_back[min(events, 3)] += each * weight * first
             break
-    return found, turned_back
+    return intensity, turned_back
 
 
 @pytest.fixture(scope="module")
@@ -132,14 +132,14 @@ def glass(tmp_path_factory):
 @pytest.fixture(scope="module")
 def photons():
     """Intensities by events, (8 runs, 4) each, all and turned back first, of a place of the point."""
-    made = {}
+    kept = {}
 
     def follow(place):
-        if place not in made:
+        if place not in kept:
             runs = [_photons(1_000_000, HALF, np.array(POINTS[place]), place == "inside", INDEX, ALBEDO, EYE, CONE, seed)
                     for seed in range(8)]
-            made[place] = np.array(runs).transpose(1, 0, 2)
-        return made[place]
+            kept[place] = np.array(runs).transpose(1, 0, 2)
+        return kept[place]
 
     return follow
 
@@ -158,7 +158,7 @@ def transport(folder, asset, point, index=INDEX, around="", origin=AWAY * EYE, t
     return how, (2 * half_width) ** 2
 
 
-def intensity(how, area, name, count):
+def measured(how, area, name, count):
     """(passes, 4) W/sr, by events."""
     passes = []
     for number in range(count):
@@ -176,7 +176,7 @@ def test_light_that_glass_turns_back_is_there(glass, photons, tmp_path, name, pl
     more = 3.0 if place == "inside" else 1.0
     all_light, turned_back = photons(place)
     how, area = transport(tmp_path, glass, POINTS[place])
-    ours = intensity(how, area, name, count)
+    ours = measured(how, area, name, count)
     for select, within in ((slice(1, 2), 0.02), (slice(2, 3), 0.05), (slice(1, 4), 0.03)):
         theirs, mine = all_light[:, select].sum(axis=1), ours[:, select].sum(axis=1)
         error = math.hypot(theirs.std(ddof=1) / len(theirs)**0.5, mine.std(ddof=1) / len(mine)**0.5)
