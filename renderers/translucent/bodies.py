@@ -107,12 +107,12 @@ def _reaches(box, body):
         return False
     met, vertices = np.zeros((1, 1, 1), np.uint8), np.ascontiguousarray(body.vertices, float)
     kernels.mark_voxels(met, low, high - low, vertices, body.faces.astype(np.int64), 0.0, np.uint8(1))
-    return bool(met.any()) or _holds(body, (low + high) / 2)
+    return bool(met.any()) or holds(body.vertices, body.faces, (low + high) / 2)
 
 
-def _holds(body, point):
-    """Whether a point (3,) is in a body: by the solid angle of its triangles (van Oosterom and Strackee 1983)."""
-    a, b, c = (body.vertices[body.faces[:, k]] - point for k in range(3))
+def holds(vertices, faces, point):
+    """Whether a point (3,) is in a closed mesh, outward: by the solid angle of its triangles (van Oosterom and Strackee 1983)."""
+    a, b, c = (vertices[faces[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
     dots = (np.einsum("fk,fk->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
     ab, bc, ca = dots

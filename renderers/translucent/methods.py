@@ -11,7 +11,7 @@ from renderers import colour
 from renderers.passes import Method
 from renderers.progressive import Part
 from renderers.translucent import beams, dipole, light, refraction, shells, smooth, thin, transport
-from renderers.translucent.bodies import Body, has_tables, laid_out, medium_of, untabled
+from renderers.translucent.bodies import Body, has_tables, holds, laid_out, medium_of, untabled
 from renderers.translucent.scene import READERS, index_fault
 from renderers.translucent.thin import WALKS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
@@ -25,6 +25,7 @@ _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 _BESIDE = 3 << 30  # and of those that meet beams
 CLOSER = "closer"  # layer: what sharing over half the distance changes
+_MOST = 31  # bodies of which one loop keeps in which a path is
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _LAYERS = ("order0", "order1", "order2", "orders")
 
@@ -187,11 +188,22 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         gather = beams.joins(how, [(entered, width[0], rivals()), (begun, width[1])])
         return images(transport.from_eye(how, most, gather, number + _BESIDE, seed, found=False))
 
+    if name == "paths" and in_one_loop(how):
+        from renderers.transport import passes
+
+        camera = how.world.camera.origin
+        return (passes.part(name, how.world, how.bodies, how.colours,
+                            [body.name for body in how.bodies if holds(body.vertices, body.faces, camera)], seed),)
     if name in EACH_EVENT:
         return (Part(name, found),)
     made = {"dipole": (Part("dipoles", diffused),), "beams": (Part("joined", joined),),
             "beams+tables": (Part("joined", joined), Part("beams", gathered))}
     return Part("few", found), *made.get(name, (Part("beams", gathered),))
+
+
+def in_one_loop(how) -> bool:
+    """Whether `renderers.transport` can follow the paths of a scene: it finds no lights without extent through glass."""
+    return not any(how.bent) and how.rivals is None and len(how.bodies) <= _MOST
 
 
 def _bias(means, rgb) -> float | None:

@@ -52,6 +52,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "progressive": {"budget", "colour", "mitsuba", "running"}, "passes": {"budget", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive"},
+          "transport": {"mitsuba", "progressive", "wavefront"},
           "comparison": {"assets", "images", "pace", "progressive", "scene"}}
 
 
