@@ -118,6 +118,7 @@ class Shape(NamedTuple):
     smooth : whether that is no rough dielectric
     specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
     normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
+    flipped : whether normals are turned against the order of the faces
     """
 
     name: str
@@ -128,6 +129,7 @@ class Shape(NamedTuple):
     smooth: bool
     normals: np.ndarray | None = None
     specular: bool = False
+    flipped: bool = False
 
 
 class World:
@@ -192,6 +194,16 @@ class World:
             return cls(view=scene.values.camera, size=size or SIZE, variant=variant)
         return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant)
 
+    @property
+    def scene(self):
+        """The scene, of Mitsuba."""
+        return self._scene
+
+    @property
+    def unit(self):
+        """m, length of 1 in the scene."""
+        return self._unit
+
     def shapes(self) -> list[Shape]:
         """All surfaces of the scene."""
         import mitsuba as mi
@@ -207,7 +219,8 @@ class World:
             box = shape.bbox()
             box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
             smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
-            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf())))
+            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
+                               shape.has_flipped_normals()))
         return found
 
     def extents(self):

@@ -26,6 +26,7 @@ _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from
 _BESIDE = 3 << 30  # and of those that meet beams
 # layers: what sharing over half the distance changes, and beams of lights without extent that are half as wide
 CLOSER, SHARPER = "closer", "sharper"
+_MOST = 31  # bodies of which one loop keeps in which a path is
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
 _UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
@@ -226,11 +227,22 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         gather = beams.joins(how, [(entered, width[0], rivals()), (begun, width[1])])
         return images(transport.from_eye(how, most, gather, number + _BESIDE, seed, found=False))
 
+    if name == "paths" and in_one_loop(how):
+        from renderers.transport import passes
+
+        camera = how.world.camera.origin
+        return (passes.part(name, how.world, how.bodies, how.colours,
+                            [body.name for body in how.bodies if holds(body, camera)], seed),)
     if name in EACH_EVENT:
         return (Part(name, found),)
     made = {"dipole": (Part("dipoles", diffused),), "beams": (Part("joined", joined),),
             "beams+tables": (Part("joined", joined), Part("beams", gathered))}
     return Part("few", found), *made.get(name, (Part("beams", gathered),))
+
+
+def in_one_loop(how) -> bool:
+    """Whether `renderers.transport` can follow the paths of a scene: it finds no lights without extent through glass."""
+    return not (how.chained or any(how.bent)) and how.rivals is None and len(how.bodies) <= _MOST
 
 
 def _bias(means, rgb, missing) -> float | None:

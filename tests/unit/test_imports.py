@@ -55,6 +55,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "passes": {"budget", "images", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
+          "transport": {"mitsuba", "progressive", "wavefront"},
           "comparison": {"assets", "images", "pace", "progressive", "reached", "scene"}}
 
 

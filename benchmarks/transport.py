@@ -1,0 +1,202 @@
+"""Paths through translucent bodies beside Mitsuba's `volpath` and `volpathmis` in the same scenes.
+
+    python benchmarks/transport.py [--small] [--width 128] [--rounds 6] [--scenes NAME ...]
+
+Ten bodies of continuous media of three wavelengths, matched and refracting, balls and shipped meshes: albedo 0.3 to 1, g -0.3 to
+0.9, and the published wax, milk and skin.  Each engine renders passes in turns; Mitsuba's roulette begins at depth 1000, as
+before it would end bright paths.  A row a scene: microseconds of processor time a path, the first pass with all that it compiles
+(s, also from Dr.Jit's cache on the disk), and of our engine: time over that of `volpath`; variance, and variance times time, over
+those of the engine of Mitsuba that is better in the product (of a pixel, mean square over colours and the picture).  `mean` is
+our picture's over that of `volpathmis`, with its standard error.  --small: three scenes, 32 pixels wide, three rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from bakery.physics.medium import phase
+from bakery.physics.shapes.radial import icosphere
+from bakery.store import ply
+from renderers.mitsuba import variants
+from renderers.mitsuba.world import World
+from renderers.translucent import methods
+
+SHIPPED = Path(__file__).resolve().parents[1] / "assets" / "scenes"
+NULL = '<bsdf type="null"/>'
+GLASS = '<bsdf type="dielectric"><float name="int_ior" value="1.4"/><float name="ext_ior" value="1"/></bsdf>'
+FROST = ('<bsdf type="roughdielectric"><float name="int_ior" value="1.4"/><float name="ext_ior" value="1"/>'
+         '<float name="alpha" value="0.2"/></bsdf>')
+# Wang, Ge and Holzschuch 2018, table 1, and Jensen et al. 2001 (recipes/): albedo, mean free paths in mm, g
+SKIN = (0.958, 0.838, 0.678), (1.29, 0.95, 0.67), 0.0
+WAX = (0.980, 0.962, 0.750), (0.65, 0.63, 0.59), 0.8
+MILK = (0.99987, 0.99978, 0.99889), (0.1176, 0.0934, 0.0795), 0.7
+SCENE = """<scene version="3.0.0"><integrator type="{integrator}"><integer name="max_depth" value="-1"/>
+<integer name="rr_depth" value="1000"/></integrator>
+<sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="0, -{far}, {up}"
+target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="{width}"/>
+<integer name="height" value="{width}"/><rfilter type="box"/></film></sensor>
+<shape type="ply" id="body"><string name="filename" value="body.ply"/>{bsdf}{medium}</shape>
+<shape type="rectangle"><transform name="to_world"><scale value="{floor}"/><translate z="-{low}"/></transform>
+<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.5 0.5"/></bsdf></bsdf></shape>
+<shape type="rectangle"><transform name="to_world"><scale value="{low}"/><rotate x="1" angle="180"/>
+<translate x="{low}" y="-{low}" z="{high}"/></transform><emitter type="area"><rgb name="radiance" value="4 4 4"/></emitter>
+</shape>
+<emitter type="constant"><rgb name="radiance" value="0.3 0.35 0.4"/></emitter></scene>"""
+
+
+class Body(NamedTuple):
+    """albedo, free_path (3,) 1, mm;  g;  BSDF of the boundary;  mesh, a shipped file, or None: a ball;  radius : mm, of either"""
+
+    albedo: tuple
+    free_path: tuple
+    g: float
+    bsdf: str
+    mesh: str | None = None
+    radius: float = 5.0
+
+
+BODIES = {
+    "thin, g 0": Body((0.9, 0.6, 0.3), (2.0, 1.6, 1.2), 0.0, NULL),
+    "back, g -0.3": Body((0.95, 0.9, 0.8), (1.0, 0.8, 0.6), -0.3, NULL),
+    "forward, g 0.9": Body((0.99, 0.95, 0.9), (0.5, 0.4, 0.3), 0.9, NULL),
+    "lossless, g 0.5": Body((1.0, 1.0, 1.0), (1.0, 0.8, 0.6), 0.5, NULL),
+    "skin, matched": Body(*SKIN, NULL, "head.ply", 40.0),
+    "skin, glass": Body(*SKIN, GLASS, "head.ply", 40.0),
+    "wax, matched": Body(*WAX, NULL, radius=10.0),
+    "wax, rough": Body(*WAX, FROST, radius=10.0),
+    "milk, matched": Body(*MILK, NULL, radius=2.0),
+    "milk, glass": Body(*MILK, GLASS, radius=2.0),
+}
+SMALL = "thin, g 0", "wax, matched", "skin, glass"
+
+
+def written(folder, body):
+    """The body's mesh, about the origin."""
+    if body.mesh is None:
+        vertices, faces = icosphere(1280)
+    else:
+        import mitsuba as mi
+
+        mesh = mi.load_dict({"type": "ply", "filename": str(SHIPPED / body.mesh)})
+        vertices = np.array(mesh.vertex_positions_buffer(), float).reshape(-1, 3)
+        faces = np.array(mesh.faces_buffer(), np.int64).reshape(-1, 3)
+        vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        vertices /= np.abs(vertices).max()
+    (folder / "body.ply").write_bytes(ply.mesh(body.radius * vertices, faces))
+
+
+def scene(folder, body, width, integrator="path"):
+    """A file of the scene, with the medium unless the integrator is `path`."""
+    medium = ""
+    if integrator != "path":
+        # colours of the file may not be above 1
+        least = min(body.free_path)
+        sigma, albedo = (", ".join(map(repr, values)) for values in ([least / one for one in body.free_path], body.albedo))
+        medium = (f'<medium type="homogeneous" name="interior"><rgb name="sigma_t" value="{sigma}"/><rgb name="albedo" '
+                  f'value="{albedo}"/><float name="scale" value="{1 / least}"/><phase type="hg">'
+                  f'<float name="g" value="{body.g}"/></phase></medium>')
+    r = body.radius
+    path = folder / f"{integrator}.xml"
+    path.write_text(SCENE.format(integrator=integrator, far=4 * r, up=1.2 * r, width=width, bsdf=body.bsdf, medium=medium,
+                                 floor=5 * r, low=1.02 * r, high=2.5 * r))
+    return path
+
+
+def ours(folder, body, width):
+    """Passes of our engine: function of the number -> picture, and samples of a pass."""
+    theta = np.concatenate([[0.0], np.geomspace(1e-3, np.pi, 500)])
+    table = (1 - body.g**2) / (4 * np.pi * (1 + body.g**2 - 2 * body.g * np.cos(theta)) ** 1.5)
+    medium = type("Medium", (dict,), {})(phase=np.tile(table / phase.integral(theta, table), (3, 1)))
+    medium.sigma_t, medium.albedo, medium.theta = 1 / np.array(body.free_path), np.array(body.albedo), theta
+    asset = SimpleNamespace(medium=medium, stages=("medium",), wavelength=np.array([0.65, 0.55, 0.45]))
+    world = World(scene(folder, body, width))
+    how = methods.transport_of(world, ["body"], [asset], [None], lambda number, key, message: ValueError(message), "paths")
+    (part,) = methods.parts(how, "paths", "negative", 0)
+    return (lambda number: part.render(number)[""]), part.samples
+
+
+def theirs(folder, body, width, integrator, samples):
+    import mitsuba as mi
+
+    loaded = mi.load_file(str(scene(folder, body, width, integrator)), optimize=False)
+    return lambda number: np.array(mi.render(loaded, spp=samples, seed=number), float)[..., :3]
+
+
+class Engine:
+    """Passes of one engine and what they took: `first`, and each of the later ones (s of processor time)."""
+
+    def __init__(self, render):
+        self.render, self.pictures, self.seconds = render, [], []
+        begin = time.process_time()
+        render(1 << 20)
+        self.first = time.process_time() - begin
+
+    def go(self, number, passes):
+        begin = time.process_time()
+        self.pictures.append(np.mean([self.render(number * passes + k) for k in range(passes)], axis=0))
+        self.seconds.append(time.process_time() - begin)
+
+    @property
+    def variance(self):
+        return float(np.var(self.pictures, axis=0, ddof=1).mean())
+
+    def mean(self):
+        means = np.mean(self.pictures, axis=(1, 2, 3))
+        return means.mean(), means.std(ddof=1) / len(means) ** 0.5
+
+
+def row(name, body, width, rounds):
+    """Measures a scene, prints its row, and returns the three ratios."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        written(folder, body)
+        render, samples = ours(folder, body, width)
+        passes = max(1, 64 // samples)
+        engines = {"paths": Engine(render)}
+        for kind in ("volpath", "volpathmis"):
+            engines[kind] = Engine(theirs(folder, body, width, kind, passes * samples))
+        for number in range(rounds):
+            for kind, engine in engines.items():
+                engine.go(number, passes if kind == "paths" else 1)
+    paths = rounds * passes * samples * width**2
+    took = {kind: 1e6 * sum(engine.seconds) / paths for kind, engine in engines.items()}
+    best = min(("volpath", "volpathmis"), key=lambda kind: took[kind] * engines[kind].variance)
+    time_ratio = took["paths"] / took["volpath"]
+    variance = engines["paths"].variance / engines[best].variance
+    product = variance * took["paths"] / took[best]
+    (mean, error), (other, its) = engines["paths"].mean(), engines["volpathmis"].mean()
+    print(f"| {name} | " + " | ".join(f"{took[kind]:.2f}" for kind in engines) + " | "
+          + " | ".join(f"{engine.first:.1f}" for engine in engines.values())
+          + f" | {time_ratio:.2f} | {variance:.2f} ({best}) | {product:.2f} | {mean / other:.4f} "
+          f"({np.hypot(error / mean, its / other):.4f}) |", flush=True)
+    return time_ratio, variance, product
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--small", action="store_true")
+    parser.add_argument("--width", type=int, default=128)
+    parser.add_argument("--rounds", type=int, default=6)
+    parser.add_argument("--scenes", nargs="+", choices=BODIES, default=list(BODIES))
+    args = parser.parse_args()
+    if args.small:
+        args.width, args.rounds, args.scenes = 32, 3, list(SMALL)
+    print(variants.activate("rgb"))
+    print("| scene | paths, us | volpath | volpathmis | first, s | volpath | volpathmis | time over volpath "
+          "| variance over the better | variance x time | mean |\n|" + "---|" * 11, flush=True)
+    found = np.array([row(name, BODIES[name], args.width, args.rounds) for name in args.scenes])
+    print("worst: time {:.2f}, variance {:.2f}, variance x time {:.2f}".format(*found.max(axis=0)))
+
+
+if __name__ == "__main__":
+    main()

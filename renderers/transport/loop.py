@@ -1,0 +1,220 @@
+"""Paths from the eye through bodies and the surfaces and lights around them, as one loop of Dr.Jit: one kernel a pass.
+
+Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
+sample, and gives it a new direction.  A path that has ended makes room for the next sample of its pixel, so that paths of a
+packet wait for each other once in several.  Light samples reach events in bodies, and surfaces, through boundaries to which light
+is blind, less what the media on the way take.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+
+from renderers.transport import media
+from renderers.wavefront import ORDERS
+
+import mitsuba as mi  # isort: skip
+
+# bounces after which roulette by the throughput begins, and after which surfaces end paths one time in twenty: light that is
+# caught in glass loses nothing on its way
+_ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
+# bounces after which one path in a thousand ends; what ends earlier makes the others bright
+_ENDLESS, _ALMOST = 100_000, 0.999
+
+
+@dataclass
+class Path:
+    """Paths, one a lane.
+
+    random : PCG32;  samples : paths of the lane that are over;  alive : whether there is one
+    origin, direction : of the next flight;  throughput : of each wavelength
+    inside : bodies in which it is, a bit each, the innermost one first
+    order, bounces : scatterings in bodies; those and surfaces
+    drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
+    """
+
+    random: mi.PCG32
+    samples: mi.UInt32
+    alive: mi.Bool
+    origin: mi.Point3f
+    direction: mi.Vector3f
+    throughput: list
+    inside: mi.UInt32
+    order: mi.UInt32
+    bounces: mi.UInt32
+    drawn: mi.Point3f
+    density: mi.Float
+    single: mi.Bool
+
+
+@dataclass
+class Event:
+    """What paths have come to.
+
+    scatters : a scattering in `medium`, at `place`;  sampled : light samples reach it
+    meets : a surface;  misses : nothing, but for the environment;  surface : interaction with either
+    crosses : that surface is a boundary to which light is blind
+    """
+
+    scatters: mi.Bool
+    sampled: mi.Bool
+    medium: mi.UInt32
+    place: mi.Point3f
+    meets: mi.Bool
+    misses: mi.Bool
+    surface: mi.SurfaceInteraction3f
+    crosses: mi.Bool
+
+
+def trace(scene, key, pixels, lanes, samples):
+    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane.
+
+    scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
+    """
+    # as variables: a number would be part of the kernel, and another one another kernel
+    *key, together, samples = (dr.opaque(mi.UInt32, number) for number in (*key, lanes, samples))
+    lane = dr.arange(mi.UInt32, pixels * lanes)
+    pixel = lane // together
+    low, high = mi.sample_tea_32(lane ^ key[0], key[1])
+    random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
+    path = _begun(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
+    sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
+
+    def step(path, sums):
+        path, event = flight(scene, path)
+        _add(sums, path.order, _emitted(scene, path, event), next_event(scene, path, event))
+        return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
+
+    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1]
+
+
+def _begun(scene, pixel, random, samples, alive):
+    """The camera's paths."""
+    origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
+    width = dr.width(pixel)
+    return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.media.count)],
+                scene.around_camera + dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width),
+                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
+
+
+def _renewed(scene, pixel, samples, path):
+    """Paths, and new ones of the camera where they are over."""
+    over = ~path.alive
+    count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
+    new = _begun(scene, pixel, path.random, count, count < samples)
+    for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single"):
+        setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
+    path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
+    path.samples = count
+    return path
+
+
+def _add(sums, order, *lights):
+    """Adds light to the sums of its order."""
+    for k in range(ORDERS):
+        here = order == k if k < ORDERS - 1 else order >= k
+        for c in range(3):
+            sums[3 * k + c] = sums[3 * k + c] + dr.select(here, media.total([light[c] for light in lights]), 0)
+
+
+def flight(scene, path):
+    """Paths after a flight to the next scattering or surface, and which."""
+    within, medium = scene.innermost(path.inside)
+    sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
+    distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
+    ray = mi.Ray3f(path.origin, path.direction)
+    ray.maxt = distance
+    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
+    meets = path.alive & hit.is_valid()
+    scatters = path.alive & ~meets & (distance < dr.inf)
+    distance = dr.select(meets, hit.t, dr.select(scatters, distance, 0))
+    path.throughput = media.flown(path.throughput, sigma_t, distance, scatters)
+    path.order += dr.select(scatters, mi.UInt32(1), mi.UInt32(0))
+    misses = path.alive & ~meets & ~scatters
+    surface = hit.compute_surface_interaction(ray, mi.RayFlags.All, meets | misses)
+    crosses = meets & scene.is_blind(hit.shape)
+    return path, Event(scatters, scatters & scene.takes_samples(medium), medium, ray.o + distance * ray.d, meets, misses, surface,
+                       crosses)
+
+
+def _emitted(scene, path, event):
+    """Light of the surfaces and of the environment that paths meet, linear sRGB."""
+    active = event.meets | event.misses
+    before = dr.zeros(mi.Interaction3f)
+    before.p = path.drawn
+    seen = mi.DirectionSample3f(scene.scene, event.surface, before)
+    active &= seen.emitter != None  # noqa: E711, compares every lane
+    by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
+    share = dr.select(path.single, 1, _balance(path.density, by_light))
+    return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active)
+
+
+def next_event(scene, path, event):
+    """Light of light samples by way of scatterings and surfaces, linear sRGB."""
+    surface, at_event = event.surface, event.sampled
+    bsdf = surface.bsdf()
+    at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    here = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), dr.select(event.scatters, event.place, surface.p),
+                            dr.select(event.scatters, 0, surface.n))
+    u = mi.Point2f(path.random.next_float32(), path.random.next_float32())
+    light, radiance = scene.scene.sample_emitter_direction(here, u, False, at_surface | at_event)
+    active = (at_surface | at_event) & (light.pdf > 0) & dr.any(radiance > 0)
+    at_surface, at_event = at_surface & active, at_event & active
+
+    value, by_bsdf = bsdf.eval_pdf(mi.BSDFContext(), surface, surface.to_local(light.d), at_surface)
+    phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(light.d - path.direction))
+    albedo = scene.media.albedo(event.medium)
+    by_phase = media.mean(media.product(path.throughput, albedo), phase)
+    share = dr.select(light.delta, 1, _balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
+    radiance *= share * dr.select(event.scatters, mi.Color3f(1), value)
+    inside = dr.select(event.scatters, path.inside, scene.beyond(surface, light.d, path.inside, at_surface))
+    passed = scene.transmittance(here.spawn_ray_to(light.p), inside, active & dr.any(radiance > 0))
+    weight = [dr.select(event.scatters, a * p, 1) * w * t
+              for a, p, w, t in zip(albedo, phase, path.throughput, passed)]
+    return scene.seen(weight, radiance, active)
+
+
+def turned(scene, path, event):
+    """Paths with a new direction, from where they have come to, or ended."""
+    random, surface = path.random, event.surface
+    u = [random.next_float32() for _ in range(3)]
+    way, density, throughput = media.scattered(scene.media, event.medium, path.direction, path.throughput, u)
+    shades = event.meets & ~event.crosses
+    sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, u[0], mi.Point2f(u[1], u[2]), shades)
+    factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
+    throughput = [dr.select(event.scatters, a, dr.select(event.crosses, w, w * f))
+                  for a, w, f in zip(throughput, path.throughput, factor)]
+    onward = surface.spawn_ray(surface.to_world(sample.wo))
+    direction = dr.select(event.scatters, way, dr.select(event.crosses, path.direction, onward.d))
+    onward.o = dr.select(event.crosses, scene.across(surface, path.direction), onward.o)
+    path.origin = dr.select(event.scatters, event.place, onward.o)
+    path.inside = dr.select(event.scatters, path.inside, scene.beyond(surface, direction, path.inside, event.meets))
+    path.direction = direction
+    path.throughput = throughput
+    fresh = event.scatters | shades
+    path.single = dr.select(fresh, dr.select(event.scatters, ~event.sampled,
+                                             ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)), path.single)
+    path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)
+    path.drawn = dr.select(fresh, path.origin, path.drawn)
+    path.bounces += dr.select(fresh, mi.UInt32(1), mi.UInt32(0))
+    path.alive &= ~event.misses & (~event.scatters | scene.near_bodies(event.place))
+    return _roulette(path, shades, random.next_float32())
+
+
+def _roulette(path, shades, u):
+    """Without paths of little throughput, and those that have come far."""
+    most = media.largest(path.throughput)
+    chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
+    chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
+    chance *= dr.select(shades & (path.bounces > _FAR), mi.Float(_GOES_ON), mi.Float(1))
+    path.alive &= u < chance
+    scale = dr.select(chance > 0, 1 / chance, 0)
+    path.throughput = [weight * scale for weight in path.throughput]
+    return path
+
+
+def _balance(mine, other):
+    """Balance heuristic of a sample's density against another's."""
+    return dr.select(mine > 0, mine / (mine + other), 0)

@@ -1,0 +1,187 @@
+"""Paths of the loop of Dr.Jit: against the compiled walk, a white world, closed forms, and themselves.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bakery.physics.medium import phase
+from renderers import colour
+from renderers.mitsuba import variants
+from renderers.mitsuba.world import World
+from renderers.translucent import methods
+from renderers.translucent.bodies import untabled
+from renderers.transport.media import Media, scattered
+from tests.physics import test_translucent as bodies
+from tests.physics.particles import ODDS, blocks, same, student
+from tests.physics.test_translucent import BALL, FLOOR, PANEL, SKY
+
+import drjit as dr  # isort: skip  behind renderers.mitsuba, which finds LLVM
+import mitsuba as mi  # isort: skip
+
+SIDES = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+                  [1, 5, 7], [1, 7, 3]])
+POINT = """<emitter type="point"><point name="position" x="6" y="-6" z="9"/><rgb name="intensity" value="300 300 300"/>
+</emitter>"""
+
+
+def asset(albedo, g, free_path=(1.0, 1.0, 1.0), wavelength=(0.65, 0.55, 0.45)):
+    """A medium by Henyey and Greenstein, as an asset holds it: figures of each wavelength."""
+    theta = np.concatenate([[0.0], np.geomspace(1e-3, np.pi, 300)])
+    g = np.broadcast_to(np.asarray(g, float), len(wavelength))[:, None]
+    table = (1 - g**2) / (4 * np.pi * (1 + g**2 - 2 * g * np.cos(theta)) ** 1.5)
+    table /= np.array([phase.integral(theta, row) for row in table])[:, None]
+    medium = {"phase": table}
+    medium = type("Medium", (dict,), {})(medium)
+    medium.sigma_t, medium.theta = 1 / np.broadcast_to(np.asarray(free_path, float), len(wavelength)), theta
+    medium.albedo = np.broadcast_to(np.asarray(albedo, float), len(wavelength)).copy()
+    return SimpleNamespace(medium=medium, stages=("medium",), wavelength=np.array(wavelength))
+
+
+def box(low, high):
+    return np.array(low) + SIDES * (np.array(high) - np.array(low)), FACES
+
+
+def transport(folder, meshes, around, indices, size=16, origin="0, -19, 5"):
+    """How light goes in bodies, pairs of mesh and asset by name."""
+    sensor = bodies.SENSOR.replace("SIZE", str(size)).replace("ORIGIN", origin)
+    shapes = "".join(bodies.shape(folder, name, mesh, bodies.BOUNDARIES[index])
+                     for (name, (mesh, _)), index in zip(meshes.items(), indices))
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{sensor}{shapes}{around}</scene>')
+    return methods.transport_of(World(folder / "scene.xml"), list(meshes), [medium for _, medium in meshes.values()],
+                                [None] * len(meshes), lambda number, key, message: ValueError(f"{number} {key}: {message}"),
+                                "paths")
+
+
+def passes(how, numbers, layer="", seed=0):
+    assert methods.in_one_loop(how)
+    (part,) = methods.parts(how, "paths", "negative", seed)
+    return np.array([part.render(number)[layer] for number in numbers])
+
+
+def walked(how, numbers, layer, monkeypatch):
+    """The same by the compiled walk, which follows paths through what the loop cannot."""
+    monkeypatch.setattr(methods, "in_one_loop", lambda how: False)
+    (part,) = methods.parts(how, "paths", "negative", 1)
+    monkeypatch.undo()
+    return np.array([part.render(number)[layer] for number in numbers])
+
+
+@pytest.fixture
+def matched(tmp_path):
+    return transport(tmp_path, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, PANEL + FLOOR, [1.0])
+
+
+def test_passes_depend_on_their_number_and_the_seed_alone(matched):
+    first, again = passes(matched, [0, 1]), passes(matched, [1, 0])
+    assert np.array_equal(first, again[::-1]) and not np.array_equal(first[0], first[1])
+    assert not np.array_equal(first[0], passes(matched, [0], seed=1)[0])
+    threads = dr.thread_count()
+    try:
+        dr.set_thread_count(1)
+        assert np.array_equal(passes(matched, [0])[0], first[0])
+    finally:
+        dr.set_thread_count(threads)
+
+
+def test_one_kernel_serves_all_passes_and_seeds(matched):
+    passes(matched, [0])
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        passes(matched, [1, 2], seed=3)
+        kernels = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]
+    assert kernels and all(one["cache_hit"] for one in kernels)
+    assert sum(one["size"] > 200 for one in kernels) == 2, "a launch a pass"
+
+
+@pytest.mark.parametrize("index", [1.0, 1.4])
+def test_a_white_world(tmp_path, index):
+    """Albedo 1 in light from everywhere is 1, whatever the wavelengths and their free paths."""
+    white = asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
+    how = transport(tmp_path, {"ball": (BALL, white)}, SKY, [index], size=8)
+    found = passes(how, range(32)).mean(axis=(1, 2, 3))
+    error = found.std(ddof=1) / 32**0.5
+    assert error < 0.005 and abs(found.mean() - 1) < student(32) * error
+
+
+def test_scattering_follows_the_phase_functions():
+    """Of what is drawn, weighted as paths are, the mean cosine at each wavelength."""
+    variants.activate("rgb")
+    g = np.array([-0.3, 0.6, 0.9])
+
+    media = Media([untabled(asset(0.5, 0.0)), untabled(asset([0.9, 0.5, 0.7], g))], 1.0)
+    random = mi.PCG32(1 << 18)
+    way, _, weight = scattered(media, mi.UInt32(1), mi.Vector3f(0, 0.6, 0.8), [mi.Float(1.0), mi.Float(0.5), mi.Float(0.25)],
+                               [random.next_float32() for _ in range(3)])
+    cosine = np.array(0.6 * way.y + 0.8 * way.z, float)
+    for found, start, albedo, mean in zip(weight, (1.0, 0.5, 0.25), (0.9, 0.5, 0.7), g):
+        weights = np.array(found, float) / (start * albedo)
+        for values, wanted in ((weights, 1.0), (weights * cosine, mean)):
+            assert abs(values.mean() - wanted) < 6 * values.std() / len(values) ** 0.5 + 1e-4
+
+
+def test_a_floor_is_lit_through_a_matched_body(tmp_path):
+    """By a point, past which no path comes: what the body leaves of it, exp(-sigma_t d), order 0."""
+    dark = asset(0.0, 0.0, (4.0, 4.0, 4.0))
+    lamp = POINT.replace('x="6" y="-6" z="9"', 'x="0" y="0" z="40"')
+    meshes = {"slab": (box((-60, -60, 10), (60, 60, 14)), dark)}
+    view = "0, -4, 6"
+    shaded = passes(transport(tmp_path, meshes, FLOOR + lamp, [1.0], origin=view), range(2)).mean()
+    none = {"slab": (box((-60, -60, 200), (60, 60, 204)), dark)}
+    free = passes(transport(tmp_path, none, FLOOR + lamp, [1.0], origin=view), range(2)).mean()
+    assert np.exp(-1.1) < shaded / free < np.exp(-0.99)
+
+
+def test_what_the_loop_leaves_to_the_walk(tmp_path):
+    glass = transport(tmp_path, {"ball": (BALL, asset(0.9, 0.0))}, POINT, [1.4])
+    rough = transport(tmp_path, {"ball": (BALL, asset(0.9, 0.0))}, POINT, [1.5])
+    assert not methods.in_one_loop(glass) and methods.in_one_loop(rough)
+
+
+WARM, COOL = asset([0.9, 0.8, 0.5], 0.0, (1.0, 0.8, 0.6)), asset([0.99, 0.5, 0.9], 0.3, (0.4, 2.0, 1.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("meshes, around, indices, origin", [
+    ({"ball": (BALL, WARM)}, PANEL + FLOOR, [1.0], "0, -19, 5"),
+    ({"ball": (BALL, asset([0.99, 0.95, 0.3], 0.9, (1.0, 0.5, 0.3)))}, SKY + PANEL, [1.0], "0, -19, 5"),
+    ({"ball": (BALL, asset([0.9, 0.6, 0.3], -0.3))}, POINT, [1.0], "0, -19, 5"),
+    ({"ball": (BALL, asset([0.9, 0.8, 0.5], [0.5, 0.4, 0.3]))}, SKY + PANEL, [1.4], "0, -19, 5"),
+    ({"ball": (BALL, asset([0.95, 0.8, 0.5], 0.0))}, SKY + PANEL, [1.5], "0, -19, 5"),
+    ({"ball": (BALL, WARM)}, SKY + PANEL, [1.0], "0, -3, 0"),
+    ({"ball": (BALL, WARM), "inner": ((0.5 * BALL[0], BALL[1]), COOL)}, SKY + PANEL, [1.4, 1.0], "0, -19, 5"),
+    ({"left": (box((-4, -2, -2), (-0.01, 2, 2)), WARM), "right": (box((0, -2, -2), (4, 2, 2)), COOL)}, SKY + PANEL, [1.0, 1.0],
+     "0, -19, 5"),
+], ids=["panel", "forward", "point", "glass", "rough", "camera", "nested", "beside"])
+def test_as_the_compiled_walk(tmp_path, monkeypatch, meshes, around, indices, origin):
+    how = transport(tmp_path, meshes, around, indices, size=16, origin=origin)
+    for layer in ("order1", "orders", ""):
+        theirs = walked(how, range(150), layer, monkeypatch)
+        assert same(blocks(passes(how, range(24), layer), (2, 2)), blocks(theirs, (2, 2))) > ODDS
+
+
+@pytest.mark.slow
+def test_bodies_that_share_a_face(tmp_path):
+    """As those with a gap between them that is hardly there."""
+    pictures = []
+    for gap in (0.0, 0.005):
+        meshes = {"left": (box((-4, -2, -2), (0, 2, 2)), WARM), "right": (box((gap, -2, -2), (4, 2, 2)), COOL)}
+        pictures.append(blocks(passes(transport(tmp_path, meshes, SKY + PANEL, [1.0, 1.0]), range(32), "orders"), (2, 2)))
+    assert same(*pictures) > ODDS
+    assert max(image.std(axis=0).max() / image.mean() for image in pictures) < 0.2
+
+
+@pytest.mark.slow
+def test_wavelengths_as_their_means(tmp_path):
+    """Five wavelengths of one medium make the grey picture that one makes."""
+    five, one = asset([0.9] * 5, 0.3, [1.0] * 5, (0.45, 0.5, 0.55, 0.6, 0.65)), asset([0.9], 0.3, [1.0], (0.55,))
+    assert colour.srgb_matrix(five.wavelength).shape == (3, 5)
+    pictures = [blocks(passes(transport(tmp_path, {"ball": (BALL, medium)}, SKY + PANEL, [1.0]), range(24)), (2, 2))
+                for medium in (five, one)]
+    assert same(*pictures) > ODDS
