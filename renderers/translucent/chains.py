@@ -130,7 +130,7 @@ def _to_boundary(how, number, entries, pass_number, seed):
 def _from_inside(how, source, pass_number, seed):
     """Paths on which a light that stands in a body sends light to its first surface, and their power (n,) W."""
     states, numbers = np.empty(_RAYS, np.uint64), np.empty((_RAYS, 5))
-    wavefront.begin_streams(stream_key(seed, "render.lamps", _NUMBERS + pass_number), source.number * _APART, states)
+    wavefront.begin_streams(stream_key(seed, "render.chains", pass_number), source.number * _APART, states)
     wavefront.draw(states, numbers)
     origin, direction, power = how.world.light_rays(source.number, numbers)
     paths = Paths.begun(origin + how.off * direction, direction, power @ how.colours.to_waves.T / _RAYS, states,
