@@ -101,7 +101,7 @@ $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 
 bench: $(VENV)/.ready-bench
 	for job in mie averages render goa packing scatterometer granular granular_render multiple multiple_tables multiple_lookup beam screen; do \
-		$(BIN)/python benchmarks/$$job.py || exit 1; done
+		$(BIN)/python -m benchmarks.$$job || exit 1; done
 
 .PHONY: recipes
 recipes: $(VENV)/.ready

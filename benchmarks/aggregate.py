@@ -19,12 +19,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.sizes import sized
 from tests.physics.particles import Sky, camera
 from tests.physics.test_aggregate import bumpy, rays, tile, walked
 from tests.physics.test_granular_medium import continuous
 from tests.physics.test_granular_render import GLASS, STONE, Kind, grains, passes, place
 
-SIZE, COUNT, NEXT = 96, 4000, 32
+SIZE, COUNT, NEXT = sized((96, 4000, 32), (8, 40, 4))
+NUMBERS = sized((1e1, 1e3, 1e5, 1e7, 1e9, 1e12), (1e1, 1e9))
 
 
 def spent(function, *arguments):
@@ -58,8 +60,8 @@ def main():
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     print("| grains | setup, s | voxels, MiB | first sphere, us | each next, us | path of balls, us | stones | the medium |")
     print("|---" * 8 + "|")
-    spheres = tile(0.6, 500)
-    for number in (1e1, 1e3, 1e5, 1e7, 1e9, 1e12):
+    spheres = tile(0.6, sized(500, 60))
+    for number in NUMBERS:
         print("| " + " | ".join(row(number, spheres)) + " |", flush=True)
     print(f"\n{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB of memory in all")
 

@@ -18,12 +18,14 @@ import numpy as np
 
 from bakery.physics.beam import build, kernels, moments, named, photons, planar, small_angle, table
 from bakery.physics.medium import analytic
+from benchmarks.sizes import docs, sized
 
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)
-ALBEDOS = (0.1, 0.5, 0.9, 1.0)
-SPREADS = (3, 10, 20, 30, 45, 60, 90)  # degrees, sqrt(4 B)
-HG = (0.8, 0.9, 0.95)
-STACKS = ((1, 1, 1, 1), (2, 0, 0, 2), (0, 0, 3, 0), (3, 0.5, 0.2, 0.1), (0.1, 0.2, 0.5, 3))  # densities of four layers of 1 mfp
+ALBEDOS = sized((0.1, 0.5, 0.9, 1.0), (0.9,))
+SPREADS = sized((3, 10, 20, 30, 45, 60, 90), (30,))  # degrees, sqrt(4 B)
+HG = sized((0.8, 0.9, 0.95), (0.8,))
+# densities of four layers of 1 mfp
+STACKS = sized(((1, 1, 1, 1), (2, 0, 0, 2), (0, 0, 3, 0), (3, 0.5, 0.2, 0.1), (0.1, 0.2, 0.5, 3)), ((2, 0, 0, 2),))
 # least error of any kernel before transport, by spread in degrees and albedo: flux, fluence, percent
 BEST_KNOWN = {(30, 0.1): (5, 6), (30, 0.5): (6, 8), (30, 0.9): (14, 13), (10, 0.9): (2, 3), (20, 0.9): (6, 8),
               (45, 0.9): (25, 18), (60, 0.9): (31, 21)}
@@ -119,7 +121,7 @@ def accuracy(count):
     names = None
     for g in HG:
         theta, phase = henyey_greenstein(g)
-        for albedo in (0.5, 0.9):
+        for albedo in sized((0.5, 0.9), (0.9,)):
             result, *noise = compare(theta, phase, albedo, count)
             names = names or _head("g, albedo", result)
             _row(f"{g:g}, {albedo:g}", result, noise)
@@ -170,10 +172,11 @@ def stacks(count):
     print("\nPhotons in space, four layers of 1 mfp, the last going on, planes at the ends of layers: percent, forward light\n")
     print("| medium, albedo, density | layered | transport, stretched | small-angle, exact | small-angle, stretched | noise |")
     print("|---|---|---|---|---|---|")
-    media = [(f"{spread} degrees", *gaussian(spread)[:2]) for spread in (10, 30, 60)] + [("g = 0.8", *henyey_greenstein(0.8))]
+    media = [(f"{spread} degrees", *gaussian(spread)[:2]) for spread in sized((10, 30, 60), ())]
+    media += [("g = 0.8", *henyey_greenstein(0.8))]
     for label, theta, phase in media:
         medium = build.prepare(theta, phase)
-        for albedo in (0.5, 0.9, 1.0):
+        for albedo in sized((0.5, 0.9, 1.0), (0.9,)):
             tables = build.transport_tables(medium, albedo, 8.0) | {"small_angle": build.small_angle_table(medium, albedo, 8.0)}
             kernel = named.Kernels(albedo, theta, phase, medium.planar.B, True, tables.__getitem__)
             for density in STACKS:
@@ -206,7 +209,8 @@ def pictures(count):
 
     from bakery.draw.style import INK, look, saved
 
-    albedos, spreads = (0.05, *np.arange(1, 10) / 10, 0.95, 1.0), (0.5, 1, 2, 3, 5, 10, 15, 20, 30, 45, 60, 75, 90)
+    albedos = sized((0.05, *np.arange(1, 10) / 10, 0.95, 1.0), (0.5, 0.9))
+    spreads = sized((0.5, 1, 2, 3, 5, 10, 15, 20, 30, 45, 60, 75, 90), (10, 30))
     for name, values, label, known in (
             ("beam_albedo", albedos, "albedo", {albedo: found for (spread, albedo), found in BEST_KNOWN.items() if spread == 30}),
             ("beam_spread", spreads, "spread of the phase function (degrees)",
@@ -243,17 +247,17 @@ def pictures(count):
             said = "spread 30°" if name == "beam_albedo" else "albedo 0.9"
             figure.suptitle(f"Kernels of narrow beams to 5 mean free paths, {said}", x=0.01, ha="left", fontsize=10.5,
                             fontweight="bold")
-            path = Path(__file__).resolve().parents[1] / "docs" / "pictures" / f"{name}.png"
+            path = docs() / "pictures" / f"{name}.png"
             path.write_bytes(saved(figure, ("png",))["png"])
         print(path)
 
 
-def speed(repeats=5):
+def speed(repeats=sized(5, 1), count=sized(1_000_000, 1000)):
     theta, phase, B = gaussian(30)
     medium = build.prepare(theta, phase)
     tables = build.transport_tables(medium, 0.9, 32)
     rng = np.random.default_rng(0)
-    z, r = rng.uniform(0.01, 32, 1_000_000), rng.uniform(0.001, 10, 1_000_000)
+    z, r = rng.uniform(0.01, 32, count), rng.uniform(0.001, 10, count)
     jobs = {"look-up of a value, ns": lambda: tables["flux"].kernel(z, r),
             "error-function kernel in NumPy, ns": lambda: kernels.erf_kernel(0.3, z, r)}
     print("\n| job | one core |\n|---|---|")
@@ -273,7 +277,7 @@ def _seconds(job):
 
 
 if __name__ == "__main__":
-    count = int(sys.argv[sys.argv.index("--photons") + 1]) if "--photons" in sys.argv else 200_000
+    count = int(sys.argv[sys.argv.index("--photons") + 1]) if "--photons" in sys.argv else sized(200_000, 3200)
     if "--pictures" in sys.argv:
         pictures(count)
         sys.exit()

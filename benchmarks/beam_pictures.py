@@ -20,9 +20,10 @@ from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.physics.beam import named, photons, single
 from bakery.stages.beam.view import kernels_of
 from bakery.store.tree import Group
+from benchmarks.sizes import sized
 
 _FARTHEST, _CELLS, _EVERY = 5.0, 50, 5  # mfp; planes, and rings, of a map; every fifth plane is one of errors
-_PHOTONS = 100_000
+_PHOTONS = sized(100_000, 3200)
 _HELD = 0.95  # of the forward light at the last plane within the rings
 _MOST = 8  # wavelengths whose errors are drawn
 _SEED = 11

@@ -16,6 +16,7 @@ from scipy.special import eval_legendre
 
 import bakery
 from benchmarks.claims import filled
+from benchmarks.sizes import docs, sized
 
 ROOT = Path(__file__).parents[1]
 FOLDER, PAGE = ROOT / "recipes" / "catalogue", ROOT / "docs" / "catalogue.md"
@@ -105,11 +106,12 @@ def main() -> None:
     texts = {kind: ["| recipe | material | figure | published | baked | off by | allowed |", "|---|---|---|---|---|---|---|"]
              for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
-        for name, about in published().items():
+        for name, about in list(published().items())[:sized(None, 3)]:
             kind = next(kind for kind, authors in KINDS.items() if about["source"].startswith(authors))
             texts[kind] += _rows(name, about, checked(bake(name, folder), about["checks"]))
             print(name, file=sys.stderr)
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), {kind: "\n".join(rows) for kind, rows in texts.items()}, PAGE.name),
+    page = docs() / PAGE.name
+    page.write_text(filled(PAGE.read_text(encoding="utf-8"), {kind: "\n".join(rows) for kind, rows in texts.items()}, PAGE.name),
                     encoding="utf-8")
 
 

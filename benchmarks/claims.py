@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from bakery.draw.style import look, saved
+from benchmarks.sizes import docs
 
 
 def filled(page, tables, name="goa-claims.md"):
@@ -46,7 +47,7 @@ def command(package, description, claims, name, settings=None):
     """
     parser = argparse.ArgumentParser(prog=f"python -m {package}", description=description)
     parser.add_argument("--only", nargs="+", choices=claims, default=list(claims), metavar="CLAIM", help=", ".join(claims))
-    parser.add_argument("--docs", type=Path, default=Path(__file__).resolve().parents[1] / "docs",
+    parser.add_argument("--docs", type=Path, default=docs(),
                         help=f"folder of {name} and pictures/")
     for setting, (kind, usual, what) in (settings or {}).items():
         parser.add_argument(f"--{setting}", type=kind, default=usual, help=f"{what}; {usual}")

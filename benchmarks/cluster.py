@@ -22,12 +22,15 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
+from benchmarks.sizes import sized
+
 HERE = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HERE))
 
+LOCAL = sized(8, 2)  # workers of `overhead`
 WAY = 0.007  # seconds from a message to its values besides its blocks: `overhead`
-WORKERS = [2**k for k in range(11)]
-RECIPES = ["fog", "fog:0.3%", "snow_storm", "cirrus"]
+WORKERS = [2**k for k in range(sized(11, 2))]
+RECIPES = sized(["fog", "fog:0.3%", "snow_storm", "cirrus"], ["haze"])
 
 
 @contextmanager
@@ -46,19 +49,19 @@ def overhead() -> None:
     """Prints what messages cost."""
     from bakery.run import dask, messages
 
-    with local(8) as found, dask.cluster(found.scheduler_address) as workers:
+    with local(LOCAL) as found, dask.cluster(found.scheduler_address) as workers:
         workers.map(time.sleep, [0.1] * 16)
-        for seconds, count in (1.0, 80), (0.1, 400):
+        for seconds, count in sized(((1.0, 80), (0.1, 400)), ((0.1, 16),)):
             workers._pace.clear()
             started = time.perf_counter()
             workers.map(time.sleep, [seconds] * count)
             taken = time.perf_counter() - started
-            over = 100 * (taken / (seconds * count / 8) - 1)
-            print(f"{count} blocks of {seconds} s on 8 workers: {over:.1f} % over their own time")
+            over = 100 * (taken / (seconds * count / LOCAL) - 1)
+            print(f"{count} blocks of {seconds} s on {LOCAL} workers: {over:.1f} % over their own time")
         dask.HERE, messages.AIM, messages.SPARE = 0.0, 0.0, 0.0  # a block a message
-        for count in 1, 1000:
+        for count in 1, sized(1000, 10):
             times = []
-            for _ in range(30 if count == 1 else 1):
+            for _ in range(sized(30, 2) if count == 1 else 1):
                 started = time.perf_counter()
                 workers.map(time.sleep, [0.0] * count)
                 times.append((time.perf_counter() - started) / count)
@@ -146,6 +149,7 @@ def speed(*recipes: str) -> None:
         print("| " + " | ".join(row) + " |")
 
 
+BETWEEN = sized(20.0, 3.0)  # s, of kills
 DROPS = """\
 bakery: 1
 name: s{k}
@@ -159,14 +163,14 @@ particles:
 """
 
 
-def killed(count: str = "8") -> None:
+def killed(count: str = sized("8", "2")) -> None:
     """Prints the time of recipes on 4 workers of which one is killed every 20 s, over that without."""
     from bakery.store.read import read
 
     with tempfile.TemporaryDirectory() as folder, local(4) as found:
         recipes = [Path(folder, f"s{k}.yaml") for k in range(int(count))]
         for k, recipe in enumerate(recipes):
-            recipe.write_text(DROPS.format(k=k, radius=15 + k))
+            recipe.write_text(DROPS.format(k=k, radius=sized(15, 1) + k))
         times, hashes = [], []
         _bake(recipes[:1], folder, found)  # workers load their kernels
         for deadly in False, True:
@@ -193,7 +197,7 @@ def _bake(recipes, folder, found) -> float:
 
 
 def _kill(found, stop: threading.Event, kills: list) -> None:
-    while not stop.wait(20.0):
+    while not stop.wait(BETWEEN):
         worker = list(found.workers.values())[len(kills) % 4]
         if worker.pid:
             os.kill(worker.pid, signal.SIGKILL)

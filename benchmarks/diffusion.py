@@ -29,13 +29,15 @@ import numpy as np
 from bakery.physics.granular.diffusion import decay
 from bakery.physics.medium.diffusion import JENSEN, exitance, improved
 from bakery.physics.shapes.radial import icosphere
+from benchmarks.sizes import sized
 from renderers.granular import medium
 from tests.physics.particles import Sky, camera
 from tests.physics.test_aggregate import CUBE
 from tests.physics.test_granular_medium import continuous
 from tests.physics.test_granular_render import COLOURS, NOTHING, passes
 
-SIZE, RADIUS = 64, 10.0
+SIZE, RADIUS = sized(64, 4), 10.0
+PASSES, WALKS = sized((24, 8, 4), (2, 2, 2)), sized(100_000, 1000)
 
 
 def ball(radius):
@@ -145,19 +147,22 @@ def main():
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     print("| body | albedo | g | radiance | off, % | error, % | from d_DA on, % | without, us | with, us | variance |")
     print("|---" * 10 + "|")
-    bodies = [("ball, 10", ball(10.0), albedo, g, 24) for g in (0.0, 0.65) for albedo in (1.0, 0.999, 0.99, 0.9)]
+    many, some, few = PASSES
+    bodies = [("ball, 10", ball(10.0), albedo, g, many) for g in (0.0, 0.65) for albedo in (1.0, 0.999, 0.99, 0.9)]
     flat = box([20.0, 20.0, 3.0])
-    bodies += [("box, 40 x 40 x 6", flat, albedo, g, 24) for albedo, g in ((1.0, 0.0), (0.99, 0.65), (0.9, 0.65))]
-    bodies += [("box, 2 x 2 x 2", box([1.0, 1.0, 1.0]), 1.0, 0.0, 4), ("ball, 200", ball(200.0), 1.0, 0.0, 8)]
+    bodies += [("box, 40 x 40 x 6", flat, albedo, g, many) for albedo, g in ((1.0, 0.0), (0.99, 0.65), (0.9, 0.65))]
+    bodies += [("box, 2 x 2 x 2", box([1.0, 1.0, 1.0]), 1.0, 0.0, few)]
+    bodies += sized([("ball, 200", ball(200.0), 1.0, 0.0, some)], [])
     for one in bodies:
         print("| " + row(*one) + " |", flush=True)
-    print("\nball, 200, lossless, light from everywhere: "
-          "{:.4f} +- {:.4f} without, {:.4f} +- {:.4f} with".format(*white(ball(200.0), 24)))
+    wide = sized(200.0, 5.0)
+    print(f"\nball, {wide:g}, lossless, light from everywhere: "
+          "{:.4f} +- {:.4f} without, {:.4f} +- {:.4f} with".format(*white(ball(wide), many)))
     print("\n| albedo | depth | gets out | height | spheres, % | height | appendix A, % | height | normalised, % | height |")
     print("|---" * 10 + "|")
     for albedo in (1.0, 0.99, 0.9):
         for depth in (2.0, 4.0):
-            print("| " + point_row(albedo, depth, 100_000) + " |", flush=True)
+            print("| " + point_row(albedo, depth, WALKS) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -22,12 +22,14 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np  # noqa: E402
 
+from benchmarks.sizes import sized  # noqa: E402
 from renderers import colour  # noqa: E402
 from renderers.discrete import methods  # noqa: E402
 from renderers.mitsuba.world import World  # noqa: E402
 from renderers.running import Render  # noqa: E402
 
-PASSES = 8
+PASSES = sized(8, 2)
+WIDTH, HEIGHT = sized((640, 480), (16, 12))
 METHODS = ("particles", "auto", "query", "explicit")
 # water in air: the sizes of drizzle, at a size parameter of some thousand; optical depth 1 along the box, whatever the number
 RECIPE = """bakery: 1
@@ -41,7 +43,7 @@ particles:
   components:
     - {{name: drops, material: water, size: {{distribution: lognormal, radius: {radius:g} um, sigma: 1.4}}}}
 discrete: {{count: {count}, box: [1 m, 1 m, 1 m], method: {method}}}
-"""
+""".replace("visible8", sized("visible8", "[0.55]"))
 SURFACES = """<scene version="3.0.0">
 <shape type="rectangle" id="lamp"><transform name="to_world"><scale value="0.3"/><rotate x="1" angle="180"/>
 <translate x="0.5" y="0.5" z="1.5"/></transform><emitter type="area"><rgb name="radiance" value="10"/></emitter></shape>
@@ -97,7 +99,7 @@ def cost(parts, which):
     return sum(np.sqrt(part[which].var(axis=0, ddof=1).mean() * part[2]) for part in parts) ** 2 / mean**2, mean
 
 
-def compare(folder, count, width=320, height=240):
+def compare(folder, count, width=WIDTH // 2, height=HEIGHT // 2):
     path = asset(folder, count)
     found = passes({(method, part.name): part for method in METHODS
                     for part in prepared(folder, path.name, method, width, height).parts})
@@ -116,7 +118,7 @@ def compare(folder, count, width=320, height=240):
 
 def first(folder, count, method, kind):
     path = asset(folder, count, kind)
-    where = scene(folder, path.name, method, 640, 480)
+    where = scene(folder, path.name, method, WIDTH, HEIGHT)
     begin = time.monotonic()
     command = [sys.executable, "-m", "bakery", "render", where, "--set", "stop.samples=2", "-o", folder / "first.png",
                "--overwrite"]
@@ -125,22 +127,22 @@ def first(folder, count, method, kind):
     if status:
         sys.exit("the picture could not be rendered")
     peak = used.ru_maxrss / 1e3
-    print(f"first picture of {count:.0e} {kind} particles, 640 x 480, method {method}: {time.monotonic() - begin:.1f} s, at most "
-          f"{peak:.0f} MB", flush=True)
+    print(f"first picture of {count:.0e} {kind} particles, {WIDTH} x {HEIGHT}, method {method}: {time.monotonic() - begin:.1f} "
+          f"s, at most {peak:.0f} MB", flush=True)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("particles", nargs="*", type=float, default=[1e5, 1e6])
+    parser.add_argument("particles", nargs="*", type=float, default=sized([1e5, 1e6], [1e5]))
     parser.add_argument("--first", action="store_true", help="first pictures alone")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         for count in () if asked.first else asked.particles:
             compare(folder, count)
-        first(folder, 1e6, "particles", "stored")
-        first(folder, 1e6, "auto", "stored")
-        first(folder, 1e9, "auto", "procedural")
+        first(folder, sized(1e6, 1e5), "particles", "stored")
+        first(folder, sized(1e6, 1e5), "auto", "stored")
+        first(folder, sized(1e9, 1e6), "auto", "procedural")
 
 
 if __name__ == "__main__":

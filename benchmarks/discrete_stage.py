@@ -24,8 +24,9 @@ from bakery.physics.sizes import Lognormal, Population  # noqa: E402
 from bakery.physics.sizes.distributions import Part  # noqa: E402
 from bakery.store.image import image  # noqa: E402
 from bakery.store.tree import Dataset, Group  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
-ROUNDS = 3
+ROUNDS = sized(3, 1)
 SIZES = Population((Part(Lognormal(5.0, 1.5), 1.0),))
 CUBE = realise.Region((1.0, 1.0, 1.0))
 
@@ -100,4 +101,4 @@ def main(number):
 
 
 if __name__ == "__main__":
-    main(int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**6)
+    main(int(float(sys.argv[1])) if len(sys.argv) > 1 else sized(10**6, 10**4))

@@ -28,7 +28,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-SIZE, FOV, HALF_LIGHT = 64, math.radians(60), 0.2  # pixels, of the square picture; m, at distance 1 m
+from benchmarks.sizes import sized
+
+SIZE, FOV, HALF_LIGHT = sized(64, 16), math.radians(60), 0.2  # pixels, of the square picture; m, at distance 1 m
 HALF_BOX = 6.0  # m, sideways
 TAUS = (1, 5, 10)
 SHARE = {1: 0.25, 5: 1.0, 10: 2.0}  # of the samples
@@ -49,7 +51,7 @@ def clear():
     return np.outer(covered, covered), np.linalg.norm(camera.points(SIZE, SIZE), axis=-1), camera.angle(SIZE, SIZE)
 
 
-def traced(asset, tau, samples, seed, per_pass=256):
+def traced(asset, tau, samples, seed, per_pass=sized(256, 4)):
     """Path tracing: the mean of `samples` a pixel, folded over the symmetries."""
     import mitsuba as mi
 
@@ -124,7 +126,7 @@ def errors(picture, halves, straight):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("asset")
-    parser.add_argument("--samples", type=int, default=8192, help="a pixel at density 5")
+    parser.add_argument("--samples", type=int, default=sized(8192, 8), help="a pixel at density 5")
     parser.add_argument("--reference", help="file of the path tracer's pictures, .npz")
     parser.add_argument("--pictures", help="file of a sheet, .png")
     options = parser.parse_args()

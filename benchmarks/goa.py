@@ -16,10 +16,13 @@ from peers import interleaved  # noqa: E402
 
 from bakery import goa  # noqa: E402
 from bakery.physics.mie import _kernels as mie  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))
 CORRECTIONS = {"floors + taper": dict(rainbow=False, axis=False, edge=None), "+ CFU + Bessel": dict(edge=None),
                "+ edge": dict(edge="narrow"), "+ wide edge": dict(edge="wide")}
+X = sized((500.0, 1000.0, 1500.0, 2000.0, 3000.0, 5000.0, 11424.0, 20000.0), (500.0, 1000.0))
+ROUNDS = sized((31, 7), (1, 1))  # of one sphere, of many
 
 
 def errors(found, exact, theta=THETA):
@@ -35,7 +38,7 @@ def exact_and_found(m, x, weight, theta, orders, options):
     return exact, found
 
 
-def speed(m=1.33, angles=1801, together=64):
+def speed(m=1.33, angles=sized(1801, 91), together=sized(64, 4)):
     theta = np.linspace(0, np.pi, angles)
     inner = theta[1:-1]
     for spheres, orders in ((1, 3), (together, 3), (together, 6)):
@@ -43,12 +46,12 @@ def speed(m=1.33, angles=1801, together=64):
               + ("one sphere" if spheres == 1 else f"average over {spheres} sizes within 20 %"))
         print("| x | mie, ms a sphere | goa, ms a sphere | ratio | rms log10 | L1 |\n|---|---|---|---|---|---|")
         crossing, last = None, None
-        for x in (500.0, 1000.0, 1500.0, 2000.0, 3000.0, 5000.0, 11424.0, 20000.0):
+        for x in X:
             sizes = np.array([x]) if spheres == 1 else np.linspace(0.8, 1.2, spheres) * x
             weight, out = np.ones(sizes.size), np.empty(theta.size)
             seconds = interleaved({
                 "mie": lambda: mie.intensity_block(complex(m), sizes, weight, theta, out),
-                "goa": lambda: goa.intensity_block(m, sizes, weight, theta, out, orders)}, 31 if spheres == 1 else 7)
+                "goa": lambda: goa.intensity_block(m, sizes, weight, theta, out, orders)}, ROUNDS[spheres > 1])
             exact, found = exact_and_found(m, sizes, weight, inner, orders, dict(edge="narrow"))
             log, part = errors(found, exact, inner)
             ratio = seconds["goa"] / seconds["mie"]
@@ -67,7 +70,7 @@ def accuracy(orders=6):
     y = np.linspace(-3, 3, 71) * np.log(1.3)
     share = np.exp(-0.5 * (y / np.log(1.3)) ** 2)
     for m in (1.33, 1.31, 1.5, 0.75, 1.5 + 0.001j):
-        for radius in (2.0, 10.0, 100.0, 1000.0):
+        for radius in sized((2.0, 10.0, 100.0, 1000.0), (10.0,)):
             x, cells = 2 * np.pi * radius / 0.6, []
             for options in CORRECTIONS.values():
                 each = [errors(*exact_and_found(m, np.array([v]), np.ones(1), THETA, orders, options)[::-1])

@@ -35,6 +35,7 @@ from bakery.physics.packing import pack  # noqa: E402
 from bakery.physics.packing.structure import fraction as filled  # noqa: E402
 from bakery.physics.shapes import build as shapes  # noqa: E402
 from bakery.physics.shapes.examples import EXAMPLES  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
 PUBLISHED = {("glass ball", 0.3): 120.3, ("glass ball", 0.63): 33.34, ("glass cube", 0.63): 37.88}  # good to 1 %
 HEAD = ("grains", "fraction", "N", "M", "published", "window", "drift, %", "lambda_t", "its theory", "chord, sigma from exact",
@@ -54,7 +55,7 @@ class Case:
 
 
 @cache
-def mesh_of(name, triangles=20_000):
+def mesh_of(name, triangles=sized(20_000, 320)):
     made = shapes.build(EXAMPLES.get(name, {"type": "box", "size": [1, 1, 1]}), triangles)
     return Mesh(made.vertices, made.faces)
 
@@ -147,7 +148,7 @@ def means_of(grain, tolerance):
 
 
 def row(case, tolerance, quick):
-    parts = [means_of(grain, 0.01 if quick else 0.001) for grain in case.grains]
+    parts = [means_of(grain, 0.01 if quick else sized(0.001, 0.1)) for grain in case.grains]
     f = filled(case.radii, case.cell)
     classes, number = np.unique(case.radii, return_counts=True)
     each = [(part, weight * n, radius) for part, weight in zip(parts, case.weights) for radius, n in zip(classes, number)]
@@ -180,7 +181,7 @@ def main():
     parser.add_argument("--quick", action="store_true", help="errors of 1 %% instead of 0.2 %%, tiles of 250 spheres")
     parser.add_argument("--count", type=int, help="spheres in a tile of the standard grains")
     options = parser.parse_args()
-    tolerance, count = (0.01, 250) if options.quick else (0.002, 1000)
+    tolerance, count = sized((0.01, 250), (0.2, 60)) if options.quick else sized((0.002, 1000), (0.2, 60))
     walk([[0, 0, 0]], [1], [2.1] * 3, [Grain(dielectric(1.5), mesh_of("cube"))], seed=0, tolerance=1)  # compiles
     cases = standard(options.count or count) if options.what is None else [
         of_asset(options.what) if options.what.endswith((".h5", ".hdf5")) else of_recipe(options.what)]

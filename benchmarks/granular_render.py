@@ -28,13 +28,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-SIZE, SAMPLES = (192, 256), 1  # of a round
+from benchmarks.sizes import sized
+
+SIZE, SAMPLES = sized((192, 256), (9, 12)), 1  # of a round
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 SCENE = """<scene version="3.0.0">
 <integrator type="path"><integer name="max_depth" value="-1"/><integer name="rr_depth" value="1000"/></integrator>
 <sensor type="perspective"><float name="fov" value="24"/><transform name="to_world">
   <lookat origin="{x}, {y}, {z}" target="0, 0, 0" up="0, 0, 1"/></transform>
-  <film type="hdrfilm"><integer name="width" value="256"/><integer name="height" value="192"/><rfilter type="box"/></film>
+  <film type="hdrfilm"><integer name="width" value="{width}"/><integer name="height" value="{height}"/>
+  <rfilter type="box"/></film>
 </sensor>
 <shape type="rectangle"><transform name="to_world"><scale value="{wide}"/><translate z="{floor}"/></transform>
   <bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.4 0.3"/></bsdf></shape>
@@ -120,7 +123,7 @@ def grain():
     """A stone of 20,480 triangles in the unit sphere."""
     from bakery.physics.shapes.radial import icosphere
 
-    vertices, faces = icosphere(20480)
+    vertices, faces = icosphere(sized(20480, 320))
     radius = 1 + 0.3 * np.sin(3 * vertices[:, 0] + 1) * np.cos(4 * vertices[:, 1]) * np.sin(2 * vertices[:, 2] + 0.5)
     vertices = vertices * radius[:, None]
     return vertices / np.linalg.norm(vertices, axis=1).max(), faces
@@ -128,7 +131,7 @@ def grain():
 
 def written(folder, name, edge, more):
     places = {"x": -1.6 * edge, "y": -2.6 * edge, "z": 1.5 * edge, "wide": 5 * edge, "floor": -edge / 2 - 1, "lamp": 2.5 * edge,
-              "high": 3 * edge}
+              "high": 3 * edge, "width": SIZE[1], "height": SIZE[0]}
     path = folder / f"{name}.xml"
     path.write_text(SCENE.format(**places).replace("MORE", more))
     return path
@@ -197,8 +200,8 @@ def trimmed(values):
     return values[: len(values) - len(values) // 1000].mean()
 
 
-SCENES = ("cube_of_beads", "snowman", "snowman_small", "sand_castle", "spices", "wet_beside_dry", "layers_of_sand",
-          "heap_of_sand")
+SCENES = sized(("cube_of_beads", "snowman", "snowman_small", "sand_castle", "spices", "wet_beside_dry", "layers_of_sand",
+          "heap_of_sand"), ("cube_of_beads",))
 METHODS = ("ept", "vpt", "ept+vpt", "ept+vpt+da", "auto", "teleport")
 
 
@@ -268,13 +271,13 @@ SECTIONS = {"explicit": explicit, "methods": methods}
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS))
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--grains", type=float, default=1e5)
+    parser.add_argument("--rounds", type=int, default=sized(3, 2))
+    parser.add_argument("--grains", type=float, default=sized(1e5, 100))
     parser.add_argument("--scenes", nargs="+", default=SCENES)
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
-    parser.add_argument("--width", type=int, default=160)
+    parser.add_argument("--width", type=int, default=sized(160, 8))
     parser.add_argument("--lamp", type=float, default=1.0)
-    parser.add_argument("--seconds", type=float, default=10)
+    parser.add_argument("--seconds", type=float, default=sized(10, 0.0))
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:

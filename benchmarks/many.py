@@ -17,6 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.sizes import sized
+
 HERE = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HERE))
 
@@ -60,7 +62,7 @@ def timed(recipes, folder: Path, *more: str) -> tuple[float, float]:
     return seconds, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def main(count: int = 200, every: int = 10) -> None:
+def main(count: int = sized(200, 2), every: int = sized(10, 1)) -> None:
     from bakery.store.read import read
 
     with tempfile.TemporaryDirectory() as folder:

@@ -26,10 +26,12 @@ from bakery.physics.shapes import build as shapes  # noqa: E402
 from bakery.physics.shapes import files  # noqa: E402
 from bakery.physics.shapes.examples import EXAMPLES  # noqa: E402
 from bakery.physics.shapes.quality import volume  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
 PLY = (b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\nelement face %d\n"
        b"property list uchar int vertex_indices\nend_header\n")
 LIMIT, SECONDS = 4 << 30, 60  # of a child
+MANY, LONG, OFTEN = sized((200_000, 16 << 20, 100), (2_000, 1 << 14, 2))  # triangles, bytes of hostile files, torn grains
 
 
 def main(parts):
@@ -70,7 +72,7 @@ def read():
     """a rock of 200,000 triangles: seconds and MB of memory beside the file's"""
     import trimesh
 
-    mesh = trimesh.Trimesh(*(lambda g: (g.vertices, g.faces))(shapes.rock(seed=1, triangles=200_000)), process=False)
+    mesh = trimesh.Trimesh(*(lambda g: (g.vertices, g.faces))(shapes.rock(seed=1, triangles=MANY)), process=False)
     data = {kind: mesh.export(file_type=kind) for kind in ("ply", "obj", "stl", "off")}
     data |= {"ply text": trimesh.exchange.ply.export_ply(mesh, encoding="ascii"),
              "stl text": trimesh.exchange.stl.export_stl_ascii(mesh)}
@@ -85,7 +87,7 @@ def read():
         print(f"  {name:9s} {len(content) / 1e6:5.1f} MB   " + "   ".join(row))
 
 
-def hostile_files(size=16 << 20):
+def hostile_files(size=LONG):
     """Name -> kind, content, and the volume that it encloses, or None where an error is right."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
     mixed = PLY % (b"binary_little_endian", 5, 5) + np.vstack([corners, [[1, 1, 0]]]).astype("<f4").tobytes()
@@ -148,8 +150,8 @@ def fewer():
         return meshes.current_mesh().vertex_matrix(), meshes.current_mesh().face_matrix()
 
     for name in ("snow", "gravel"):
-        grain = shapes.build(EXAMPLES[name], 200_000)
-        for target in (20_000, 1_300):
+        grain = shapes.build(EXAMPLES[name], MANY)
+        for target in sized((20_000, 1_300), (200,)):
             for program, job in {"ours": simplified, **({"pymeshlab": theirs} if pymeshlab else {})}.items():
                 seconds, (v, f) = timed(lambda: job(np.array(grain.vertices), np.array(grain.faces), target), 1)
                 crossing = len(self_crossings(tree(v, f), 1000))
@@ -174,7 +176,7 @@ def torn():
     }
     for name, fault in faults.items():
         sound = {"as they are": 0, "repaired": 0}
-        for _ in range(100):
+        for _ in range(OFTEN):
             broken = fault(grain.vertices, grain.faces)
             for how in sound:
                 try:
@@ -183,7 +185,7 @@ def torn():
                 except ValueError:  # which says why: not asked here
                     continue
         print(f"  {name:32s} " + "   ".join(f"{how} {count}" for how, count in sound.items()))
-    grain = shapes.rock(seed=1, triangles=200_000)
+    grain = shapes.rock(seed=1, triangles=MANY)
     soup = grain.vertices[grain.faces].reshape(-1, 3)
     seconds = [timed(lambda: job(soup, np.arange(len(soup)).reshape(-1, 3)), 1)[0] for job in (mended, repaired)]
     print(f"  200,000 triangles as a soup: judged in {seconds[0]:.1f} s, repaired in {seconds[1]:.1f} s")

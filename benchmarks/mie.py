@@ -18,6 +18,7 @@ import numpy as np  # noqa: E402
 from peers import interleaved, optional  # noqa: E402
 
 from bakery.physics.mie import amplitudes, efficiencies  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
 
 def row(job, peer, seconds, reach, limit):
@@ -27,21 +28,21 @@ def row(job, peer, seconds, reach, limit):
 
 def speed(miepython, lxmie):
     print("| job | peer | peer, ms | bakery, ms | ratio | reach | limit |\n|---|---|---|---|---|---|---|")
-    x = np.linspace(0.1, 1000, 10_000)
+    x = np.linspace(0.1, 1000, sized(10_000, 20))
     jobs = {"bakery": lambda: efficiencies(1.33, x)}
     if miepython:
         jobs["miepython"] = lambda: miepython.efficiencies_mx(1.33, x)
-        row("efficiencies, 10,000 x in 0.1..1000, m = 1.33", "miepython", interleaved(jobs, 7), 0.5, 0.03)
+        row("efficiencies, 10,000 x in 0.1..1000, m = 1.33", "miepython", interleaved(jobs, sized(7, 1)), 0.5, 0.03)
     if not lxmie:
         return
-    radii, theta = np.linspace(1, 1000, 100), np.linspace(0, np.pi, 1000)
+    radii, theta = np.linspace(1, 1000, sized(100, 2)), np.linspace(0, np.pi, sized(1000, 10))
     n, k, x_list, mu = [1.33] * 100, [0.0] * 100, list(radii), list(np.cos(theta))
     row("S1, S2 at 1000 angles, 100 radii, x 1..1000", "lxmie", interleaved({
         "bakery": lambda: amplitudes(1.33, radii, theta),
         "lxmie": lambda: lxmie.mie_amplitudes(n, k, x_list, mu)}, 5), 0.08, 0.01)
     theta = np.linspace(0, np.pi, 1801)
     mu = list(np.cos(theta))
-    for size, rounds in ((20_000.0, 5), (200_000.0, 3)):
+    for size, rounds in sized(((20_000.0, 5), (200_000.0, 3)), ((2000.0, 1),)):
         row(f"S1, S2 at 1801 angles, x = {size:,.0f}", "lxmie", interleaved({
             "bakery": lambda size=size: amplitudes(1.33, size, theta),
             "lxmie": lambda size=size: lxmie.mie_amplitudes(1.33, 0.0, size, mu)}, rounds), 0.05, 0.005)

@@ -17,13 +17,17 @@ import numpy as np
 
 from bakery.physics.medium import analytic
 from bakery.physics.multiple import fourier, legendre, photons, point, segment, solution
+from benchmarks.sizes import sized
 
 # name, albedo of three colours, g, published seconds (segment + point)
 MATERIALS = (("B.S.", (0.955, 0.677, 0.457), 0.9, 20), ("wax", (0.980, 0.962, 0.750), 0.8, 30),
              ("milk", (0.999, 0.999, 0.999), 0.7, 30), ("skin", (0.958, 0.838, 0.678), 0.0, 17),
              ("marble", (0.999, 0.998, 0.997), 0.0, 30))
 LENGTH = 2.0
-NODES, ANGLES, LOBE = 81, 49, (64, 25)
+# albedo, g, length of the segment
+COUNTED = sized(((0.9, 0.0, None), (0.9, 0.7, None), (0.95, 0.9, None), (0.5, -0.5, None), (0.9, 0.7, 2.0), (0.8, 0.3, 0.5)),
+                ((0.9, 0.0, None), (0.8, 0.3, 0.5)))
+NODES, ANGLES, LOBE = sized((81, 49, (64, 25)), (5, 5, (8, 5)))
 
 
 def nodes():
@@ -41,14 +45,14 @@ def seconds(function, *arguments, **options):
     return function(*arguments, **options), time.process_time() - start
 
 
-def tables(repeats=3):
+def tables(repeats=sized(3, 1)):
     at, beside, directions = nodes()
     print(f"Lobes of {LOBE[0]} x {LOBE[1]} directions at {NODES} x {ANGLES} nodes of both tables, one core, processor seconds a "
           f"colour (best of {repeats})\n")
     print("| material | g | orders | solve | point table | segment table | three colours | on 2 cores | published, 40 cores | "
           "smallest value |")
     print("|" + "---|" * 10)
-    for name, albedos, g, published in MATERIALS:
+    for name, albedos, g, published in sized(MATERIALS, MATERIALS[3:]):
         p = legendre.henyey_greenstein(g, 150)
         order = legendre.order_needed(p, solution.TOLERANCE)
         best = np.full(3, np.inf)
@@ -75,7 +79,7 @@ def errors():
     print("\n| albedo | g | orders | true error at r = 0.1, in front .. behind (0.2, 1.6, 3 rad) | r = 1 | r = 5 | "
           "estimate at r = 1 |\n|" + "---|" * 7)
     angle = np.array([0.2, 1.6, 3.0])
-    for albedo, g in ((0.99, 0.3), (0.95, 0.7), (0.97, 0.8), (0.93, 0.9), (0.9, -0.8)):
+    for albedo, g in sized(((0.99, 0.3), (0.95, 0.7), (0.97, 0.8), (0.93, 0.9), (0.9, -0.8)), ((0.99, 0.3),)):
         solved = solution.solve(albedo, legendre.henyey_greenstein(g, 150))
         order = solved.medium.order
         better = fourier.propagator(albedo, legendre.henyey_greenstein(g, min(2 * order, 120)))
@@ -91,13 +95,12 @@ def errors():
         print(f"| {albedo} | {g} | {order} | " + " | ".join(texts) + " |", flush=True)
 
 
-def by_photons(count=200_000):
+def by_photons(count=sized(200_000, 3200)):
     rho, z = np.array([0.3, 1.0, 2.0, 4.0, 8.0]), np.array([-4.0, -1.0, 0.5, 1.5, 3.0, 6.0, 10.0])
     directions = np.radians([[0, 0], [45, 0], [90, 0], [90, 180], [180, 0], [60, 90]])
     print(f"\n| source | albedo | g | {count} photons, s | median error of a cell and direction | mean square deviation from the "
           "solver, in standard errors | largest |\n|" + "---|" * 7)
-    for albedo, g, length in ((0.9, 0.0, None), (0.9, 0.7, None), (0.95, 0.9, None), (0.5, -0.5, None), (0.9, 0.7, 2.0),
-                              (0.8, 0.3, 0.5)):
+    for albedo, g, length in COUNTED:
         theta, table, _, _ = analytic.tabulated("isotropic" if g == 0 else "hg", 1e-4, 1, g=[g])
         p = legendre.moments(theta, table[0], 100)
         medium = fourier.propagator(albedo, p[:max(legendre.order_needed(p) or 0, 1) + 1])

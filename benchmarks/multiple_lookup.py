@@ -25,9 +25,11 @@ from bakery.errors import UsageError  # noqa: E402
 from bakery.physics.multiple import _look, build, frame, legendre, locate, lookup, queries, solution  # noqa: E402
 from bakery.physics.multiple.kinds import KINDS  # noqa: E402
 from bakery.system import llvm  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
-MEDIA = ((0.7, 0.95), (0.9, 0.93))
-COUNT, LINES, WIDE = 300_000, 4_000, 32_768  # look-ups, queries, and those of Dr.Jit, which gives a core no fewer than 16384
+MEDIA = sized(((0.7, 0.95), (0.9, 0.93)), ((0.3, 0.9), (0.5, 0.9)))
+# look-ups, queries, and those of Dr.Jit, which gives a core no fewer than 16384
+COUNT, LINES, WIDE = sized((300_000, 4_000, 32_768), (500, 20, 32))
 
 
 def shortest(jobs, rounds, clock=time.process_time):

@@ -24,14 +24,17 @@ from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.multiple.pictures import Shown as Drawn
 from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Dataset, Group
+from benchmarks.sizes import sized
 
 _LEAST_STEP, _RATIO = 0.05, 1.5  # edge of the first cell of photons, mfp, and from one to the next
 _REACH = 30.0  # mfp that photons are counted to
-_EVENTS, _FEWEST, _MOST = 8e6, 4096, 150_000  # of photons: scattering events in all, fewest and most of them
+# of photons: scattering events in all, fewest and most of them
+_EVENTS, _FEWEST, _MOST = sized((8e6, 4096, 150_000), (1e4, 1024, 1024))
 _RIM = 40.0  # times the outermost cell: where photons are dropped if nothing is absorbed
 _SHIFT = 3  # cells from 45 degrees to the lines ahead and behind
 _LOST = 0.15  # relative standard error of photons above which a point says nothing
-_MAP, _FEW, _DEAR = (25, 37), (15, 23), 64  # positions of the error map; where more orders were solved
+# positions of the error map; where more orders were solved
+_MAP, _FEW, _DEAR = sized(((25, 37), (15, 23), 64), ((5, 7), (5, 7), 64))
 _NEAR = 0.05  # mfp from the ends of the source, nearer than which the tables count errors in proportion
 _ORDERS = 128  # most that a recipe may ask for
 _SEED = 7

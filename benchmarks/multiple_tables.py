@@ -25,9 +25,11 @@ from peers import interleaved  # noqa: E402
 
 from bakery.physics.multiple import build, frame, legendre, locate, lookup, point, segment, solution  # noqa: E402
 from bakery.physics.multiple.kinds import KINDS  # noqa: E402
+from benchmarks.sizes import docs, sized  # noqa: E402
 
-MEDIA = ((0.3, 0.99), (0.7, 0.95), (0.85, 0.97), (0.9, 0.93))
-TOLERANCES, CELLS = (1e-2, 4e-3, 2e-3), (1000, 3000)
+MEDIA = sized(((0.3, 0.99), (0.7, 0.95), (0.85, 0.97), (0.9, 0.93)), ((0.3, 0.99), (0.5, 0.95)))
+TOLERANCES, CELLS = sized(((1e-2, 4e-3, 2e-3), (1000, 3000)), ((1e-2,), (600,)))
+GRIDS = sized(((4e-3, 6), (2e-3, 6), (1e-3, 6), (0.0, 4), (0.0, 5), (0.0, 6)), ((4e-3, 5), (0.0, 4)))  # tolerance, finest level
 ANGLES, SIDE, ROOT = 18, 32.0, 16  # samples of a lobe; the plane is SIDE x 2 SIDE, ROOT x 2 ROOT cells at first
 THETA = (np.arange(ANGLES) + 0.5) * math.pi / ANGLES
 
@@ -215,7 +217,7 @@ def draw(curves):
     from matplotlib import pyplot
 
     figure, panels = pyplot.subplots(1, 2, figsize=(10, 4.4), sharey=True, sharex=True, layout="constrained")
-    colours = dict(zip((g for g, _ in MEDIA), ("#0072b2", "#009e73", "#e69f00", "#d55e00"), strict=True))
+    colours = dict(zip((g for g, _ in MEDIA), ("#0072b2", "#009e73", "#e69f00", "#d55e00"), strict=False))
     for kind, panel in enumerate(panels):
         for (g, of), (ours, theirs) in curves.items():
             if of == kind:
@@ -229,7 +231,7 @@ def draw(curves):
     panels[1].plot([], [], "ko-", label="tables")
     panels[1].plot([], [], "ks--", markerfacecolor="white", label="axial / asymmetric lobes")
     panels[1].legend(fontsize=8, loc="upper left")
-    path = HERE.parent / "docs" / "pictures" / "multiple_error_bytes.png"
+    path = docs() / "pictures" / "multiple_error_bytes.png"
     figure.savefig(path, dpi=110)
     print(f"\n{path}")
 
@@ -242,13 +244,13 @@ def tree():
         for kind in (0, 1):
             rho, z = _places(kind)
             row = []
-            for tolerance, finest in ((4e-3, 6), (2e-3, 6), (1e-3, 6), (0.0, 4), (0.0, 5), (0.0, 6)):
+            for tolerance, finest in GRIDS:
                 t = build.table(s, kind, extent=32.0, tolerance=tolerance, finest=finest, most=23)
                 row.append(f"{len(t.corner)}, {_rms(build.errors(t, s.medium, rho, z)):.3f} %")
             print(f"| {g:g}, {albedo:g} | {KINDS[kind]} | " + " | ".join(row) + " |", flush=True)
 
 
-def time(count=300_000):
+def time(count=sized(300_000, 500)):
     """One look-up on one core, places and directions without order."""
     print("\n| g, albedo | source | ours, ns | lobes, ns | ratio |\n|---|---|---|---|---|")
     random = np.random.default_rng(1)
@@ -259,7 +261,7 @@ def time(count=300_000):
     for g, albedo in MEDIA[1::2]:
         s = solved(g, albedo)
         ready = [lookup.ready(build.table(s, kind, extent=32.0)) for kind in (0, 1)]
-        lobes = [Lobes(s.medium, kind, 1200) for kind in (0, 1)]
+        lobes = [Lobes(s.medium, kind, sized(1200, 600)) for kind in (0, 1)]
         looks = ((lambda: lookup.point(ready[0], rho, z, theta, phi)), (lambda: lookup.segment(*ready, rho, z, theta, phi)))
         for kind in (0, 1):
             seconds = interleaved({"ours": looks[kind], "lobes": lambda: lobes[kind].look(rho, z, x, y, along)}, 15)

@@ -20,8 +20,9 @@ from peers import optional  # noqa: E402
 from bakery.physics.packing import SCHEDULES, _kernels, dynamics, pack, predicted, structure  # noqa: E402
 from bakery.physics.packing.ceiling import limit  # noqa: E402
 from bakery.physics.packing.radii import lognormal, species  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
-ROUNDS = 3
+ROUNDS = sized(3, 1)
 JOBS = (("to 0.63", 0.63, 0.02, 1.0, "preview"), ("to 0.64", 0.64, 0.01, 1.0, "final"),
         ("log-normal, sigma 0.3, to 0.63", 0.63, 0.02, np.exp(0.3), "preview"))
 
@@ -43,7 +44,7 @@ def against_the_peer(peer):
           "smallest gap |\n|" + "---|" * 10)
     pack(0.6, np.ones(50), seed=0)  # compiles
     for name, fraction, growth, sigma, schedule in JOBS:
-        for count in (1000, 4000):
+        for count in sized((1000, 4000), (60,)):
             radii = lognormal(sigma, count) if sigma > 1 else np.ones(count)
             theirs, ours = [(np.nan,) * 5], []
             for seed in range(ROUNDS):
@@ -62,7 +63,8 @@ def against_the_peer(peer):
                   f"{them[4]:.1g} / {us[4]:.1g} |", flush=True)
 
 
-def rate(fractions=(0.5, 0.6), counts=(100, 1000, 10_000, 100_000), pieces=30, events=40_000):
+def rate(fractions=(0.5, 0.6), counts=sized((100, 1000, 10_000, 100_000), (100,)), pieces=sized(30, 2),
+         events=sized(40_000, 1000)):
     """Best and median time of a collision over short pieces, all numbers of spheres in turn."""
     print("\n| fraction | N | ns a collision, best | median | collisions/s | events/s |\n|---|---|---|---|---|---|")
     for fraction in fractions:
@@ -89,7 +91,7 @@ def rate(fractions=(0.5, 0.6), counts=(100, 1000, 10_000, 100_000), pieces=30, e
                   f"{1 / median(s[1] for s in seconds):.3g} |", flush=True)
 
 
-def jamming(count=1000, seeds=3):
+def jamming(count=sized(1000, 150), seeds=sized(3, 1)):
     """Fraction at infinite pressure, from f/(1 - 3/Z) at Z >= 3000, of the schedules and of sizes grown with `final`."""
 
     def jam(radii, growth, fraction, seed):

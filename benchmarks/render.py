@@ -14,6 +14,8 @@ import types
 
 import numpy as np
 
+from benchmarks.sizes import sized
+
 G = 0.8
 
 
@@ -43,11 +45,10 @@ def scene(mi, phase, width):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--variant", default="llvm_ad_mono")
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--repeats", type=int, default=sized(5, 1))
     options = parser.parse_args()
+    from renderers.mitsuba import tables, variants  # isort: skip  # before mitsuba: finds LLVM for it
     import mitsuba as mi
-
-    from renderers.mitsuba import tables, variants
 
     variants.activate("mono", options.variant)
     tables.load = lambda path: tables.tables_from(asset(3 if path.endswith("3") else 1))
@@ -57,7 +58,7 @@ def main():
               "bakedphase, 1 table": {"type": "bakedphase", "filename": "tables1"}}
     if mi.is_rgb:
         phases["bakedphase, 3 tables"] = {"type": "bakedphase", "filename": "tables3"}
-    width, samples = (24, 4) if options.variant.startswith("scalar") else (128, 64)
+    width, samples = (24, 4) if options.variant.startswith("scalar") else sized((128, 64), (8, 2))
     scenes = {name: scene(mi, phase, width) for name, phase in phases.items()}
     seconds = {name: [] for name in scenes}
     for repeat in range(options.repeats + 1):  # the first compiles

@@ -19,6 +19,7 @@ import numpy as np
 from bakery.run import execute, prepare
 from bakery.run.cache import Cache
 from benchmarks import planned
+from benchmarks.sizes import sized
 from renderers import requirements
 from renderers import scene as scenes
 
@@ -72,12 +73,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", help="names of shipped scenes; all of them if none")
     parser.add_argument("--pictures", action="store_true")
-    parser.add_argument("--finer", type=float, default=planned.FINER, help="times that tolerances are finer, with --pictures")
-    parser.add_argument("--samples", type=int, default=8, help="a pixel and seed")
-    parser.add_argument("--width", type=int, default=32)
+    parser.add_argument("--finer", type=float, default=sized(planned.FINER, 2),
+                        help="times that tolerances are finer, with --pictures")
+    parser.add_argument("--samples", type=int, default=sized(8, 1), help="a pixel and seed")
+    parser.add_argument("--width", type=int, default=sized(32, 8))
     parser.add_argument("--block", type=int, default=4)
     options = parser.parse_args()
-    names = options.scenes or sorted(path.stem for path in SCENES.glob("*.yaml"))
+    names = options.scenes or sized(sorted(path.stem for path in SCENES.glob("*.yaml")), ["candle"])
     ratios = []
     print("| scene | asking, s | planned, s | whole, s | ratio |\n|---|---|---|---|---|")
     for name in names:

@@ -27,8 +27,9 @@ from bakery.physics.grains.scatterometer import FIGURES, measure  # noqa: E402
 from bakery.physics.grains.sphere import ball  # noqa: E402
 from bakery.physics.grains.surface import conductor, dielectric, diffuse  # noqa: E402
 from bakery.physics.grains.walk import LEFT, Walker  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
-WALKS, ROUNDS, INDEX = 1_000_000, 3, 1.5
+WALKS, ROUNDS, INDEX = sized((1_000_000, 3, 1.5), (1000, 1, 1.5))
 
 
 def sphere_mesh(n):
@@ -177,7 +178,7 @@ def speed():
 
 def grids():
     print("\n| triangles | grid, s | MB |\n|---|---|---|")
-    for n in (4, 32, 100, 316):
+    for n in sized((4, 32, 100, 316), (4,)):
         vertices, faces = rock(n)
         seconds = []
         for _ in range(3):
@@ -194,9 +195,9 @@ def shown(found, name, digits=4):
 
 def defaults():
     print("\n| grain, tolerance | s, one core | paths | " + " | ".join(FIGURES) + " |\n|" + "---|" * (3 + len(FIGURES)))
-    mesh = Mesh(*rock(100))
+    mesh = Mesh(*rock(sized(100, 8)))
     measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # lays the grid
-    jobs = (("glass", dielectric(1.5), 0.005), ("glass", dielectric(1.5), 0.001), ("white", diffuse(1.0), 0.005))
+    jobs = (("glass", dielectric(1.5), 0.005), ("glass", dielectric(1.5), sized(0.001, 0.005)), ("white", diffuse(1.0), 0.005))
     for name, surface, tolerance in jobs:
         begin = time.perf_counter()
         found = measure(mesh, surface, seed=1, tolerance=tolerance)
@@ -210,16 +211,16 @@ def accuracy():
     cube = Mesh(corners, [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6),
                           (0, 6, 4), (1, 5, 7), (1, 7, 3)])
     print("| glass cube | lambda_delta | lambda_s | g | mean_square | inner_path |\n|" + "---|" * 6)
-    found = measure(cube, dielectric(1.5), seed=1, tolerance=3e-4)
+    found = measure(cube, dielectric(1.5), seed=1, tolerance=sized(3e-4, 0.01))
     names = ("lambda_delta", "lambda_s", "g", "mean_square", "inner_path")
     print(f"| {found.paths} paths | " + " | ".join(shown(found, name, 5) for name in names) + " |")
     print("\n| roughness | albedo of a glass cube without absorption | of a mirror cube |\n|---|---|---|")
-    for roughness in (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0):
+    for roughness in sized((0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0), (0.1,)):
         a, b = (measure(cube, s, seed=1).albedo[0] for s in (dielectric(1.5, roughness), conductor(np.inf, roughness)))
         print(f"| {roughness} | {a:.3f} | {b:.3f} |")
     exact = ball(dielectric(1.5))
     print("\n| facets of a glass ball | lambda_s | g | inner_path |\n|---|---|---|---|")
-    for n in (2, 8, 32):
+    for n in sized((2, 8, 32), (2,)):
         found = measure(Mesh(*sphere_mesh(n)), dielectric(1.5), seed=1, tolerance=0.002)
         print(f"| {20 * n * n} | " + " | ".join(shown(found, name) for name in ("lambda_s", "g", "inner_path")) + " |")
     print(f"| smooth, exact | {exact.lambda_s[0]:.4f} | {exact.g[0]:.4f} | {exact.inner_path[0]:.3f} |")

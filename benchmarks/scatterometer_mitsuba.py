@@ -26,8 +26,9 @@ from bakery.physics.grains.mitsuba_walk import MitsubaWalker, _modules  # noqa: 
 from bakery.physics.grains.points import points, scrambled  # noqa: E402
 from bakery.physics.grains.surface import conductor, dielectric, diffuse  # noqa: E402
 from bakery.physics.grains.walk import CONTRADICTED, Walker  # noqa: E402
+from benchmarks.sizes import sized  # noqa: E402
 
-ROUNDS, BLOCK = 3, 8192
+ROUNDS, BLOCK = sized(3, 1), 8192
 SURFACES = {"glass": dielectric(1.5), "rough glass": dielectric(1.5, 0.2), "white": diffuse(1.0),
             "copper": conductor([0.27 + 3.41j, 1.03 + 2.59j, 1.25 + 2.48j], 0.3)}
 TABLE, SHIFT = scrambled(np.random.default_rng(0))
@@ -48,7 +49,7 @@ def speed(paths):
     dr = _modules()[1]
     print("| triangles | surface | threads | numba, s | Mitsuba, s | ratio | compiling, s | meetings a path: numba | Mitsuba | "
           "contradicted |\n|" + "---|" * 10)
-    for n in (32, 100):
+    for n in sized((32, 100), (4,)):
         vertices, faces = rock(n)
         mesh = Mesh(vertices, faces)
         for name, surface in SURFACES.items():
@@ -80,7 +81,7 @@ def rates(paths):
     mi = _modules()[0]
     load = mi.load_dict
     print("| triangles | robust | off the surface, R | contradicted |\n|---|---|---|---|")
-    for n in (32, 100):
+    for n in sized((32, 100), (4,)):
         vertices, faces = rock(n)
         for robust in (True, False):
             engine._SCENES.clear()
@@ -94,4 +95,4 @@ def rates(paths):
 
 if __name__ == "__main__":
     asked = [int(float(word)) for word in sys.argv[1:] if not word.startswith("--")]
-    (rates if "--rates" in sys.argv else speed)(asked[0] if asked else 1_000_000)
+    (rates if "--rates" in sys.argv else speed)(asked[0] if asked else sized(1_000_000, 2000))

@@ -18,10 +18,11 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HERE))
 
+from benchmarks.sizes import sized  # noqa: E402
 from tests.robustness.objects import Server, environment  # noqa: E402
 
-RECIPES = "milk", "fog", "cirrus", "snow_storm", "bumpy_sphere"
-TIMES = 3
+RECIPES = sized(("milk", "fog", "cirrus", "snow_storm", "bumpy_sphere"), ("haze",))
+TIMES = sized(3, 1)
 
 
 def bake(recipe: str, home: Path, address: str, endpoint: str) -> tuple[float, float]:

@@ -25,11 +25,12 @@ from bakery.physics.grains import surface
 from bakery.physics.granular import packed
 from bakery.physics.packing import pack
 from bakery.physics.shapes.build import build
+from benchmarks.sizes import sized
 
-DENSE, COUNT = 0.6, 1000
-FRACTIONS = 0.6, 0.45, 0.3, 0.15
+DENSE, COUNT = 0.6, sized(1000, 100)
+FRACTIONS = sized((0.6, 0.45, 0.3, 0.15), (0.6, 0.3))
 WAYS = 2.0, 5.0, 10.0
-LINES = 400_000
+LINES = sized(400_000, 1000)
 # of recipes/sand.yaml
 ROCK = {"type": "rock", "seed": 3, "axes": [1, 0.8, 0.65], "corners": 45, "sharpness": 24, "roughness": 0.05}
 
@@ -79,7 +80,7 @@ def tiles():
 
 
 def main():
-    rock = build(ROCK, 1300)
+    rock = build(ROCK, sized(1300, 320))
     grains = {"glass ball": packed.Grain(surface.dielectric(1.5)), "matt ball": packed.Grain(surface.diffuse(1.0)),
               "quartz rock": packed.Grain(surface.dielectric(1.54), kernels.Mesh(rock.vertices, rock.faces))}
     print("| fraction | | <z^2>/(2 <z>^2) | free for 2 R | 5 R | 10 R |\n|---|---|---|---|---|---|")
@@ -91,7 +92,7 @@ def main():
         moment, left = void.mean() / (4 / 3 * (1 - f) / f), [f"{np.mean(free > way):.4f}" for way in WAYS]
         print("|", " | ".join([str(f), how, f"{moment:.3f}", *left]), "|", flush=True)
         for name, grain in grains.items():
-            walks = packed.walk(*tile, [grain], seed=1, tolerance=0.005, hits=1 << 22)
+            walks = packed.walk(*tile, [grain], seed=1, tolerance=sized(0.005, 0.2), hits=sized(1 << 22, 1 << 14))
             factor = np.sqrt(walks.mean_square_rte / walks.mean_square_displacement)
             rows.append((name, f, how, factor, walks.achieved_error * factor))
     print("\n| grain | fraction | | sigma_t of the walk over that of Eq. 4 |\n|---|---|---|---|")

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from bakery.cli.methods import curves
 from bakery.trade import methods
+from benchmarks.sizes import sized
 
 SCENES = ("candle", "cube_of_beads", "beads_in_box", "bumpy_ball", "lamp_in_dust", "heap_of_sand", "glass_of_milk",
           "snow_at_night", "wet_beside_dry", "soap_and_lamp", "bust")
@@ -50,10 +51,10 @@ def judged(short: dict, full: dict, tolerance: float) -> dict | None:
 def main() -> None:
     """Prints a row a scene and tolerance, and how often the advice held."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=SCENES)
-    parser.add_argument("--budget", type=float, default=1.0, help="minutes of the measurement that is judged")
-    parser.add_argument("--full", type=float, default=3.0, help="minutes of the longer one")
-    parser.add_argument("--width", type=int, default=32)
+    parser.add_argument("scenes", nargs="*", default=sized(SCENES, SCENES[:1]))
+    parser.add_argument("--budget", type=float, default=sized(1.0, 0.1), help="minutes of the measurement that is judged")
+    parser.add_argument("--full", type=float, default=sized(3.0, 0.1), help="minutes of the longer one")
+    parser.add_argument("--width", type=int, default=sized(32, 8))
     asked = parser.parse_args()
     folder = ROOT / "build" / "trade_scenes"
     folder.mkdir(parents=True, exist_ok=True)

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.sizes import sized
 from renderers import scene as scenes
 from renderers.mitsuba.world import World
 from renderers.running import Render
@@ -124,11 +125,11 @@ class Run:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", default=["bumpy_ball", "candle"])
+    parser.add_argument("--scenes", nargs="+", default=sized(["bumpy_ball", "candle"], ["candle"]))
     parser.add_argument("--methods", nargs="+", default=METHODS)
-    parser.add_argument("--width", type=int, default=128)
-    parser.add_argument("--seconds", type=float, default=60)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--width", type=int, default=sized(128, 8))
+    parser.add_argument("--seconds", type=float, default=sized(60, 0.0))
+    parser.add_argument("--rounds", type=int, default=sized(3, 1))
     parser.add_argument("--folder", type=Path, default=Path("build/translucent"))
     args = parser.parse_args()
     args.folder.mkdir(parents=True, exist_ok=True)

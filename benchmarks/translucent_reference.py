@@ -25,6 +25,7 @@ from ruamel.yaml import YAML
 
 import bakery
 import renderers.mitsuba  # noqa: F401
+from benchmarks.sizes import sized
 from renderers import images
 from renderers.mitsuba import passes, variants
 
@@ -184,7 +185,7 @@ def table(scenes, args):
               f"{100 * relative:.2f} % | {samples} | {seconds:.0f} | {seconds * (relative / 0.01) ** 2:.2g} |", flush=True)
 
 
-def room(asset, samples=256, size=16):
+def room(asset, samples=sized(256, 2), size=sized(16, 4)):
     """A ball of radius 3 mean free paths in a room of radiance 1: mean of the picture, and its standard error."""
     import mitsuba as mi
 
@@ -211,11 +212,11 @@ def room(asset, samples=256, size=16):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*")
+    parser.add_argument("scenes", nargs="*", default=sized([], [Path("assets/scenes/bumpy_ball.yaml")]))
     parser.add_argument("-o", "--output", type=Path, default=Path("build/translucent"))
-    parser.add_argument("--size", type=int, default=128)
-    parser.add_argument("--samples", type=int, default=256)
-    parser.add_argument("--time", type=float, default=120, help="seconds a scene")
+    parser.add_argument("--size", type=int, default=sized(128, 8))
+    parser.add_argument("--samples", type=int, default=sized(256, 2))
+    parser.add_argument("--time", type=float, default=sized(120, 1), help="seconds a scene")
     parser.add_argument("--variant")
     parser.add_argument("--hg", action="store_true")
     parser.add_argument("--quick", action="store_true", help="without the number of events")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
-COUNT, RADIUS = 20_000, 100.0  # um
-ABSORPTION = (0.0, 1e-5, 1e-4, 1e-3, 1e-2)
+COUNT, RADIUS = sized(20_000, 500), 100.0  # um
+ABSORPTION = sized((0.0, 1e-5, 1e-4, 1e-3, 1e-2), (0.0, 1e-2))
 
 
 def measure():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
-COUNTS = (100, 1000, 10_000, 100_000, 1_000_000)
+COUNTS = sized((100, 1000, 10_000, 100_000, 1_000_000), (100, 300, 1000, 3000))
 DEPTH = 0.5
-SHOWN = (100, 10_000, 1_000_000)
+SHOWN = sized((100, 10_000, 1_000_000), (100, 1000, 3000))
 
 
 def measure():

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
 SHARES = (0.1, 0.2, 0.5, 1.0, 3.0, 10.0, 30.0)
-COUNT, DEPTH = 20_000, 0.5
+COUNT, DEPTH = sized(20_000, 500), 0.5
 
 
 def measure():

@@ -9,9 +9,10 @@ from numba import njit
 
 from bakery import kernels
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
-COUNT, RAYS, DEPTH = 200_000, 20_000, 0.5  # as many particles as the paper
-PER_CELL = (0.03, 0.1, 0.3, 1.0, 1.5, 3.0, 10.0)
+COUNT, RAYS, DEPTH = sized((200_000, 20_000, 0.5), (2000, 100, 0.5))  # as many particles as the paper
+PER_CELL = sized((0.03, 0.1, 0.3, 1.0, 1.5, 3.0, 10.0), (0.3, 1.0, 3.0))
 SIGMAS = (1.02, 4.0)  # of a log-normal distribution
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
-COUNT = 50_000
+COUNT = sized(50_000, 1000)
 _LOGNORMAL = "{{distribution: lognormal, radius: {:.5g} um, sigma: {:g}, max: 2 mm}}"
 
 

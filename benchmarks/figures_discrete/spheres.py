@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
 DEPTH = 0.3
-COUNTS = (500, 5000, 50_000)  # 1 mm and less
+COUNTS = sized((500, 5000, 50_000), (500, 1000, 2000))  # 1 mm and less
 APART = "5 deg"  # within which a peak counts as diffraction
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import bakery
+from benchmarks.sizes import sized
 from renderers import colour, discrete
 from renderers.discrete import methods
 from renderers.mitsuba import bitmaps
@@ -19,7 +20,7 @@ from renderers.progressive import Mean
 from renderers.running import Render
 
 EDGE = 0.1  # m, of the cube
-PIXELS = 64  # of a picture, along each side
+PIXELS = sized(64, 16)  # of a picture, along each side
 LAYERS = ("", "order1.")
 SIDE, BEHIND = "side", "behind"  # where the lamp is: scattering by about 110, and by 16 to 37 degrees
 _LAMPS = {SIDE: (0.4, -0.15, 0.1, 0.3), BEHIND: (0.2, 0.4, 0, 0.08)}  # m, middle and radius

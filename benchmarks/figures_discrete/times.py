@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
-COUNTS = (30_000, 100_000, 1_000_000)
+COUNTS = sized((30_000, 100_000, 1_000_000), (300, 1000))
 RADIUS = 50.0  # um
 METHODS = ("particles", "explicit", "query")
-PASSES = {"walk": 48, "splat": 2}
+PASSES = sized({"walk": 48, "splat": 2}, {"walk": 2, "splat": 2})
 NOISE = 0.01
 
 

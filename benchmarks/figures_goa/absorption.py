@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import goa, mie
+from benchmarks.sizes import sized
 
 from . import measures as of
 from . import printed
 
 DEPTHS = (0.01, 0.1, 1.0, 3.0, 10.0, 100.0)  # 4 x k: optical depth of a diameter
 CASES = ((1.33, 100.0), (1.33, 1000.0), (1.5, 1000.0), (0.75, 1000.0))
-ALONG = np.geomspace(0.01, 100, 17)
+ALONG = np.geomspace(0.01, 100, sized(17, 3))
 
 
 def ratios(n, x, depth):

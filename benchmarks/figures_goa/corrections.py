@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import goa
+from benchmarks.sizes import sized
 
 from . import measures as of
 
@@ -19,7 +20,7 @@ SWITCHES = {
 }
 COLOUR = dict(zip(SWITCHES, ("#c99a06", "#c2410c", "#8a8f98", "#4fb0ae", "#2a7fba", "#2b8a4b", "#7b4fb5")))
 RADII = (10.0, 100.0, 1000.0)
-ALONG = (2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+ALONG = sized((2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1000.0), (10.0, 100.0, 1000.0))
 
 
 def errors(m, radius, averaged):

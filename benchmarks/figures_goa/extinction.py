@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import goa, mie
+from benchmarks.sizes import sized
 
 from . import measures as of
 from . import printed
@@ -13,7 +14,7 @@ FORMS = {"eq. 14 as printed": printed.extinction, "sign corrected": lambda m, x:
          "+ edge": goa.extinction, "4 Re S(0)/x², wide edge": lambda m, x: goa.extinction(m, x, edge="wide", orders=6)}
 COLOUR = dict(zip(FORMS, ("#c2410c", "#c99a06", "#2b8a4b", "#7b4fb5")))
 X = (10.0, 21.0, 100.0, 1000.0, 1e4)
-ALONG = np.geomspace(5.0, 2e4, 19)
+ALONG = np.geomspace(5.0, 2e4, sized(19, 3))
 
 
 def error(form, m, x):

@@ -9,16 +9,17 @@ import numpy as np
 from bakery import goa
 from bakery.physics.mie import _kernels as mie
 from bakery.physics.mie import amplitudes as mie_amplitudes
+from benchmarks.sizes import sized
 
 from . import measures as of
 from . import plain_mie, printed
 
-RADII = np.geomspace(1.0, 1000.0, 16)
-FINE = np.geomspace(1.0, 1000.0, 61)  # RelMSE scatters from radius to radius
+RADII = np.geomspace(1.0, 1000.0, sized(16, 4))
+FINE = np.geomspace(1.0, 1000.0, sized(61, 4))  # RelMSE scatters from radius to radius
 LIMITS = (0.1, 0.03, 0.01)
 SWITCH = 2.0  # um, the paper's
-TIMED = (2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
-ANGLES, TOGETHER = 1801, 64
+TIMED = sized((2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (2.0, 10.0, 30.0))
+ANGLES, TOGETHER = sized((1801, 64), (91, 4))
 PAIRS = {  # ratio: (series, rays)
     "angle by angle / rays": ("plain, angle by angle", "rays"),
     "plain / rays": ("plain", "rays"),

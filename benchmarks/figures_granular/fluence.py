@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 from renderers.granular.teleport import flights
 
 from . import stand, walks
 
-COUNT = 200_000  # walkers of each method
+COUNT = sized(200_000, 1000)  # walkers of each method
 NUMBERS = (32, 64)  # hits between which the growth of the squared distance is taken
 FORWARD = math.cos(math.radians(10))
 DRAWN, EXPONENTIAL, MEDIUM, MATCHED = "teleport", "teleport, exponential", "vpt", "vpt, sigma_t of walks"

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 from renderers.camera import Camera
 from renderers.granular import material, medium, paths, transport
 from renderers.granular.teleport import Teleports
@@ -18,8 +19,8 @@ from . import stand
 GRAINS = {"glass beads": "glass_beads", "copper shot": "copper_shot", "flour": "flour"}
 METHODS = ("ept", "teleport", "teleport, exponential", "vpt")
 ORDERS = {"one grain": slice(1, 2), "two": slice(2, 3), "three and more": slice(3, 4), "all": slice(0, 4)}
-RADIUS, PIXELS = 20.0, 48  # of the ball, in grains; of a picture of its middle
-PASSES, PACKINGS = 6, 8  # of each picture; places of the tile's copies that the ball is cut out of
+RADIUS, PIXELS = sized((20.0, 48), (5.0, 8))  # of the ball, in grains; of a picture of its middle
+PASSES, PACKINGS = sized((6, 8), (2, 2))  # of each picture; places of the tile's copies that the ball is cut out of
 
 
 def measure(passes=PASSES, packings=PACKINGS):

@@ -8,11 +8,12 @@ import numpy as np
 
 from benchmarks.figures_goa import measures as of
 from benchmarks.granular_render import measured
+from benchmarks.sizes import sized
 
-SCENES = ("spices", "sand_castle", "snowman", "snowman_small", "cube_of_beads")
+SCENES = sized(("spices", "sand_castle", "snowman", "snowman_small", "cube_of_beads"), ("cube_of_beads",))
 METHODS = ("ept", "ept+vpt", "ept+vpt+da", "auto")
 LAMPS = (1.0, 0.05)  # widths of the scenes' lamps, over what they are
-SECONDS, WIDTH = 12.0, 160  # of processor time for each number; of the picture, pixels
+SECONDS, WIDTH = sized((12.0, 160), (0.0, 8))  # of processor time for each number; of the picture, pixels
 
 
 def measure(scenes=SCENES, seconds=SECONDS):

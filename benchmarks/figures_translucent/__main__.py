@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.claims import command
+from benchmarks.sizes import sized
 
 CLAIMS = {  # name on the command line: (module, picture)
     "fig27": ("times", "translucent_times.png"), "fig19": ("infinite", "translucent_infinite.png"),
@@ -10,7 +11,8 @@ CLAIMS = {  # name on the command line: (module, picture)
     "fig32": ("obstacles", "translucent_obstacles.png"), "boundaries": ("boundaries", None), "extremes": ("extremes", None),
 }
 SETTINGS = {  # of `measure`: (kind, value if not said, what it is)
-    "size": (int, 48, "pixels along a side of pictures"), "share": (float, 1.0, "factor of all processor times"),
+    "size": (int, sized(48, 8), "pixels along a side of pictures"),
+    "share": (float, sized(1.0, 0.005), "factor of all processor times"),
 }
 
 if __name__ == "__main__":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
 PAGE = "translucent.md"
-RADII = (0.5, 2.0, 5.0, 20.0, 100.0)  # mean free paths
-ALBEDOS, COSINES, INDICES = (0.5, 0.95, 0.99, 0.999), (0.0, 0.8), (1.0, 1.4)
+RADII = sized((0.5, 2.0, 5.0, 20.0, 100.0), (2.0,))  # mean free paths
+ALBEDOS, COSINES, INDICES = sized((0.5, 0.95, 0.99, 0.999), (0.5,)), sized((0.0, 0.8), (0.0,)), (1.0, 1.4)
 BOUNDARIES = ("negative", "mirrored", "none")
 SECONDS = {"paths": 3.0, "few": 1.0, "negative": 3.5, "mirrored": 1.0, "none": 1.0}
 OF = 2  # pictures are so many times smaller than asked for

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
 # albedo, or that of red, green, blue, and g
 MEDIA = {"bumpy sphere": ((0.955, 0.677, 0.457), 0.9), "of fig. 28": ((0.24, 0.48, 0.96), 0.3),
          "albedo 0.995, g = 0": (2 / 2.01, 0.0)}
-RADII = (2.5, 10.0, 40.0)  # mean free paths
+RADII = sized((2.5, 10.0, 40.0), (2.5,))  # mean free paths
+MEDIA = dict(list(MEDIA.items())[::sized(1, -3)])
 SECONDS = {"paths": 16.0}
 OTHERS = 8.0
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.figures_goa import measures as of
+from benchmarks.sizes import sized
 
 from . import stand
 
-SCENES = ("bumpy_ball", "candle")
-REFERENCE, SECONDS, ROUNDS = 150.0, 16.0, 4  # of `paths`, which is the reference, and of each other method
+SCENES = sized(("bumpy_ball", "candle"), ("bumpy_ball",))
+REFERENCE, SECONDS, ROUNDS = 150.0, 16.0, sized(4, 1)  # of `paths`, which is the reference, and of each other method
 AFTER = 60.0  # s
 COLOURS = 256
 

@@ -15,7 +15,7 @@ from bakery.store import ply
 from renderers.mitsuba.world import World
 from renderers.translucent import methods
 from tests.odds import ODDS, sigmas
-from tests.physics.particles import blocks, same
+from tests.physics.particles import averaged, blocks, same
 from tests.physics.test_aggregate import bumpy
 
 SKY = '<emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter>'
@@ -49,7 +49,7 @@ def baked(tmp_path_factory):
     folder, made = tmp_path_factory.mktemp("assets"), {}
 
     def bake(albedo=0.9, g=0.0, extent=12, tolerance="5%"):
-        name = f"m{albedo}_{g}_{extent}".replace(".", "_")
+        name = f"m{albedo}_{g}_{extent}_{tolerance[:-1]}".replace(".", "_")
         if name not in made:
             (folder / f"{name}.yaml").write_text(RECIPE.format(name=name, albedo=albedo, g=g, extent=extent, tolerance=tolerance))
             with pytest.MonkeyPatch.context() as patch:
@@ -173,6 +173,21 @@ def test_nothing_is_lost(baked, tmp_path, name, index):
     found = means(how, name, numbers=range(60))
     error = found.std(ddof=1) / 60**0.5
     assert error < 0.01 and abs(found.mean() - 1) < sigmas(60) * error
+
+
+# method, index, pixels a side, passes; without a boundary beams+tables is vrl+tables
+WHITE = [("paths", 1.0, 32, 40), ("paths", 1.4, 32, 200), ("vrl", 1.0, 32, 90), ("vrl+tables", 1.0, 16, 380),
+         ("vrl+tables", 1.4, 16, 400), ("beams", 1.0, 32, 12), ("beams", 1.4, 32, 20), ("beams+tables", 1.4, 16, 440)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, index, size, count", WHITE, ids=[f"{name}-{index}" for name, index, *_ in WHITE])
+def test_means_are_known_to_one_per_cent(baked, tmp_path, name, index, size, count):
+    """In light from everywhere what does not absorb is 1: to 1 %, which is three standard errors or more.  A right method fails
+    once in 370 seeds, which are fixed; one that loses or adds 2 % of its light passes once in 700."""
+    how = transport(tmp_path, [baked(1.0, extent="auto", tolerance="1%")], {"ball": BALL}, SKY, index, size=size)
+    mean, error = averaged(means(how, name, numbers=range(count)))
+    assert error < 0.01 / 3 and abs(mean - 1) < 0.01, (mean, error)
 
 
 @pytest.mark.slow
