@@ -54,7 +54,6 @@ STREAMS = {
     "render.lamps": Stream(0x726C6D70, ("pass",)),
     "render.chains": Stream(0x7263686E, ("pass",)),
     "render.light": Stream(0x726C6774, ("pass",)),
-    "render.chains": Stream(0x7263686E, ("pass",)),
     "render.shells": Stream(0x7273686C, ("radius",)),
 }
 _WORD = 1 << 32

@@ -18,7 +18,8 @@ from renderers.translucent import methods
 from renderers.translucent.bodies import untabled
 from renderers.transport.media import Media, scattered
 from tests.physics import test_translucent as bodies
-from tests.physics.particles import ODDS, blocks, same, student
+from tests.odds import ODDS
+from tests.physics.particles import blocks, same, student
 from tests.physics.test_translucent import BALL, FLOOR, PANEL, SKY
 
 import drjit as dr  # isort: skip  behind renderers.mitsuba, which finds LLVM
