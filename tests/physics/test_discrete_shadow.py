@@ -12,6 +12,7 @@ import pytest
 from scipy import integrate
 
 from renderers.discrete import shadow, splat, walk
+from tests.odds import sigmas
 from tests.physics.particles import (
     Lamp,
     Sky,
@@ -23,7 +24,6 @@ from tests.physics.particles import (
     kept,
     of_depth,
     passes,
-    student,
 )
 
 EYE = (0.5, -3.0, 0.5)
@@ -96,7 +96,7 @@ def test_a_lamp_beside_the_camera_is_one_number(aside, more):
         mean, other = single(how, 10_000, lamp, size)
         assert other < 0.006 * traced
         # 0.3 %: shares of discs outside of the box, and the continuous medium's own noise in `plain`
-        assert abs(mean - traced) < student(SEEDS) * math.hypot(error, other) + 0.003 * traced, how
+        assert abs(mean - traced) < sigmas(SEEDS) * math.hypot(error, other) + 0.003 * traced, how
 
 
 @pytest.mark.slow
@@ -131,7 +131,7 @@ def test_a_wall_in_the_light_of_the_camera():
             made.append(np.mean([one[0].mean() for one in by_order]))
         found[how] = averaged(made)
     (traced, error), (mean, other) = found.values()
-    assert max(error, other) < 0.03 * traced and abs(mean - traced) < student(24) * math.hypot(error, other)
+    assert max(error, other) < 0.03 * traced and abs(mean - traced) < sigmas(24) * math.hypot(error, other)
     wall = np.mean(1 / ((np.array(EYE) - [0.5, 1.2, 0.5]) ** 2).sum())
     assert 0.9 * math.exp(-1) < traced / wall < 1.1 * math.exp(-1)
 
@@ -147,8 +147,8 @@ def test_a_lone_particle_does_not_scatter_in_itself():
         whole = walked + passes(splat.one_pass, sky, alone, view, size, range(16))
         means.append(averaged(whole.mean(axis=(1, 2, 3))))
     (mean, error), (more, other) = means
-    assert error < 0.004 and abs(mean - 0.5) < student(16) * error
-    assert more - 0.5 > student(16) * other
+    assert error < 0.004 and abs(mean - 0.5) < sigmas(16) * error
+    assert more - 0.5 > sigmas(16) * other
 
 
 def test_shares_of_a_pass_go_by_the_seed():

@@ -16,7 +16,8 @@ from renderers import budget
 from renderers.granular import choice, material, methods, transport
 from renderers.mitsuba.world import World
 from tests.conftest import slow
-from tests.physics.particles import averaged, student
+from tests.odds import sigmas
+from tests.physics.particles import averaged
 from tests.physics.test_aggregate import CUBE
 
 RECIPE = """\
@@ -104,7 +105,7 @@ def test_auto_is_as_bright_as_explicit_grains(asset, tmp_path, kind, light, acro
     off, error = np.abs(mean - true), np.hypot(error, own)
     known = (true > 0.01 * true[3])  # black balls hardly have a second order
     assert np.all(error[[0, 3]] < 0.08 * true[[0, 3]]), error / true
-    assert np.all((off <= student(passes) * error)[known]), (mean / true, error / true)
+    assert np.all((off <= sigmas(passes) * error)[known]), (mean / true, error / true)
     assert best.bias is None and not best.switches and any("auto is ept here" in said for said in best.reasons)
 
 
@@ -120,7 +121,7 @@ def test_a_measured_bias_holds(asset, tmp_path):
         apart.append(one - other)
         light.append(other)
     (mean, error), level = averaged(apart), np.mean(light)
-    assert error < 0.004 * level and abs(mean) <= best.approximations * level + student(100) * error
+    assert error < 0.004 * level and abs(mean) <= best.approximations * level + sigmas(100) * error
 
 
 @pytest.mark.parametrize("light", [SUN, slow(SUN + SKY), slow(DISC), slow(DISC + SKY)],

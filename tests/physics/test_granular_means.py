@@ -11,7 +11,8 @@ import pytest
 
 from bakery import kernels
 from renderers.granular import medium, transport
-from tests.physics.particles import SIGMAS, Sky, averaged, camera
+from tests.odds import SIGMAS
+from tests.physics.particles import Sky, averaged, camera
 from tests.physics.test_aggregate import bumpy, tile
 from tests.physics.test_granular_medium import continuous
 from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, STONE, Kind, grains, place, through

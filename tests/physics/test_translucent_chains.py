@@ -17,7 +17,7 @@ import bakery
 from bakery.store import ply
 from renderers.mitsuba.world import World
 from renderers.translucent import chains, methods
-from tests.physics.particles import SIGMAS
+from tests.odds import SIGMAS
 
 INDEX, ALBEDO, HALF = 1.5, 0.9, 0.6  # half an edge, mean free paths
 VERTICES = HALF * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

@@ -17,9 +17,9 @@ from renderers.mitsuba.world import World
 from renderers.translucent import methods
 from renderers.translucent.bodies import untabled
 from renderers.transport.media import Media, scattered
+from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
-from tests.odds import ODDS
-from tests.physics.particles import blocks, same, student
+from tests.physics.particles import blocks, same
 from tests.physics.test_translucent import BALL, FLOOR, PANEL, SKY
 
 import drjit as dr  # isort: skip  behind renderers.mitsuba, which finds LLVM
@@ -108,7 +108,7 @@ def test_a_white_world(tmp_path, index):
     how = transport(tmp_path, {"ball": (BALL, white)}, SKY, [index], size=8)
     found = passes(how, range(32)).mean(axis=(1, 2, 3))
     error = found.std(ddof=1) / 32**0.5
-    assert error < 0.005 and abs(found.mean() - 1) < student(32) * error
+    assert error < 0.005 and abs(found.mean() - 1) < sigmas(32) * error
 
 
 def test_scattering_follows_the_phase_functions():
