@@ -152,6 +152,12 @@ def test_nearly_matched_grains_take_longer_windows():
     assert fewer.achieved_error == np.inf and "keeps its direction" in fewer.reason
 
 
+def test_light_that_is_hardly_turned_is_not_walked():
+    """Where no walk is long enough the first one ends it: 64 walks of 512 hits."""
+    found = walk(*tile(0.3, 500), [Grain(dielectric(1.002))], seed=1, tolerance=0.05)
+    assert found.achieved_error == np.inf and "keeps its direction" in found.reason and found.hits == 32 * 2 * 512
+
+
 # ---- light without an end
 
 def test_grains_of_the_hosts_index_have_no_mean_square_displacement():

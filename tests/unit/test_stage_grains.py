@@ -201,6 +201,15 @@ def test_matched_index(bake, tmp_path):
     assert not (tmp_path / "no.h5").exists()
 
 
+def test_an_index_that_a_table_cannot_show_is_not_called_exact(bake):
+    """Index 1.003: 1 - g is 1.57e-4, and 2.02e-4 by a table with an angle a degree; nothing walks for minutes."""
+    asset = bake(component(n=1.003))
+    away, table = 1 - asset.grains["glass"].g[0], 1 - asset.medium.g[0]
+    assert away == pytest.approx(1.5744e-4, rel=1e-3) and table == pytest.approx(2.02e-4, rel=0.01)
+    assert asset.medium.attributes["achieved_error"] == pytest.approx(table / away - 1, rel=1e-6)
+    assert "random_walk" not in asset.medium
+
+
 @pytest.mark.slow
 def test_sigma_t_of_the_random_walk(bake):
     """Opaque white balls send light back and forth between neighbours: it spreads far less than Eq. 4 says."""

@@ -148,13 +148,13 @@ def compute(inputs: dict, context) -> Result:
         missed.append(f"the random walk's mean square displacement is known to {2 * match.spread:.2g} only: {walks.reason}")
     sigma_t = match.sigma_t
     theta, f = inputs["theta"], means.phase
-    f = phase.with_delta(theta, f, means.forward_delta)
+    f, _ = phase.normalised(theta, phase.with_delta(theta, f, means.forward_delta))
     albedo = np.clip(means.albedo, 0.0, 1.0)
     sigma_s = albedo * sigma_t
     sigma_a = sigma_t - sigma_s
     # spread over the table in proportion to what is not in the peak
     error = means.errors["phase"] * (1 - means.forward_delta[:, None])
-    members = medium.members_of(sigma_s, sigma_a, theta, phase.normalised(theta, f)[0][:, None], sigma_t, albedo)
+    members = medium.members_of(sigma_s, sigma_a, theta, f[:, None], sigma_t, albedo)
     single = {"fraction": inputs["fraction"], "hit_probability": means.hit_probability,
               "hit_probability_error": means.errors["hit_probability"], "void_chord": chord,
               "lambda_beta": coefficients.lambda_beta, "lambda_beta_error": coefficients.errors["lambda_beta"]}
@@ -173,9 +173,20 @@ def compute(inputs: dict, context) -> Result:
         members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))
     both = np.hypot(match.error, match.bias)
     relative = float(np.max(np.divide(both, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
-    reached = max(abs(match.farther), relative, match.spread)
+    turned = _turned_wrongly(albedo, means, phase.mean_cosine(theta, f))
+    if turned > context.tolerance:
+        missed.append("grains turn light by less than the table of the phase function shows: its 1 - albedo g is off by "
+                      f"{turned:.0%}")
+    reached = max(abs(match.farther), relative, match.spread, turned)
     context.report(1.0, reached)
     return Result(members, reached, tuple(notes), tuple(missed))
+
+
+def _turned_wrongly(albedo, means, g) -> float:
+    """Relative error of 1 - albedo g with the g (L,) of a table, largest of the wavelengths; 0 where grains turn no light."""
+    away = 1 - albedo * means.g
+    off = np.divide(albedo * np.abs(g - means.g), away, out=np.zeros_like(away), where=(means.forward_delta < 1) & (away > 0))
+    return float(np.max(off))
 
 
 def _walked(inputs, at, context):
@@ -258,7 +269,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 OF_GRAINS = Stage(
     name="medium",
-    version=4,
+    version=5,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),
@@ -268,7 +279,7 @@ OF_GRAINS = Stage(
     outputs=OUTPUTS,
     error_measure="how far light spreads with sigma_t against a random walk through the explicit grains of the tile (relative "
                   "difference of the square roots of the mean square displacements, nothing absorbed); or the standard error of "
-                  "that, or of sigma_t, if larger",
+                  "that, or of sigma_t, or the relative error of 1 - albedo g with the table's g, if larger",
     cost=cost,
     inputs=inputs,
     compute=compute,

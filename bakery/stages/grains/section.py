@@ -186,6 +186,14 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
             f"found an index of {outside[0]:.4g} relative to the host",
             f"expected {least:g} to {most:g}, as dielectrics have it",
         )
+    contrast = (relative - 1)[relative != 1]
+    near = contrast[np.abs(contrast) < (1 - 1e-9) * limits.CONTRAST_MIN]
+    if near.size:
+        checker.report_section(
+            surface["material"],
+            f"found an index of 1 {near[0]:+.2g} relative to the host, which hardly turns light",
+            f"expected one that differs by at least {limits.CONTRAST_MIN:g}, or the host's own, which turns none",
+        )
 
 
 def _interior(checker: "Checker", interior: Mapping, surface: Node | None) -> None:
