@@ -17,6 +17,7 @@ import pytest
 
 # Before NumPy comes: two workers with two threads of BLAS each wait for each other, in `eigvalsh` 10 times as long as they work
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.pop("COLUMNS", None)  # which pytest-xdist sets: lines would be broken by it
 
 ROOT = Path(__file__).resolve().parents[1]
 

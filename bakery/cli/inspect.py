@@ -9,6 +9,7 @@ import click
 from bakery.cli import offers
 from bakery.cli.options import json_option, print_json
 from bakery.errors import UsageError
+from bakery.system.terminal import columns_in_pipes
 
 
 @click.command(name="inspect", short_help="print the tree of an asset")
@@ -30,7 +31,8 @@ def command(asset, path, as_json):
     family = _family(found) if isinstance(found, bakery.Family) and not path else None
     if as_json:
         print_json(summary | ({"family": family} if family else {}))
-    else:
+        return
+    with columns_in_pipes():
         if family:
             _print_family(family)
         _print(summary, whole=not path)

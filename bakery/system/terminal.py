@@ -7,10 +7,12 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 FEWEST_COLUMNS = 20  # narrower terminals wrap by themselves
 _BELOW = " " * 6  # before what goes on in the next line
+_in_pipes = False  # whether files and pipes have columns
 
 
 def clean(value) -> str:
@@ -25,12 +27,24 @@ def say(line: str = "") -> None:
         write(part + "\n")
 
 
+@contextmanager
+def columns_in_pipes() -> Iterator[None]:
+    """Lines within are as long as the environment's COLUMNS says also on a file or pipe: for pages, of which no program reads
+    lines.  Some programs (such as runners of tests) export COLUMNS to all that they start."""
+    global _in_pipes
+    _in_pipes = True
+    try:
+        yield
+    finally:
+        _in_pipes = False
+
+
 def room() -> int | None:
-    """Columns of the terminal that standard output is; of a file or pipe what the environment's COLUMNS says, or None: lines may
-    be of any length."""
+    """Columns of the terminal that standard output is; of a file or pipe None, lines may be of any length, but for
+    `columns_in_pipes`."""
     if sys.stdout.isatty():
         return max(shutil.get_terminal_size().columns, FEWEST_COLUMNS)
-    columns = os.environ.get("COLUMNS", "")
+    columns = os.environ.get("COLUMNS", "") if _in_pipes else ""
     return max(int(columns), FEWEST_COLUMNS) if re.fullmatch(r"[0-9]{1,9}", columns) and int(columns) else None
 
 
