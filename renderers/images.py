@@ -41,6 +41,7 @@ def tone_map(rgb, exposure=1.0, white=4.0):
     """
     rgb = np.maximum(rgb, 0.0) * exposure
     luminance = rgb @ colour.LUMINANCE
+    white = max(white, 1e-100)  # whose square is no 0; all light is white long before
     curve = (1 + luminance / white**2) / (1 + luminance)
     return colour.encode(rgb * curve[..., None])
 

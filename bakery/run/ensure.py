@@ -239,8 +239,10 @@ def _to_be_written(kept: Path, progress: Progress) -> Path:
 
 
 def told(recipe: str | os.PathLike, wanted: Asked, by: str = "the scene") -> Sequence[str]:
-    """A line for each stage that is baked though the recipe does not ask for it, or not baked though it does."""
+    """A line for each stage that is baked though the recipe does not ask for it, or not baked though it does, or that cannot
+    give what is asked of it: before minutes of work, not in the report after them."""
     why = {one.stage: one.why for one in wanted.needs}
     lines = [f"{recipe}: {name}, because {by} needs it: {why[name]}" for name in wanted.added]
     lines += [f"{recipe}: no {name}, {why.get(name, 'because nothing reads it')}" for name in wanted.left]
+    lines += [f"{recipe}: {one.stage}: out of reach: {one.lacking}" for one in wanted.needs if one.needed and one.lacking]
     return [*lines, *wanted.remarks]

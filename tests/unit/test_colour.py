@@ -87,6 +87,13 @@ def test_display_curve_round_trip():
     assert np.all(np.diff(grey[:, 0, 0]) > 0) and grey[-1, 0, 0] == pytest.approx(1)
 
 
+def test_a_white_of_next_to_nothing_makes_all_light_white():
+    """Also where its square is less than a double holds, and without a warning."""
+    picture = np.array([[[0.0, 0.0, 0.0], [1e-6, 1e-6, 1e-6], [1e12, 1e12, 1e12]]])
+    for white in (1e-300, 1e-160, 1e-90):
+        assert np.allclose(images.tone_map(picture, 1e12, white), [[[0.0] * 3, [1.0] * 3, [1.0] * 3]])
+
+
 def test_hue_of_lines():
     """Violet, blue, green, yellow, red, and red to the end, where next to nothing is seen."""
     lines = colour.hue(np.array([0.405, 0.465, 0.53, 0.58, 0.64, 0.755]))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bakery.physics.multiple import legendre, peaks
+from bakery.run.ensure import Asked, told
 from bakery.stages.packing.stage import _schedule
 from renderers import budget
 from renderers.discrete import requirements as discrete
@@ -77,6 +78,13 @@ def test_the_union_asks_for_most():
     optics, beam = merged([first, second], {})
     assert [knob.value for knob in optics.knobs] == [0.02, "pointwise"] and optics.why == "a; c"
     assert beam.knobs == (depth(5.0),) and beam.lacking == "far"
+
+
+def test_what_is_out_of_reach_is_told_before_the_bake():
+    needs = (Need("grains", True, "", (), "the least is asked for"), Need("medium", False, "", (), "never read"),
+             Need("packing", True, ""))
+    wanted = Asked({}, ("grains", "packing"), (), (), needs=needs, remarks=("noise leaves no room",))
+    assert told("sand.yaml", wanted) == ["sand.yaml: grains: out of reach: the least is asked for", "noise leaves no room"]
 
 
 def test_a_stage_that_one_scene_needs_is_needed():

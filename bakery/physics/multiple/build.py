@@ -25,6 +25,7 @@ _GAIN = 2  # of the error from a cell to its quarters, at least
 _SAMPLE = 300  # places for the basis
 _DARKEST = 1e-6  # of the mean over directions, 1/sr: below it a lobe is noise of the solver
 _LEAST = 1e-3  # of the integral of the absolute value
+_NOTHING = 1e-300  # what is scattered where a double holds no less
 _NEAR = 0.05  # mfp from the ends of the source; nearer ones count in proportion
 _TESTS, _RINGS = 480, 30  # places of the error estimate, and different distances among them
 
@@ -38,6 +39,8 @@ def extent_needed(medium, share=1e-4):
         return 1.0
     r = np.exp(medium.log_r)
     shell = np.maximum(medium.scaled[0] * np.exp(-medium.k0 * r), 0) * r**2  # light in a step of ln r
+    if not shell.sum() > 0:
+        return 1.0  # less than a double holds
     outside = np.cumsum(shell[::-1])[::-1] / shell.sum()
     beyond = r[np.argmax(outside < share)] if outside[-1] < share else r[-1]
     return float(np.clip(beyond, 1.0, MOST_EXTENT))
@@ -134,6 +137,8 @@ class _Build:
         integral = np.sqrt(4 * np.pi) * c[:, 0]
         # rounding of the solver can leave less than nothing where a forward peak is a thousand times brighter ahead
         integral = np.maximum(integral, _LEAST * (np.abs(lobe) * self.solid_angle).sum(axis=1))
+        # next to nothing is scattered (albedo 1e-12, far away), less than a double holds: lobes without light are even
+        integral = np.maximum(integral, _NOTHING)
         lobe = np.maximum(lobe / integral[:, None], _DARKEST)
         ends = np.minimum(np.hypot(rho, z), np.hypot(rho, z - self.length))
         return lobe, integral / locate.measure(self.kind, self.length, rho, z)[1], np.minimum(1.0, ends / _NEAR)
@@ -265,7 +270,13 @@ def _errors(table, order, rho, z, c):
     polar, azimuth, weight = between_directions(order)
     exact, tabulated = point.lobes(c, order, polar, azimuth), lookup.lobes(lookup.ready(table), rho, z, polar, azimuth)
     weight = weight[:, None]
-    return np.sqrt((weight * (tabulated - exact) ** 2).sum(axis=(1, 2)) / (weight * exact**2).sum(axis=(1, 2)))
+    # squares of what is scattered far away in a dark medium are less than a double holds: in units of a power of two, exactly
+    largest = np.abs(exact).max(axis=(1, 2))
+    exponent = -np.frexp(largest)[1][:, None, None]
+    exact, tabulated = np.ldexp(exact, exponent), np.ldexp(tabulated, exponent)
+    norm = (weight * exact**2).sum(axis=(1, 2))
+    lit = largest > _NOTHING
+    return np.where(lit, np.sqrt((weight * (tabulated - exact) ** 2).sum(axis=(1, 2)) / np.where(lit, norm, 1.0)), 0.0)
 
 
 def upper(square, least=0.0):
