@@ -50,8 +50,7 @@ class Split(NamedTuple):
             return ()
         together = math.hypot(self.approximations, self.tables, self.noise)
         return (f"the method's own error of {percent(self.approximations)} leaves the tolerance of {percent(self.tolerance)} out "
-                f"of reach, {as_much(self.approximations / self.tolerance)}; with noise and tables the picture is within "
-                f"{percent(together)}",)
+                f"of reach, {as_much(self.approximations / self.tolerance)}; with noise and tables that is {percent(together)}",)
 
 
 def of(scene, share: float | None = None, approximations: float | None = None) -> Split:

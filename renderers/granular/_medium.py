@@ -298,6 +298,8 @@ def _passes(medium, kind, weight, states, i):
     for w in range(weight.shape[1]):
         total += weight[i, w]
         turned += weight[i, w] * medium.turned[first + w]
+    if not total > 0.0:
+        return False
     passes = uniform(states, i) * total >= turned
     for w in range(weight.shape[1]):
         if passes:

@@ -98,7 +98,7 @@ def judged(measured: Difference, room: float | None) -> Choice:
         said = f"light in the medium differs from that among explicit grains {words}"
         return Choice(True, measured.bias, measured.error, (said,))
     return Choice(False, reasons=("auto is ept here: light in the medium would differ from that among explicit grains "
-                                  f"{words}, and there is room for {percent(room)}",))
+                                  f"{words}, and there is room for {percent(room)}, two standard errors included",))
 
 
 def _within(measured, room):
@@ -185,10 +185,7 @@ def _by_chance(found, paths, radiance):
 
 def _radiances(world, vertices):
     """Mean radiance (lights,) by their light, at vertices (V, 3) m of the meshes: luminances."""
-    states, numbers = np.empty(_SAMPLES, np.uint64), np.empty((_SAMPLES, 3))
-    wavefront.begin_streams(kernels.stream_key(0, "render.levels"), 0, states)
-    wavefront.draw(states, numbers)
-    sample = world.lights(vertices[np.arange(_SAMPLES) * len(vertices) // _SAMPLES], numbers)
+    sample = world.lights(vertices[np.arange(_SAMPLES) * len(vertices) // _SAMPLES], _drawn(_ROUNDS[-1], _SAMPLES, 3))
     power = np.where(sample.delta, 0.0, sample.radiance @ colour.LUMINANCE)
     squares, sums = (np.bincount(sample.light[power > 0], one[power > 0], len(world.light_names))
                      for one in (power**2 * sample.density, power))
@@ -199,10 +196,15 @@ def _corners(size, number):
     """Corners (N, 2) of the pixels of one bundle in each part of a film (height, width): where, is drawn for each pass."""
     rows, columns = (max(side // EDGE, 1) for side in size)
     down, across = min(_DOWN, rows), min(_ACROSS, columns)
-    states, drawn = np.empty(down * across, np.uint64), np.empty((down * across, 2))
-    wavefront.begin_streams(kernels.stream_key(0, "render.pilot", number), 0, states)
-    wavefront.draw(states, drawn)
     part = np.stack([np.arange(down * across) % across, np.arange(down * across) // across], axis=1)
-    bundle = np.floor((part + drawn) * (columns, rows) / (across, down)).astype(int)
+    bundle = np.floor((part + _drawn(number, len(part), 2)) * (columns, rows) / (across, down)).astype(int)
     y, x = np.divmod(np.arange(EDGE**2), EDGE)
     return (EDGE * bundle[:, None] + np.stack([x, y], axis=1)).reshape(-1, 2)
+
+
+def _drawn(number, count, each):
+    """Random numbers (count, each) of a pass."""
+    states, drawn = np.empty(count, np.uint64), np.empty((count, each))
+    wavefront.begin_streams(kernels.stream_key(0, "render.pilot", number), 0, states)
+    wavefront.draw(states, drawn)
+    return drawn

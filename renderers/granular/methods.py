@@ -48,7 +48,7 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
         how = how if best.switches else how._replace(switch=None)
     elif name in STATED:
         reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(STATED[name])}")
-    if how.switch is not None and any(body.medium.varies for body in how.bodies):
+    if how.switch is not None and name != "ept+vpt" and any(body.medium.varies for body in how.bodies):
         reasons.append("no light diffuses in bodies whose fraction or mixture varies")
     number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
