@@ -107,7 +107,7 @@ def test_one_that_the_system_will_not_read_does_not_hide_the_others(call, milk, 
         raise PermissionError(13, "Permission denied", path)
 
     with monkeypatch.context() as patch:
-        patch.setattr(bakery.store.read, "slurp", refused)
+        patch.setattr(bakery.store.read, "_slurped", refused)
         status, out, _ = call("verify", milk)
     assert status == 3 and out.startswith(f"unread  {milk}\n        cannot be read")
 
