@@ -7,10 +7,10 @@ from benchmarks.sizes import sized
 
 from . import stand
 
-COUNTS = sized((30_000, 100_000, 1_000_000), (300, 1000))
-RADIUS = 50.0  # um
+COUNTS = sized((30_000, 100_000, 1_000_000), (1000, 3000))
+RADIUS = sized(50.0, 500.0)  # um
 METHODS = ("particles", "explicit", "query")
-PASSES = sized({"walk": 48, "splat": 2}, {"walk": 2, "splat": 2})
+PASSES = sized({"walk": 48, "splat": 2}, {"walk": 24, "splat": 2})
 NOISE = 0.01
 
 

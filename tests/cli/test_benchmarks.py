@@ -47,6 +47,7 @@ def gel(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("name, arguments", [(name, arguments) for name in benchmarks() for arguments in CALLS.get(name, ("",))])
 def test_benchmarks_run(name, arguments, gel, tmp_path):
     words = arguments.replace("ASSET", str(gel)).replace("FOLDER", str(tmp_path)).split()

@@ -175,12 +175,14 @@ def test_nothing_is_lost(baked, tmp_path, name, index):
     assert error < 0.01 and abs(found.mean() - 1) < sigmas(60) * error
 
 
-# method, index, pixels a side, passes; without a boundary beams+tables is vrl+tables
+# method, index, pixels a side, passes.  Without a boundary beams+tables is vrl+tables; with one both would take two to four
+# minutes: what they share with these is here, and what glass adds is held to 2 % above
 WHITE = [("paths", 1.0, 32, 40), ("paths", 1.4, 32, 200), ("vrl", 1.0, 32, 90), ("vrl+tables", 1.0, 16, 380),
-         ("vrl+tables", 1.4, 16, 400), ("beams", 1.0, 32, 12), ("beams", 1.4, 32, 20), ("beams+tables", 1.4, 16, 440)]
+         ("beams", 1.0, 32, 12), ("beams", 1.4, 32, 20)]
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("name, index, size, count", WHITE, ids=[f"{name}-{index}" for name, index, *_ in WHITE])
 def test_means_are_known_to_one_per_cent(baked, tmp_path, name, index, size, count):
     """In light from everywhere what does not absorb is 1: to 1 %, which is three standard errors or more.  A right method fails
