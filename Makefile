@@ -100,7 +100,7 @@ $(VENV)/.ready-bench: $(VENV)/.ready benchmarks/requirements.txt
 	@touch $@
 
 bench: $(VENV)/.ready-bench
-	for job in mie averages render goa packing scatterometer granular granular_render multiple multiple_tables multiple_lookup beam screen; do \
+	for job in mie averages render transport goa packing scatterometer granular granular_render multiple multiple_tables multiple_lookup beam screen; do \
 		$(BIN)/python -m benchmarks.$$job || exit 1; done
 
 .PHONY: recipes

@@ -27,6 +27,7 @@ import numpy as np
 from bakery.physics.medium import phase
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from benchmarks.sizes import sized
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.translucent import methods
@@ -184,18 +185,15 @@ def row(name, body, width, rounds):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--small", action="store_true")
-    parser.add_argument("--width", type=int, default=128)
-    parser.add_argument("--rounds", type=int, default=6)
-    parser.add_argument("--scenes", nargs="+", choices=BODIES, default=list(BODIES))
+    parser.add_argument("--width", type=int, default=sized(128, 32))
+    parser.add_argument("--rounds", type=int, default=sized(6, 3))
+    parser.add_argument("--scenes", nargs="+", choices=BODIES, default=sized(list(BODIES), list(SMALL)))
     args = parser.parse_args()
-    if args.small:
-        args.width, args.rounds, args.scenes = 32, 3, list(SMALL)
     print(variants.activate("rgb"))
     print("| scene | paths, us | volpath | volpathmis | first, s | volpath | volpathmis | time over volpath "
           "| variance over the better | variance x time | mean |\n|" + "---|" * 11, flush=True)
-    found = np.array([row(name, BODIES[name], args.width, args.rounds) for name in args.scenes])
-    print("worst: time {:.2f}, variance {:.2f}, variance x time {:.2f}".format(*found.max(axis=0)))
+    ratios = np.array([row(name, BODIES[name], args.width, args.rounds) for name in args.scenes])
+    print("worst: time {:.2f}, variance {:.2f}, variance x time {:.2f}".format(*ratios.max(axis=0)))
 
 
 if __name__ == "__main__":
