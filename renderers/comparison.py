@@ -278,8 +278,9 @@ def _kept(job) -> dict:
         return {}
     try:
         kept = json.loads(job.record.read_text(encoding="utf-8"))
-        numbers = [float(one) for one in (*(kept[key] for key in ("seconds", "processor", "compiling")), *Paced(*kept["pace"]))]
-        whole = (kept["picture"] == fingerprint(job.pair[1]) and all(0 <= one < _MOST for one in numbers)
+        numbers = [float(value) for value in (*(kept[key] for key in ("seconds", "processor", "compiling")),
+                                              *Paced(*kept["pace"]))]
+        whole = (kept["picture"] == fingerprint(job.pair[1]) and all(0 <= number < _MOST for number in numbers)
                  and isinstance(kept["made_of"], str))
         return kept if whole and (not kept["finished"] or kept["report"]["seconds"]) else {}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):

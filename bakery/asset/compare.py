@@ -89,10 +89,10 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
     return found
 
 
-def _differs(name: str, left: dict, right: dict) -> bool:
+def _differs(name: str, members_a: dict, members_b: dict) -> bool:
     """Whether any coordinate of a name is another in B."""
-    return any(path.rpartition("/")[2] == name and isinstance(member, Dataset) and isinstance(right.get(path), Dataset)
-               and not np.array_equal(member.data, right[path].data) for path, member in left.items())
+    return any(path.rpartition("/")[2] == name and isinstance(member, Dataset) and isinstance(members_b.get(path), Dataset)
+               and not np.array_equal(member.data, members_b[path].data) for path, member in members_a.items())
 
 
 def _attributes(path: str, a: Group, b: Group, rtol: float) -> list[Difference]:

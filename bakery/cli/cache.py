@@ -116,8 +116,8 @@ def _ask(folder, held) -> None:
     if not held.others or not count:
         return
     named = ", ".join(clean(path.name) for path in held.others[:_NAMED])
-    more = f" and {len(held.others) - _NAMED} more" if len(held.others) > _NAMED else ""
-    message = f"{folder}: holds besides {_entries(count)} also {named}{more}, which are no cache's and would stay"
+    unnamed = f" and {len(held.others) - _NAMED} more" if len(held.others) > _NAMED else ""
+    message = f"{folder}: holds besides {_entries(count)} also {named}{unnamed}, which are no cache's and would stay"
     if not sys.stdin.isatty():
         raise UsageError(f"{message}; --yes removes the entries without a question")
     if not click.confirm(f"{message}. Remove the entries?", err=True):

@@ -93,7 +93,7 @@ def summary(made, found, base, file=None) -> dict:
     remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
     remarks += [f"{base.name} does not have all of the light, and neither errors nor bias count what it lacks: {sentence}."
-                for one in methods if one["name"] == base.name for sentence in one["left_out"]]
+                for method in methods if method["name"] == base.name for sentence in method["left_out"]]
     pixels = any(one.job.scene.values.measure == "pixels" for one in made)
     remarks += ["Errors, noise and times are those of the picture as a whole; the tolerance is one of pixels (measure: pixels), "
                 "which takes longer."] if pixels else []

@@ -151,8 +151,8 @@ class _Sweep:
 
         Raises UsageError where all of them leave light out.
         """
-        exact = [one for name, one in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
-        whole = [one for one in exact if not one.report.get("left_out")]
+        exact = [rendered for name, rendered in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
+        whole = [rendered for rendered in exact if not rendered.report.get("left_out")]
         if exact and not whole:
             raise UsageError(f"{self.loaded.path}: no method has all of the light, so none is a reference for errors: "
                              f"{'; '.join(exact[0].report['left_out'])}")

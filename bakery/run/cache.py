@@ -50,15 +50,15 @@ def places() -> tuple[Path, str | None]:
     return own, None if chosen and Path(chosen).absolute() == own else chosen or None
 
 
-def _refuse_name(folder: Path, found: str) -> None:
+def _refuse_name(folder: Path, message: str) -> None:
     """UsageError where no folder can have such a name."""
     try:
         os.lstat(folder)
     except OSError as error:
         if error.errno in (errno.ENAMETOOLONG, errno.ELOOP):
-            raise UsageError(f"{found}, which cannot be a folder ({error.strerror}); another one would do") from None
+            raise UsageError(f"{message}, which cannot be a folder ({error.strerror}); another one would do") from None
     except ValueError:
-        raise UsageError(f"{found}, which no folder can be called; another one would do") from None
+        raise UsageError(f"{message}, which no folder can be called; another one would do") from None
 
 
 def _median(votes: list[tuple[float, float]]) -> float:

@@ -21,15 +21,15 @@ _SAID = ("failed to map segment", "cannot allocate memory", "can't start new thr
 
 def free_memory() -> float | None:
     """Bytes that a new allocation can have, or None where the system does not say."""
-    left = address_space_left()
+    address_space = address_space_left()
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 available = float(line.split()[1]) * 1024
-                return available if left is None else min(available, left)
+                return available if address_space is None else min(available, address_space)
     except OSError:
         pass
-    return left
+    return address_space
 
 
 def address_space_left() -> float | None:
@@ -53,10 +53,10 @@ class _Refuse:
 
     def find_spec(self, name, path=None, target=None):
         if name in TAKEN:
-            once, each = TAKEN[name]
-            needed, left = once + each * (_threads() - 1), address_space_left()
-            if left < needed:
-                raise MemoryError(f"{name} takes {needed / 1e6:.0f} MB of address space, {left / 1e6:.0f} MB are left "
+            base, per_thread = TAKEN[name]
+            needed, available = base + per_thread * (_threads() - 1), address_space_left()
+            if available < needed:
+                raise MemoryError(f"{name} takes {needed / 1e6:.0f} MB of address space, {available / 1e6:.0f} MB are left "
                                   "of the limit (ulimit -v)")
 
 

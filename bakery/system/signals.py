@@ -25,8 +25,8 @@ class _Ending:
     def asked(self, number: int, frame: FrameType | None) -> None:
         # Another signal must not break off the clean-up: a script that is interrupted with its bake ends it as well.
         # The same one a second time ends at once.
-        for other in self._exceptions:
-            signal.signal(other, signal.SIG_DFL if other == number else _ignored)
+        for caught in self._exceptions:
+            signal.signal(caught, signal.SIG_DFL if caught == number else _ignored)
         self._due = self._exceptions[number]
         self.raise_it(number, frame)
 

@@ -215,8 +215,9 @@ def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_
         added = np.zeros((m, 3))
         together = np.ones(weight.shape)
         if np.isfinite(chance).any():
-            met = view.origin + far[:, None] * direction
-            together = shadow.factors(medium, view.origin, met, sample.direction.astype(float), sample.distance, place - met)
+            pencil_ends = view.origin + far[:, None] * direction
+            together = shadow.factors(medium, view.origin, pencil_ends, sample.direction.astype(float), sample.distance,
+                                      place - pencil_ends)
         run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chance, together, *sample, added)
         _sum(added, pixel, sample.light, by_order[1], by_light)
 

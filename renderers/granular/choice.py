@@ -56,53 +56,53 @@ class Difference(NamedTuple):
     """Light that met grains and goes on in the medium, less that among explicit grains, over it.
 
     bias, error : of the colour where it is largest, without sign, and its standard error
-    known : relative standard error of the light among explicit grains
+    explicit_error : relative standard error of the light among explicit grains
     paths : by each way
     """
 
     bias: float
     error: float
-    known: float
+    explicit_error: float
     paths: int
 
 
-def chosen(world, assets, meshes, how, tolerance) -> Choice:
+def chosen(world, assets, meshes, in_medium, tolerance) -> Choice:
     """What `auto` is.
 
     Parameters
     ----------
     world, assets, meshes : as those of `methods.of`
-    how : `Transport` whose paths go on in the medium
+    in_medium : `Transport` whose paths go on in the medium
     tolerance : of the picture
     """
     some_smooth = any(map(_smooth, assets))
     if some_smooth and world.without_extent:
         return Choice(True, reasons=("how far the picture is off is not known: explicit grains cannot show the light of lamps "
                                      "without extent, and what one smooth grain reflects of it is missing",))
-    room = ROOM * tolerance if all(map(clear, assets)) else None
-    if room is None and not some_smooth:  # light samples reach them: explicit paths find all lamps
+    allowance = ROOM * tolerance if all(map(clear, assets)) else None
+    if allowance is None and not some_smooth:  # light samples reach them: explicit paths find all lamps
         return Choice(False, reasons=(_WRONG,))
     radiance = _radiances(world, np.concatenate([vertices for vertices, _ in meshes])) if some_smooth else None
-    return judged(difference(world, how, room, radiance), room)
+    return judged(difference(world, in_medium, allowance, radiance), allowance)
 
 
-def judged(measured: Difference, room: float | None) -> Choice:
+def judged(measured: Difference, allowance: float | None) -> Choice:
     """The choice by a measured difference that may take so much room; None of grains that are not clear."""
-    if not measured.known <= _KNOWN:
+    if not measured.explicit_error <= _KNOWN:
         return Choice(True, reasons=(f"how far the picture is off is not known: {measured.paths:,} paths from grain to grain "
                                      "found too little of the light to compare it with",))
-    if room is None:
+    if allowance is None:
         return Choice(False, reasons=(_WRONG,))
     words = f"by {percent(measured.bias)} +- {percent(measured.error)} ({measured.paths:,} paths of each)"
-    if _within(measured, room):
-        said = f"light in the medium differs from that among explicit grains {words}"
-        return Choice(True, measured.bias, measured.error, (said,))
+    if _within(measured, allowance):
+        sentence = f"light in the medium differs from that among explicit grains {words}"
+        return Choice(True, measured.bias, measured.error, (sentence,))
     return Choice(False, reasons=("auto is ept here: light in the medium would differ from that among explicit grains "
-                                  f"{words}, and there is room for {percent(room)}, two standard errors included",))
+                                  f"{words}, and there is room for {percent(allowance)}, two standard errors included",))
 
 
-def _within(measured, room):
-    return measured.bias + _SURE * measured.error <= room
+def _within(measured, allowance):
+    return measured.bias + _SURE * measured.error <= allowance
 
 
 def clear(asset) -> bool:
@@ -131,12 +131,12 @@ def _albedo(part):
 # ---- measured
 
 
-def difference(world, how, room, radiance=None) -> Difference:
-    """The difference between explicit paths and those that go on in the medium, measured until it is told from `room`.
+def difference(world, in_medium, allowance, radiance=None) -> Difference:
+    """The difference between explicit paths and those that go on in the medium, measured until it is told from `allowance`.
 
     Parameters
     ----------
-    world, how, room : as those of `chosen`
+    world, in_medium, allowance : as those of `chosen`
     radiance : (lights,), of lights that explicit paths find by chance; None where they sample them
 
     Notes
@@ -144,42 +144,43 @@ def difference(world, how, room, radiance=None) -> Difference:
     Both ways have the same random numbers up to the switch, and pixels that lie side by side as in the picture, which decides
     where that is.  The same for all seeds of a picture, so that no seed decides how it is made.
     """
-    ways, found = (how._replace(switch=None), how), []
+    setups, passes = (in_medium._replace(switch=None), in_medium), []
     for number in range(_ROUNDS[-1]):
         corners = _corners(world.size, number)
         size = len(corners) // EDGE, EDGE
-        found.append([transport.one_pass(world, way, world.camera, *size, _FIRST + number, 0, corners=corners) for way in ways])
+        passes.append([transport.one_pass(world, setup, world.camera, *size, _FIRST + number, 0, corners=corners)
+                       for setup in setups])
         if number + 1 in _ROUNDS:
-            measured = _compared(found, len(corners), radiance)
-            if measured.known <= _KNOWN and (room is None or _within(measured, room)
-                                             or measured.bias - _SURE * measured.error > room):
+            measured = _compared(passes, len(corners), radiance)
+            if measured.explicit_error <= _KNOWN and (allowance is None or _within(measured, allowance)
+                                                       or measured.bias - _SURE * measured.error > allowance):
                 break
     return measured
 
 
-def _compared(found, paths, radiance) -> Difference:
-    """found : (passes, 2) of `transport.Sums`, of explicit paths and of the others;  paths : of a pass"""
-    count = len(found)
-    explicit, other = np.moveaxis([[sums.by_order[1:].sum(axis=0).mean(axis=0) for sums in ways] for ways in found], 1, 0)
+def _compared(passes, paths, radiance) -> Difference:
+    """passes : (n, 2) of `transport.Sums`, of explicit paths and of the others;  paths : of a pass"""
+    count = len(passes)
+    explicit, switched = np.moveaxis([[sums.by_order[1:].sum(axis=0).mean(axis=0) for sums in pair] for pair in passes], 1, 0)
     level = explicit.mean(axis=0)
     if not level.max() > 0:
-        unknown = math.inf if other.any() else 0.0
+        unknown = math.inf if switched.any() else 0.0
         return Difference(unknown, unknown, unknown, count * paths)
     level = np.maximum(level, _FAINT * level.max())
-    bias = np.abs((other - explicit).mean(axis=0)) / level
+    bias = np.abs((switched - explicit).mean(axis=0)) / level
     worst = int(np.argmax(bias))
-    missed = 0.0 if radiance is None else _by_chance(found, count * paths, radiance) / level[worst]
-    error, known = (math.hypot(float(part.std(axis=0, ddof=1)[worst] / level[worst]) / math.sqrt(count), missed)
-                    for part in (other - explicit, explicit))
-    return Difference(float(bias[worst]), error, known, count * paths)
+    missed = 0.0 if radiance is None else _by_chance(passes, count * paths, radiance) / level[worst]
+    error, explicit_error = (math.hypot(float(part.std(axis=0, ddof=1)[worst] / level[worst]) / math.sqrt(count), missed)
+                             for part in (switched - explicit, explicit))
+    return Difference(float(bias[worst]), error, explicit_error, count * paths)
 
 
-def _by_chance(found, paths, radiance):
+def _by_chance(passes, paths, radiance):
     """Standard error of light that explicit paths may have missed: N find a mean m of a radiance L by chance to sqrt(L m / N).
 
     m is what they have not found of each light: where no path has come upon a small lamp, the scatter of the passes cannot tell.
     """
-    lights = np.mean([[sums.by_light.mean(axis=1) @ colour.LUMINANCE for sums in ways] for ways in found], axis=0)
+    lights = np.mean([[sums.by_light.mean(axis=1) @ colour.LUMINANCE for sums in pair] for pair in passes], axis=0)
     return float(np.sqrt(np.sum(radiance * np.abs(lights[1] - lights[0])) / paths))
 
 
@@ -187,8 +188,8 @@ def _radiances(world, vertices):
     """Mean radiance (lights,) by their light, at vertices (V, 3) m of the meshes: luminances."""
     sample = world.lights(vertices[np.arange(_SAMPLES) * len(vertices) // _SAMPLES], _drawn(_ROUNDS[-1], _SAMPLES, 3))
     power = np.where(sample.delta, 0.0, sample.radiance @ colour.LUMINANCE)
-    squares, sums = (np.bincount(sample.light[power > 0], one[power > 0], len(world.light_names))
-                     for one in (power**2 * sample.density, power))
+    squares, sums = (np.bincount(sample.light[power > 0], weights[power > 0], len(world.light_names))
+                     for weights in (power**2 * sample.density, power))
     return squares / np.maximum(sums, 1e-300)
 
 
@@ -202,9 +203,9 @@ def _corners(size, number):
     return (EDGE * bundle[:, None] + np.stack([x, y], axis=1)).reshape(-1, 2)
 
 
-def _drawn(number, count, each):
-    """Random numbers (count, each) of a pass."""
-    states, drawn = np.empty(count, np.uint64), np.empty((count, each))
+def _drawn(number, count, columns):
+    """Random numbers (count, columns) of a pass."""
+    states, drawn = np.empty(count, np.uint64), np.empty((count, columns))
     wavefront.begin_streams(kernels.stream_key(0, "render.pilot", number), 0, states)
     wavefront.draw(states, drawn)
     return drawn

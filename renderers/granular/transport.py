@@ -255,8 +255,8 @@ def _switched(world, transport, paths, sums):
         here, way = paths.of(paths.body == body), transport.way(body, MEDIUM)
         way.sample_lights(1.0)
         status, found = way.arrive(here)
-        lit, turned = status == _paths.LIGHT, status == _paths.TURNS
-        parts += [_at_grains(world, transport, way, here.of(lit), [one[lit] for one in found], sums),
+        sampled, turned = status == _paths.LIGHT, status == _paths.TURNS
+        parts += [_at_grains(world, transport, way, here.of(sampled), [one[sampled] for one in found], sums),
                   _turned(way, here.of(turned), [one[turned] for one in found]), here.of(status == _paths.PASSES)]
     return parts
 

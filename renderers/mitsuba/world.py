@@ -280,7 +280,7 @@ class World:
         distance, valid = _arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
-    def met(self, origin, direction):
+    def first_surface(self, origin, direction):
         """Distances to the first surface, (n,) m, inf where there is none, and cosines (n,), positive, to its normal."""
         import drjit as dr
         import mitsuba as mi
@@ -468,7 +468,7 @@ def _specular(bsdf):
     import mitsuba as mi
 
     flags = bsdf.flags()
-    turns = any(mi.has_flag(flags, one) for one in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
+    turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
     return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)
 
 

@@ -53,7 +53,7 @@ class Path:
 class Event:
     """What paths have come to.
 
-    scatters : a scattering in `medium`, at `place`;  sampled : light samples reach it
+    scatters : a scattering in `medium`, at `position`;  sampled : light samples reach it
     meets : a surface;  misses : nothing, but for the environment;  surface : interaction with either
     crosses : that surface is a boundary to which light is blind
     """
@@ -61,7 +61,7 @@ class Event:
     scatters: mi.Bool
     sampled: mi.Bool
     medium: mi.UInt32
-    place: mi.Point3f
+    position: mi.Point3f
     meets: mi.Bool
     misses: mi.Bool
     surface: mi.SurfaceInteraction3f
@@ -79,7 +79,7 @@ def trace(scene, key, pixels, lanes, samples):
     pixel = lane // together
     low, high = mi.sample_tea_32(lane ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    path = _begun(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
+    path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
 
     def step(path, sums):
@@ -90,7 +90,7 @@ def trace(scene, key, pixels, lanes, samples):
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1]
 
 
-def _begun(scene, pixel, random, samples, alive):
+def _camera_paths(scene, pixel, random, samples, alive):
     """The camera's paths."""
     origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
     width = dr.width(pixel)
@@ -103,7 +103,7 @@ def _renewed(scene, pixel, samples, path):
     """Paths, and new ones of the camera where they are over."""
     over = ~path.alive
     count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
-    new = _begun(scene, pixel, path.random, count, count < samples)
+    new = _camera_paths(scene, pixel, path.random, count, count < samples)
     for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single"):
         setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
     path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
@@ -114,9 +114,9 @@ def _renewed(scene, pixel, samples, path):
 def _add(sums, order, *lights):
     """Adds light to the sums of its order."""
     for k in range(ORDERS):
-        here = order == k if k < ORDERS - 1 else order >= k
+        of_order = order == k if k < ORDERS - 1 else order >= k
         for c in range(3):
-            sums[3 * k + c] = sums[3 * k + c] + dr.select(here, media.total([light[c] for light in lights]), 0)
+            sums[3 * k + c] = sums[3 * k + c] + dr.select(of_order, media.total([light[c] for light in lights]), 0)
 
 
 def flight(scene, path):
@@ -156,10 +156,10 @@ def next_event(scene, path, event):
     surface, at_event = event.surface, event.sampled
     bsdf = surface.bsdf()
     at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    here = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), dr.select(event.scatters, event.place, surface.p),
-                            dr.select(event.scatters, 0, surface.n))
+    interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), dr.select(event.scatters, event.position, surface.p),
+                                   dr.select(event.scatters, 0, surface.n))
     u = mi.Point2f(path.random.next_float32(), path.random.next_float32())
-    light, radiance = scene.scene.sample_emitter_direction(here, u, False, at_surface | at_event)
+    light, radiance = scene.scene.sample_emitter_direction(interaction, u, False, at_surface | at_event)
     active = (at_surface | at_event) & (light.pdf > 0) & dr.any(radiance > 0)
     at_surface, at_event = at_surface & active, at_event & active
 
@@ -170,7 +170,7 @@ def next_event(scene, path, event):
     share = dr.select(light.delta, 1, _balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
     radiance *= share * dr.select(event.scatters, mi.Color3f(1), value)
     inside = dr.select(event.scatters, path.inside, scene.beyond(surface, light.d, path.inside, at_surface))
-    passed = scene.transmittance(here.spawn_ray_to(light.p), inside, active & dr.any(radiance > 0))
+    passed = scene.transmittance(interaction.spawn_ray_to(light.p), inside, active & dr.any(radiance > 0))
     weight = [dr.select(event.scatters, a * p, 1) * w * t
               for a, p, w, t in zip(albedo, phase, path.throughput, passed)]
     return scene.seen(weight, radiance, active)
@@ -180,16 +180,16 @@ def turned(scene, path, event):
     """Paths with a new direction, from where they have come to, or ended."""
     random, surface = path.random, event.surface
     u = [random.next_float32() for _ in range(3)]
-    way, density, throughput = media.scattered(scene.media, event.medium, path.direction, path.throughput, u)
+    scattered_direction, density, throughput = media.scattered(scene.media, event.medium, path.direction, path.throughput, u)
     shades = event.meets & ~event.crosses
     sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, u[0], mi.Point2f(u[1], u[2]), shades)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     throughput = [dr.select(event.scatters, a, dr.select(event.crosses, w, w * f))
                   for a, w, f in zip(throughput, path.throughput, factor)]
     onward = surface.spawn_ray(surface.to_world(sample.wo))
-    direction = dr.select(event.scatters, way, dr.select(event.crosses, path.direction, onward.d))
+    direction = dr.select(event.scatters, scattered_direction, dr.select(event.crosses, path.direction, onward.d))
     onward.o = dr.select(event.crosses, scene.across(surface, path.direction), onward.o)
-    path.origin = dr.select(event.scatters, event.place, onward.o)
+    path.origin = dr.select(event.scatters, event.position, onward.o)
     path.inside = dr.select(event.scatters, path.inside, scene.beyond(surface, direction, path.inside, event.meets))
     path.direction = direction
     path.throughput = throughput
@@ -199,7 +199,7 @@ def turned(scene, path, event):
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)
     path.drawn = dr.select(fresh, path.origin, path.drawn)
     path.bounces += dr.select(fresh, mi.UInt32(1), mi.UInt32(0))
-    path.alive &= ~event.misses & (~event.scatters | scene.near_bodies(event.place))
+    path.alive &= ~event.misses & (~event.scatters | scene.near_bodies(event.position))
     return _roulette(path, shades, random.next_float32())
 
 
@@ -215,6 +215,6 @@ def _roulette(path, shades, u):
     return path
 
 
-def _balance(mine, other):
+def _balance(mine, rival):
     """Balance heuristic of a sample's density against another's."""
-    return dr.select(mine > 0, mine / (mine + other), 0)
+    return dr.select(mine > 0, mine / (mine + rival), 0)

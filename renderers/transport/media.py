@@ -82,8 +82,8 @@ class Media:
 
     def _row(self, table, index):
         packets = -(-self.count // _PACKET)
-        found = [dr.gather(mi.Vector4f, table, index * packets + k) for k in range(packets)]
-        return [found[w // _PACKET][w % _PACKET] for w in range(self.count)]
+        vectors = [dr.gather(mi.Vector4f, table, index * packets + k) for k in range(packets)]
+        return [vectors[w // _PACKET][w % _PACKET] for w in range(self.count)]
 
 
 def flight(throughput, sigma_t, u, v):
@@ -97,7 +97,7 @@ def flown(throughput, sigma_t, distance, scatters):
     passed = [dr.exp(-sigma * distance) * dr.select(scatters, sigma, 1) for sigma in sigma_t]
     density = dot(throughput, passed)
     scale = dr.select(density > 0, total(throughput) / density, 0)
-    return [weight * one * scale for weight, one in zip(throughput, passed)]
+    return [weight * factor * scale for weight, factor in zip(throughput, passed)]
 
 
 def scattered(media, medium, direction, throughput, u):
@@ -120,19 +120,19 @@ def mean(weights, values):
 
 def pick(weights, u):
     """Number of one of several, drawn by its weight."""
-    rest, found = u * total(weights), mi.UInt32(0)
+    remaining, number = u * total(weights), mi.UInt32(0)
     for weight in weights[:-1]:
-        rest = rest - weight
-        found += dr.select(rest >= 0, mi.UInt32(1), mi.UInt32(0))
-    return found
+        remaining = remaining - weight
+        number += dr.select(remaining >= 0, mi.UInt32(1), mi.UInt32(0))
+    return number
 
 
 def chosen(values, number):
     """One of several, by its number."""
-    found = values[0]
+    value = values[0]
     for k in range(1, len(values)):
-        found = dr.select(number == k, values[k], found)
-    return found
+        value = dr.select(number == k, values[k], value)
+    return value
 
 
 def product(a, b):
@@ -140,24 +140,24 @@ def product(a, b):
 
 
 def dot(a, b):
-    found = a[0] * b[0]
+    summed = a[0] * b[0]
     for x, y in zip(a[1:], b[1:]):
-        found = dr.fma(x, y, found)
-    return found
+        summed = dr.fma(x, y, summed)
+    return summed
 
 
 def total(values):
-    found = values[0]
+    summed = values[0]
     for value in values[1:]:
-        found = found + value
-    return found
+        summed = summed + value
+    return summed
 
 
 def largest(values):
-    found = values[0]
+    greatest = values[0]
     for value in values[1:]:
-        found = dr.maximum(found, value)
-    return found
+        greatest = dr.maximum(greatest, value)
+    return greatest
 
 
 def _padded(row, length, value):
@@ -171,6 +171,6 @@ def _column(rows):
 def _rows(table):
     """A table (n, L), each row in whole packets."""
     table = np.asarray(table)
-    wide = np.zeros((len(table), -(-table.shape[1] // _PACKET) * _PACKET), np.float32)
-    wide[:, :table.shape[1]] = table
-    return mi.Float(wide.ravel())
+    padded = np.zeros((len(table), -(-table.shape[1] // _PACKET) * _PACKET), np.float32)
+    padded[:, :table.shape[1]] = table
+    return mi.Float(padded.ravel())

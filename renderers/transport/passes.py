@@ -32,6 +32,6 @@ def _rendered(scene, size, samples, seed, number):
     word, together = int(stream_key(seed, "render.paths", number)), min(samples, _TOGETHER)
     sums = loop.trace(scene(), (word & 0xFFFFFFFF, word >> 32), size[0] * size[1], samples // together, together)
     dr.eval(sums)  # all of them by one kernel
-    light = np.array([np.asarray(one) for one in sums]).reshape(ORDERS, 3, *size, -1)
+    light = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
     by_order = np.moveaxis(light.sum(axis=-1, dtype=float) / samples, 1, -1)
     return {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))

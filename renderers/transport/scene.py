@@ -52,8 +52,8 @@ class Scene:
         origin, corner, right, down = self._camera
         row = pixel // self._width
         column = pixel - row * self._width
-        place = corner + (mi.Float(column) + offset.x) * right + (mi.Float(row) + offset.y) * down
-        return origin + dr.zeros(mi.Point3f, dr.width(pixel)), dr.normalize(mi.Vector3f(place))
+        on_film = corner + (mi.Float(column) + offset.x) * right + (mi.Float(row) + offset.y) * down
+        return origin + dr.zeros(mi.Point3f, dr.width(pixel)), dr.normalize(mi.Vector3f(on_film))
 
     def innermost(self, inside):
         """Whether paths are in a body, and the number of its medium."""
@@ -188,8 +188,8 @@ def _entries(matrix):
 
 def _times(entries, values):
     """Product of a matrix with a vector, as lists."""
-    found = []
+    products = []
     for row in entries:
         terms = [values[k] if entry is None else values[k] * entry for k, entry in row]
-        found.append(sum(terms[1:], terms[0]) if terms else mi.Float(0))
-    return found
+        products.append(sum(terms[1:], terms[0]) if terms else mi.Float(0))
+    return products

@@ -275,8 +275,8 @@ def _errors(table, order, rho, z, c):
     exponent = -np.frexp(largest)[1][:, None, None]
     exact, tabulated = np.ldexp(exact, exponent), np.ldexp(tabulated, exponent)
     norm = (weight * exact**2).sum(axis=(1, 2))
-    lit = largest > _NOTHING
-    return np.where(lit, np.sqrt((weight * (tabulated - exact) ** 2).sum(axis=(1, 2)) / np.where(lit, norm, 1.0)), 0.0)
+    nonzero = largest > _NOTHING
+    return np.where(nonzero, np.sqrt((weight * (tabulated - exact) ** 2).sum(axis=(1, 2)) / np.where(nonzero, norm, 1.0)), 0.0)
 
 
 def upper(square, least=0.0):
