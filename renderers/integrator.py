@@ -2,7 +2,7 @@
 
 `mitsuba.render(scene, sensor=…, spp=…, seed=…)` gives the picture, and the sensor's film holds it.  Perspective cameras, and
 variants that work on arrays of colours (`llvm_ad_rgb`, `cuda_ad_rgb`).  A pixel is the mean over its square, whatever filter the
-film has.
+film has, and 0 where that is below 0, as beams of negative power leave it.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def register(name, inside) -> None:
 
 
 def _picture(inside, scene, sensor, seed, samples):
-    """(H, W, 3) linear sRGB, the mean of `samples` a pixel."""
+    """(H, W, 3) linear sRGB, the mean of `samples` a pixel, and nothing below 0, as in the pictures of scenes."""
     from renderers.mitsuba.world import World
     from renderers.progressive import Mean
 
@@ -85,4 +85,4 @@ def _picture(inside, scene, sensor, seed, samples):
         for number in range(-(-samples // part.samples)):
             mean.add(part.render(number))
         picture = picture + mean.layers[""]
-    return picture
+    return np.maximum(picture, 0.0)
