@@ -11,7 +11,9 @@ import mitsuba as mi  # isort: skip
 
 # of the size of bodies: nearer boundaries may coincide
 _TOUCH = 1e-4
-# of the largest coordinate: a path goes on beyond a boundary to which light is blind.  A boundary that it meets again is harmless
+# of the largest coordinate, of the point or of the bodies: a path goes on beyond a boundary to which light is blind.  A boundary
+# that it meets again is harmless where each step leads on; near the origin an offset by the point's coordinates alone does not,
+# as triangles are met to within the rounding of their corners
 _OFFSET = 4e-7
 _BLIND = 1 << 31  # of a shape: light does not see it
 
@@ -39,13 +41,14 @@ class Scene:
         self._shapes = _numbers(world, bodies)
         self._apart = [_alone(body, unit) for body in bodies] if needs_search(world, bodies) else []
         corners = np.concatenate([body.vertices for body in bodies]) / unit
+        self._farthest = mi.Float(float(abs(corners).max()))
         self._low, self._high, *self._camera = (mi.Point3f(*row) for row in (
             corners.min(axis=0).tolist(), corners.max(axis=0).tolist(), *_camera(world.camera, unit).tolist()))
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
         self.around_camera = mi.UInt32(sum(1 << number for number, body in enumerate(bodies)
                                            if body.name in around_camera))
-        dr.make_opaque(self._low, self._high, self._camera, self._width, self.around_camera)
+        dr.make_opaque(self._farthest, self._low, self._high, self._camera, self._width, self.around_camera)
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
@@ -82,7 +85,7 @@ class Scene:
 
     def across(self, surface, direction):
         """Where paths go on beyond a boundary to which light is blind."""
-        off = _OFFSET * dr.max(dr.abs(surface.p))
+        off = _OFFSET * dr.maximum(dr.max(dr.abs(surface.p)), self._farthest)
         return surface.p + dr.mulsign(mi.Vector3f(surface.n) * off, dr.dot(surface.n, direction))
 
     def transmittance(self, ray, inside, active):

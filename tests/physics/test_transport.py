@@ -149,6 +149,23 @@ def test_what_the_loop_leaves_to_the_walk(tmp_path):
 WARM, COOL = asset([0.9, 0.8, 0.5], 0.0, (1.0, 0.8, 0.6)), asset([0.99, 0.5, 0.9], 0.3, (0.4, 2.0, 1.0))
 
 
+def test_paths_go_on_where_balls_touch_at_the_origin(tmp_path):
+    """An offset by the coordinates of the point alone is less than the rounding of the triangles there: a path never ended."""
+    left, right = ((0.8 * BALL[0] + [x, 0, 0], BALL[1]) for x in (-4, 4))
+    how = transport(tmp_path, {"left": (left, WARM), "right": (right, COOL)}, SKY, [1.0, 1.0])
+    met = scene.Scene(how.world, how.bodies, how.colours, ())
+    random = np.random.default_rng(0)
+    origin = np.array([[0.0], [-1.0], [0.0]]) + 10.0 ** random.uniform(-12, -4, 20_000) * random.normal(size=(3, 20_000))
+    ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(0, 1, 0))
+    active = dr.full(mi.Bool, True, 20_000)
+    for _ in range(40):
+        surface = met.scene.ray_intersect(ray, mi.RayFlags.Minimal, False, active)
+        active &= surface.is_valid() & met.is_blind(surface.shape)
+        ray.o = dr.select(active, met.across(surface, ray.d), ray.o)
+        dr.eval(ray, active)  # one kernel for all steps
+    assert not dr.any(active)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("meshes, around, indices, origin", [
     ({"ball": (BALL, WARM)}, PANEL + FLOOR, [1.0], "0, -19, 5"),
