@@ -24,7 +24,7 @@ help:
 	@echo "make soak      the long tests: kills, damage, fuzzing"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
-	@echo "make clean     remove build/ and compiled kernels: after a pull that changes kernels"
+	@echo "make clean     remove build/ and compiled kernels"
 	@echo "make docs      bring the tables of docs/asset-format.md up to date"
 	@echo "make site      the documentation as pages, notebooks run: build/site/index.html"
 	@echo "make man       man pages of all commands: man -M build/man bake"

@@ -40,8 +40,6 @@ Importing this module loads numba and SciPy.
 
 from __future__ import annotations
 
-from numba import njit
-
 from bakery.physics.discrete.levels import order as disc_order
 from bakery.physics.discrete.levels import procedural as procedural_discs
 from bakery.physics.discrete.levels import stored as stored_discs
@@ -132,6 +130,7 @@ from bakery.physics.packing.instances import mix as hashed
 from bakery.physics.shapes.files import triangles
 from bakery.physics.shapes.mending import mended
 from bakery.rng import key64 as stream_key
+from bakery.system.compiled import njit
 
 __all__ = [
     "BOX",

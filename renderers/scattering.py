@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import phase_layout, phase_sample, phase_value, turned_direction
+from bakery.system.compiled import njit
 from renderers.wavefront import uniform
 
 

@@ -7,9 +7,9 @@ is any tuple with to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3)
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import hashed
+from bakery.system.compiled import njit
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 ORDERS = 4  # of scattering that are told apart: 0, 1, 2, 3 and more

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import (
     NO_DISC,
@@ -22,6 +21,7 @@ from bakery.kernels import (
     relative_density,
     turned_direction,
 )
+from bakery.system.compiled import njit
 from renderers.wavefront import to_rgb, uniform
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import phase_value, region_densities, stream_key
+from bakery.system.compiled import njit
 from renderers import colour, wavefront
 from renderers.threads import run
 

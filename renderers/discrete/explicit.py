@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import first_disc, fresnel, lent, mesh_scratch
+from bakery.system.compiled import njit
 from renderers import wavefront
 from renderers.threads import run
 

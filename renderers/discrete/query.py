@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import (
     NO_DISC,
@@ -23,6 +22,7 @@ from bakery.kernels import (
     phase_value,
     turned_direction,
 )
+from bakery.system.compiled import njit
 from renderers import wavefront
 from renderers.discrete import _transport
 from renderers.threads import run

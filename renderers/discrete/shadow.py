@@ -13,9 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import lent, mesh_scratch, relative_density
+from bakery.system.compiled import njit
 from renderers.discrete._transport import through_box
 from renderers.threads import run
 

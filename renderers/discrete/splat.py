@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import BOX, disc_cells, discs_of_cell, hashed, mesh_scratch, open_wavelengths, stream_key, turned_direction
+from bakery.system.compiled import njit
 from renderers import wavefront
 from renderers.discrete import _transport, shadow
 from renderers.threads import run

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _LARGEST_G = 1 - 1e-9  # at 1 nothing is deflected and D is infinite
 _DEEPEST = 1e8  # optical depth; more is dark

@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 NEAR, SHARE, FAR, MET, REST = range(5)
 # columns of an entry: pixels and their centre, light and its centre, distances (smallest, largest, pixels at those two, mean),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from bakery.system.compiled import njit
 
 _NODES = (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
 _WEIGHTS = (5 / 18, 8 / 18, 5 / 18)

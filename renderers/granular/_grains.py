@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery import kernels
 from bakery.kernels import (
@@ -19,6 +18,7 @@ from bakery.kernels import (
     rotation_matrix,
     triangle_normal,
 )
+from bakery.system.compiled import njit
 
 NOWHERE, UNKNOWN = -1, -2  # in place of a sphere: a ray starts in none; it is not known where it starts
 _AHEAD = 1.0 / 128  # radii that a ray starts outside of a sphere: a grain may touch it

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import (
     Aggregate,
@@ -17,6 +16,7 @@ from bakery.kernels import (
     lent,
     mesh_boundary,
 )
+from bakery.system.compiled import njit
 from renderers.granular._grains import NOWHERE
 from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, PASSES, TRACE, TURNS, chance_at, crosses
 from renderers.granular._varied import collision, grain_at, thinned

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import DIELECTRIC, DIFFUSE, at_surface, lent, surface_density, surface_frame, surface_share
+from bakery.system.compiled import njit
 from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.wavefront import roulette, to_rgb, uniform
 

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import (
     DIELECTRIC,
@@ -17,6 +16,7 @@ from bakery.kernels import (
     surface_frame,
     within_reach,
 )
+from bakery.system.compiled import njit
 from renderers.granular._grains import _AHEAD, far_side, on_grain, scratch
 from renderers.granular._paths import LEAVES, NOTHING, TRACE, _absorb, at_grain, crosses
 from renderers.wavefront import uniform

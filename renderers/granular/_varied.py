@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from bakery.kernels import extinctions_at
+from bakery.system.compiled import njit
 from renderers.wavefront import uniform
 
 _FAINT = 1 / 16  # light samples of which less is left are ended by chance

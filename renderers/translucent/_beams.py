@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import lent, phase_value
+from bakery.system.compiled import njit
 
 DEEP = 30.0  # mean free paths, beyond which light is 1e-13 and left out
 _GRAZING = 0.36  # square of a sine, below which beams are not spread along the boundary but at right angles

@@ -9,7 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _FAN = 3  # 2^_FAN clusters of a level, or beams, form a cluster of the next
 _FLOOR = 0.05  # share of the beams that is drawn by their power alone: none is left out where the guess is too low

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import lent, mesh_scratch, triangle_normal
+from bakery.system.compiled import njit
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform
 

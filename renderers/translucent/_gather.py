@@ -10,7 +10,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import (
     add_look_up,
@@ -22,6 +21,7 @@ from bakery.kernels import (
     sum_of_look_ups,
     triangle_normal,
 )
+from bakery.system.compiled import njit
 from renderers.translucent._choice import drawn, guess
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform

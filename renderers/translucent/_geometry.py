@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import distance_to_triangles, lent, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.system.compiled import njit
 
 OUTSIDE = -1  # of all bodies
 _ALMOST = 1 - 1e-4  # of the way to a light: its own surface is none in between

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import fresnel, lent, mesh_scratch, triangle_normal
+from bakery.system.compiled import njit
 from renderers.scattering import flight, flown, scattered
 from renderers.translucent._geometry import clearance, first
 from renderers.wavefront import roulette, uniform

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import fresnel, lent, mesh_scratch
+from bakery.system.compiled import njit
 from renderers.scattering import mean_phase
 from renderers.translucent._geometry import first
 from renderers.wavefront import uniform

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import lent, phase_sample, phase_value, surface_frame, turned_direction
+from bakery.system.compiled import njit
 from renderers.wavefront import uniform
 
 EVENTS, FACTORS = 4, 5  # columns of a row

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.kernels import lent, mesh_scratch
+from bakery.system.compiled import njit
 from renderers.scattering import flight, flown, left, mean_phase, scattered
 from renderers.translucent._geometry import clearance, first
 from renderers.translucent._shells import jump, largest

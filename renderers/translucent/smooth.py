@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from bakery.system.compiled import njit
 from renderers.mitsuba.world import LOBE
 from renderers.scattering import mean_cosines
 from renderers.threads import run

@@ -17,7 +17,7 @@ from tests.conftest import ROOT
 MAY = {
     "system": set(),
     "grammar": set(),
-    "physics": {"rng", "system.llvm"},
+    "physics": {"rng", "system.compiled", "system.llvm"},
     "store": {"system.memory"},
     "draw": {"store.put"},
     "stages": {"draw", "grammar", "physics", "rng", "store", "system.terminal"},

@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bakery import rng
 from bakery.physics.medium._kernels import layout, sampled, turned
+from bakery.system.compiled import njit
 
 BLOCKS = 32  # random streams, and samples of each mean
 _LOW, _KEPT = 0.1, 0.3  # weight below which Russian roulette is played, and the weight of the survivors

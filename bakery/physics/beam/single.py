@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.medium import phase as tables
+from bakery.system.compiled import njit
 
 # Ranges of the angle forward and back; within one the exponential is taken at the mean tangent: 1e-4 at most.
 _BINS, _BACK = 720, 180

@@ -10,7 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 FIRST = 1e-3  # mfp, smallest depth of a table; shallower ones are scaled from it: 1e-3 is lost there
 PER_DECADE = (16, 18)  # steps of depth, of the ratio

@@ -13,8 +13,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy import fft
+
+from bakery.system.compiled import njit
 
 WAVES = 64  # wave numbers a decade
 _LOW, _HIGH = 1e-5, 1e5  # 1/mfp, for phase functions of up to `_BROAD` orders

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.packing.instances import mix
+from bakery.system.compiled import njit
 
 MOST = 64  # particles in one cell: beyond, the chance is below 1e-18 for means up to 16
 LARGEST_MEAN = 16.0

@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.discrete import hashing
 from bakery.physics.discrete.region import Region
+from bakery.system.compiled import njit
 
 PER_CELL = 1.5  # particles; 1 to 2 take the same time, as `make figures-discrete CLAIM=fig17` measures
 _BITS = 2

@@ -13,12 +13,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.discrete.hashing import cell_count, cell_hash, cell_particle
 from bakery.physics.discrete.levels import along_axis, block_steps, cell_index
 from bakery.physics.discrete.region import relative_density
 from bakery.physics.packing.instances import mix
+from bakery.system.compiled import njit
 
 NONE = -1
 _PRIME = np.uint64(0xD1B54A32D192ED03)

@@ -6,12 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.bvh import nearest as nearest_triangle
 from bakery.physics.grains.bvh import normal as triangle_normal
 from bakery.physics.grains.bvh import scratch as mesh_scratch
+from bakery.system.compiled import njit
 
 BOX, GRID, MESH = range(3)
 _OUT, _IN, _EDGE = 0.0, 1.0, 0.5  # voxels of a mesh

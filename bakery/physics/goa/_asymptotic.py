@@ -13,10 +13,10 @@ Where neither holds `reach` says so, and the series from n = 1 has to serve.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.goa._special import STRICT
 from bakery.physics.mie._kernels import NEAR, _asymptotic_ratio
+from bakery.system.compiled import njit
 
 KEEP = 10.0  # distance from a turning point, in units of its x^(1/3): the sixth term of Debye's series is 3e-8 there
 FORGOTTEN = 10.0  # exp(-2 * 10) is left of an error of the start

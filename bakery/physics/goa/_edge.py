@@ -16,11 +16,11 @@ The kernels of `bakery.mie`, `_special` and `_asymptotic` are compiled in; numba
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.goa._asymptotic import reach, stretch
 from bakery.physics.goa._special import BESSEL_END, STRICT, bessel_far, bessel_near, share, sincos
 from bakery.physics.mie._kernels import ANGLES, DIF_R, LANES, SUM_R, E, F, P, Q, V, _coefficients, _reset, _sweep, terms
+from bakery.system.compiled import njit
 
 NEAR_START = 400  # below, a recurrence from n = 1 is as cheap as Bessel functions
 EDGE_MAX = 2e6  # as bakery.mie.X_MAX: above, the coefficients are not computed and diffraction is the tapered one

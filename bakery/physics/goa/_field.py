@@ -14,7 +14,6 @@ lanes need in loops without branches, what few need (floors, shares of the exact
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.goa._rays import AXIS, DARK, DARKEST, FOCUS, RAINBOW, SINGLE
 from bakery.physics.goa._solve import WIDTH, times
@@ -47,6 +46,7 @@ from bakery.physics.goa._surface import (
     SIZE,
     SLOPE,
 )
+from bakery.system.compiled import njit
 
 # Rows of the lanes behind the columns of a ray: modulus, sin and cos of the phase; the waves of a single ray, or half the phase
 # difference of a pair, its sin and cos, and Bessel functions of it

@@ -16,11 +16,11 @@ Angles ascend: then the rays of one segment, pole and sign belong to a stretch o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.goa._solve import ROWS, T_I, WIDTH, B, T, complex_rays, real_rays
 from bakery.physics.goa._special import STRICT, sincos
 from bakery.physics.goa._surface import COLUMNS, EXISTS, OF_REAL, OUT_ROWS, PATH, PATH_I, SINE, beyond, outside, real
+from bakery.system.compiled import njit
 
 # An item: kind, first angle, number of angles, row of the first ray and of its partner (-1: none); phase; sign of d theta_p/dt
 # (rainbow: +1 for the ray of smaller t); +1 forward, -1 backward

@@ -18,9 +18,9 @@ instructions.  A lane that is done stands still: its result does not depend on t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.goa._special import INLINE, STRICT, sincos
+from bakery.system.compiled import njit
 
 WIDTH = 16
 # Rows: half the turning b, guess then t (Re, Im), sin t, cos t, cos v (Re, Im), bracket, last step, 1 while searching, 1 if found

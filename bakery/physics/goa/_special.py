@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
 from bakery.physics.mie._vector import fma
+from bakery.system.compiled import njit
 
 STRICT = dict(cache=True, nogil=True, error_model="numpy")
 INLINE = dict(STRICT, forceinline=True)  # parts of loops that the compiler turns into vector instructions

@@ -7,10 +7,10 @@ by k is left out: it shifts phases by x k^2, and where that counts exp(-x k) lea
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.goa._solve import C_I, FOUND, S_I, T_I, V_I, WIDTH, C, S, T, V, over, root, times
 from bakery.physics.goa._special import INLINE, STRICT, sincos
+from bakery.system.compiled import njit
 
 # Columns of a real ray, those that `_field` always reads first: sin t; phase over x; sqrt(geometry/(sine slope)); the x from
 # which that needs no floor; the amplitudes of both polarisations; absorption over x; sin theta; geometry = sin t cos t;

@@ -11,12 +11,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains import _rays
 from bakery.physics.grains._lanes import fetch, lowest
 from bakery.physics.grains._rays import confirm, leap, passed, those
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, disk, left, turned
+from bakery.system.compiled import njit
 
 MISSED, LEFT, ABSORBED, CONTRADICTED, CUT = range(5)
 _FAINT = 0.05  # weight below which a path goes on only by chance

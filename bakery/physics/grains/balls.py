@@ -10,13 +10,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains._walk import _FAINT, _drawn, _enter, _frame, _uniform, coat, stream
 from bakery.physics.grains.scatterometer import EDGES, Statistics, measure
 from bakery.physics.grains.sphere import Ball, ball
 from bakery.physics.grains.surface import DIELECTRIC, Surface, left, turned
 from bakery.physics.grains.walk import ABSORBED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
+from bakery.system.compiled import njit
 
 _GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches is reflected
 

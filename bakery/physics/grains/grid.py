@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains._rays import BLOCK, FULL, MORE, NAMES, SLACK, TRIANGLES, UNITS
+from bakery.system.compiled import njit
 
 # Side of a cell over that of a square as large as the mean triangle.  Small cells hold few triangles, but those of a fine mesh
 # fill more memory than is near: with 200,000 triangles waiting for it costs more than tests (measured best: 1.5 with 20,000, 4).

@@ -12,13 +12,13 @@ import threading
 from collections import OrderedDict
 
 import numpy as np
-from numba import njit
 
 from bakery.errors import UsageError
 from bakery.physics.grains._walk import _AHEAD, _FAINT, _enter
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 from bakery.system import llvm
+from bakery.system.compiled import njit
 
 VARIANT = "llvm_ad_mono"
 BATCH = 1 << 18  # paths a call from which on starting the kernel (2 ms) is no longer seen

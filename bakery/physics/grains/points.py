@@ -9,7 +9,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 DIMENSIONS, BITS = 4, 32
 _PRIMITIVE = ((0, 0, ()), (1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))  # degree, coefficients, first direction numbers

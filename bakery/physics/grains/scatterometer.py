@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from bakery import rng
 from bakery.physics.grains.bvh import Mesh
@@ -19,6 +18,7 @@ from bakery.physics.grains.figures import WithErrors
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.surface import Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Paths, Walker
+from bakery.system.compiled import njit
 
 REPLICATES = 32
 HITS_MIN = 1 << 14

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains.surface import DIELECTRIC, DIFFUSE, Surface, fresnel_conductor
+from bakery.system.compiled import njit
 
 NODES = 600
 _RAYS = 1 << 14  # intervals of incidence for the phase function

@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.shapes import limits
+from bakery.system.compiled import njit
 
 DIELECTRIC, DIFFUSE, CONDUCTOR = 0, 1, 2
 

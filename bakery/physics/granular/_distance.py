@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES
 from bakery.physics.granular.aggregate import holds
+from bakery.system.compiled import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

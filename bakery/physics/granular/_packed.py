@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains._walk import _drawn, _frame, _uniform
 from bakery.physics.grains.bvh import nearest, normal, scratch
 from bakery.physics.grains.surface import turned
 from bakery.physics.packing.instances import kind, matrix, rotation, uniforms
+from bakery.system.compiled import njit
 
 MISSED, LEFT, LOST, CONTRADICTED, CUT = range(5)
 AHEAD = 1.0 / 128  # how far outside of the bounding sphere a ray starts: a grain may touch the sphere

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains.bvh import nearest, normal, scratch
+from bakery.system.compiled import njit
 
 OUTSIDE, PARTIAL, INSIDE, CLASS = 0, 1, 2, 3  # class of a voxel, and the bits that hold it
 NEAR = 4  # bit: a point of the voxel may lie within `reach` of the solid

@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.grains.bvh import Mesh, nearest, normal
 from bakery.physics.grains.bvh import scratch as mesh_scratch
@@ -20,6 +19,7 @@ from bakery.physics.granular._voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIA
 from bakery.physics.granular.field import Field, between, largest, sampled, uniform, value
 from bakery.physics.packing._cells import cells, counts
 from bakery.physics.packing.instances import left_out
+from bakery.system.compiled import njit
 
 _LARGEST, _ACROSS = 4.0, 128  # edge of a voxel: at least so many largest radii; at most so many along the mesh
 _BEYOND = 1.01  # of the mesh's half diagonal

@@ -15,12 +15,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import eigvalsh_tridiagonal
 
 from bakery.physics.granular._distance import distance
 from bakery.physics.granular.aggregate import clearance, depth
 from bakery.physics.multiple.legendre import moments as legendre
+from bakery.system.compiled import njit
 
 _NEAR, _SKIN = 1.5, 0.5  # 1/sigma_t'
 _MOMENTS = 63  # of a phase function

@@ -14,11 +14,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.granular.effective import mixed_of_sizes
 from bakery.physics.granular.field import Field, between, uniform, value
 from bakery.physics.medium.phase import with_delta
+from bakery.system.compiled import njit
 
 
 class Component(NamedTuple):

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.medium import phase
+from bakery.system.compiled import njit
 
 
 def layout(theta, f):

@@ -29,11 +29,12 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 from bakery.physics.mie._vector import Memory, Registers, fma, integer
+from bakery.system.compiled import njit
 
 LANES = 16  # radii computed side by side: enough independent work to hide the latency of the division chain
 WIDE = 12_000  # above so many terms one radius at a time: the lanes would leave the cache

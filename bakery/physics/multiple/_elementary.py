@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _A = (0.99999998056, -0.333331803764, 0.199964368025, -0.142472225889, 0.108780095218, -0.0821376060739, 0.0550280834087,
       -0.0284907591517, 0.00956733138483, -0.00150930121461)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _LEVELS = 400  # above the last one, where the infinite chain of streaming is started
 _HUGE = 1e150

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
@@ -19,6 +19,7 @@ from bakery.physics.multiple._blend import blend
 from bakery.physics.multiple._elementary import exp, log, quadrant, quadrant_of_squares
 from bakery.physics.multiple.frame import CORE, SKEW
 from bakery.physics.multiple.kinds import POINT, SEGMENT
+from bakery.system.compiled import njit
 
 GROUP = 8
 _RHO, _Z, _X, _Y, _ALONG, _WEIGHT, _SUM = range(0, 7 * GROUP, GROUP)  # of the numbers of a sum

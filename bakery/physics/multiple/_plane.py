@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.multiple._kernels import packed
+from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
 _ROWS = 4  # distances at a time: what they need stays in the second level of the cache

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.medium._kernels import evaluated, sampled, turned
 from bakery.physics.multiple.frame import CORE
 from bakery.physics.multiple.kinds import POINT
+from bakery.system.compiled import njit
 
 BOXES = 64  # of u = arsinh(r / CORE) up to the extent
 _LOW, _HIGH = 0.25, 4.0  # of the weight that belongs to a distance

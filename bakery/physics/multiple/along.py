@@ -10,12 +10,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.multiple import frame, locate, lookup, uniform
 from bakery.physics.multiple.build import places, upper
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import Table
+from bakery.system.compiled import njit
 
 
 def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, deviations) -> tuple[Table, np.ndarray]:

@@ -9,7 +9,8 @@ with a little weight where they are dark.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 FAINT = 0.003
 ROUNDS = 2

@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.medium.similarity import without_peak
+from bakery.system.compiled import njit
 
 _GAUSS = 10  # points of a piece of the table
 _PIECE = 2.0  # order * width of a piece in rad: ten points are then exact to rounding

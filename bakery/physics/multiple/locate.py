@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.multiple import frame
 from bakery.physics.multiple.kinds import POINT
+from bakery.system.compiled import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

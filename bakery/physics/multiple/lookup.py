@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, locate
@@ -20,6 +19,7 @@ from bakery.physics.multiple._elementary import asinh, exp
 from bakery.physics.multiple._look import add, emptied, total, value
 from bakery.physics.multiple.frame import CORE
 from bakery.physics.multiple.table import RINGS, Table, margins
+from bakery.system.compiled import njit
 
 UPSAMPLED = 3  # of the basis by splines; between these points linear
 _LINE = 64  # bytes that memory is read in

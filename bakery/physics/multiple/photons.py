@@ -12,11 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bakery import rng
 from bakery.physics.medium import phase as tables
 from bakery.physics.medium._kernels import evaluated, layout, sampled, turned
+from bakery.system.compiled import njit
 
 BLOCKS = 32  # random streams, and samples of each mean
 _LOW, _KEPT = 0.2, 0.5  # weight below which Russian roulette is played, and the weight of the survivors

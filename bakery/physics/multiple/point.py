@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.multiple import _kernels
 from bakery.physics.multiple.fourier import Propagator, stencil
+from bakery.system.compiled import njit
 
 
 def value(medium: Propagator, rho, z, theta, phi):

@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, lookup
 from bakery.physics.multiple._elementary import asinh, exp
 from bakery.physics.multiple._look import add, emptied, total, value
 from bakery.physics.multiple.lookup import Ready, add_beam, any_length, gauss, piece
+from bakery.system.compiled import njit
 
 _GAUSS = 4  # points of a piece of a line of sight
 X, WEIGHT = gauss(_GAUSS)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _EDGE = 0.7  # of a cell, in the edge of a cube with one sphere in it: the quickest flights
 

@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from bakery.system.compiled import njit
 
 STRICT = dict(cache=True, nogil=True, error_model="numpy")
 INNER = dict(STRICT, forceinline=True)  # a call would copy the whole of `State`: a third of the time of an event

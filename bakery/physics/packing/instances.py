@@ -15,7 +15,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 LEAF = 4  # triangles
 _STACK = 128

@@ -10,7 +10,8 @@ same loss of volume (`python benchmarks/meshes.py fewer`).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from bakery.system.compiled import njit
 
 _TURN = 0.2  # cosine below which a triangle would turn too far
 _THIN = 1e-2  # twice the area over summed squared sides (0.29 if equilateral) below which no triangle becomes thinner

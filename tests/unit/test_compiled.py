@@ -1,0 +1,81 @@
+"""Kept kernels are those of all the sources that they were compiled from."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from bakery.system import compiled
+from tests.conftest import ROOT
+
+CALLED = """
+from bakery.system.compiled import njit
+
+FACTOR = {factor}
+
+
+@njit(cache=True)
+def times(x):
+    return FACTOR * x
+"""
+CALLER = """
+from bakery.system.compiled import njit
+from toy.called import times
+
+
+@njit(cache=True)
+def plus(x):
+    return 1 + times(x)
+"""
+USE = """
+from bakery.system import compiled
+compiled._PACKAGES = (*compiled._PACKAGES, "toy")
+from toy.caller import plus
+print(plus(2.0), sum(plus.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def toy(tmp_path):
+    """Writes a package of two files, and gives what its kernel gives in a new process and whether that was kept."""
+    (tmp_path / "toy").mkdir()
+    (tmp_path / "toy" / "__init__.py").touch()
+    (tmp_path / "toy" / "caller.py").write_text(CALLER)
+
+    def run(factor):
+        (tmp_path / "toy" / "called.py").write_text(CALLED.format(factor=factor))
+        environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+        environment.pop("NUMBA_CACHE_DIR", None)
+        value, kept = subprocess.run([sys.executable, "-c", USE], env=environment, capture_output=True, text=True,
+                                     check=True).stdout.split()
+        return float(value), int(kept)
+
+    return run
+
+
+@pytest.mark.slow
+def test_a_kernel_of_another_file_that_changes_is_noticed(toy):
+    assert toy(3.0) == (7.0, 0)
+    assert toy(3.0) == (7.0, 1), "written again with the same text, it is kept"
+    assert toy(5.0) == (11.0, 0)
+
+
+def test_every_kernel_is_kept_by_its_sources():
+    """numba calls ours first; another version of it might not."""
+    from bakery import kernels
+    from renderers import wavefront
+
+    for dispatcher in (kernels.phase_value, wavefront.to_rgb):
+        assert isinstance(dispatcher._cache._impl.locator, compiled._BySources)
+
+
+def test_sources_are_the_file_and_what_it_imports():
+    names = {str(path.relative_to(ROOT)) for path in compiled._with_imports(ROOT / "renderers" / "scattering.py")}
+    assert names >= {"renderers/scattering.py", "renderers/wavefront.py", "bakery/kernels.py"}
+    assert "renderers/passes.py" not in names
+    ours = [path for folder in ("bakery", "renderers") for path in (ROOT / folder).rglob("*.py") if path.name != "compiled.py"]
+    assert not [path for path in ours if re.search(r"^from numba import.*\bnjit\b", path.read_text(), re.MULTILINE)]
