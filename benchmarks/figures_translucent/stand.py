@@ -83,7 +83,7 @@ def shipped(name, size, changes=()):
             raise ValueError(f"{name}.xml has no {pattern}")
     (folder() / f"{name}.xml").write_text(text, encoding="utf-8")
     world = World(folder() / f"{name}.xml", values.scene.unit, size=(size, size))
-    return _transport(world, [one.shape for one in values.translucent.bodies], job.assets)
+    return _transport(world, [one.where.shape for one in values.materials], job.assets)
 
 
 def ball(asset, index, size, around=PANEL + SKY):
