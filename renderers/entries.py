@@ -8,6 +8,7 @@ An entry says where a material is, which asset or recipe it is made of, and by w
 import dataclasses
 import math
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path as File
 from typing import Annotated
 
@@ -32,14 +33,13 @@ from renderers.common import (
     node_at,
     vector,
 )
-from renderers.discrete import scene as particles
-from renderers.granular import scene as grains
-from renderers.translucent import scene as bodies
 
 MOST = 256  # entries
 FILES = ("asset", "recipe", "where.mesh", "where.grid", "fraction.grid", "mixture.*.grid")  # keys of files in an entry
 KINDS = {"particles": "particles", "grains": "grains", "medium": "a medium", "body": "a body"}  # kind -> in a sentence
-METHODS = {"particles": particles.METHODS, "grains": grains.METHODS, "medium": ("auto", "paths"), "body": bodies.METHODS}
+# kind -> the package that declares its methods and stages; a medium has neither of its own
+PACKAGES = {"particles": "renderers.discrete", "grains": "renderers.granular", "body": "renderers.translucent"}
+BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of a body
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
 KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "grains": ("spread", "fraction", "mixture"), "medium": (),
@@ -122,7 +122,7 @@ class Boundary(Section):
     index: number(above=0, most=10) | None = Field(
         None, description="Refractive index inside over that outside, as the shape's BSDF has it; what that says if absent."
     )
-    tables: word(*bodies.BOUNDARIES) = Field(
+    tables: word(*BOUNDARIES) = Field(
         "negative", description="Of the tables, which know none. negative: light that leaves a body is taken away, exactly; "
         "mirrored: by a mirror outside of the boundary, approximately; none: it is not."
     )
@@ -186,6 +186,16 @@ class SceneFile(Every):
     materials: Annotated[list[Entry], Field(min_length=1, max_length=MOST)] = Field(description="What is there, and where.")
     method: fields.Text | None = Field(None, description="Of all materials that say none of their own.")
     denoise: leaf(_denoise, {"const": "no"}) = Field("no", description="Whether noise is taken out of the picture.")
+
+
+def methods(kind: str) -> tuple[str, ...]:
+    """Names of the methods of a kind."""
+    return import_module(f"{PACKAGES[kind]}.scene").CHOICE[1] if kind in PACKAGES else ("auto", "paths")
+
+
+def stages(kind: str) -> tuple[str, ...]:
+    """Stages of the asset that a kind is made of."""
+    return import_module(f"{PACKAGES[kind]}.scene").NEEDS if kind in PACKAGES else ("medium",)
 
 
 # ---- kinds and methods, from the tree: they are known also where some of it is wrong
@@ -298,11 +308,11 @@ def _of_kind(entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
                 have = "has" if called.startswith("a ") else "have"
                 yield entry.names[name].problem(f"found a key that {called} {have} not, {name}",
                                                 f"expected it with {KINDS[kind]}")
-    if of.method not in METHODS[of.kind]:
+    if of.method not in (accepted := methods(of.kind)):
         node = entry.get("method")
         found = f"found {show(of.method)}"
-        expected = f"expected {fields.one_of(METHODS[of.kind])}, the methods of {called}" \
-                   f"{fields.nearest(of.method, METHODS[of.kind])}"
+        expected = f"expected {fields.one_of(accepted)}, the methods of {called}" \
+                   f"{fields.nearest(of.method, accepted)}"
         yield node.place.problem(found, expected) if isinstance(node, Scalar) else \
             owner(entry).problem(found, expected, key=f"{key}.method")
 

@@ -43,8 +43,6 @@ SUFFIXES = (".yaml", ".yml")
 RENDERERS = {"fog": "renderers.fog"}  # section of a scene -> the package that renders it
 # renderer of a scene of materials -> its package
 OF_MATERIALS = {name: f"renderers.{name}" for name in ("discrete", "granular", "translucent", "mixed")}
-_NEEDS = {"particles": entries.particles.NEEDS, "grains": entries.grains.NEEDS, "body": entries.bodies.NEEDS,
-          "medium": ("medium",)}  # kind -> stages of the asset
 _OF_ONE_KIND = {"grains": "granular", "body": "translucent"}
 _ABSENT = ", and there is no such file"
 
@@ -258,7 +256,7 @@ def needs(path) -> tuple[str, ...]:
     if section != "materials":
         return _rules(section).NEEDS
     kinds = [one.kind for one in entries.known(tree.root, path.parent)]
-    return tuple(dict.fromkeys(stage for kind in kinds for stage in _NEEDS[kind]))
+    return tuple(dict.fromkeys(stage for kind in kinds for stage in entries.stages(kind)))
 
 
 def _of_plugins(path: Path) -> tuple[str, ...]:

@@ -21,10 +21,11 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import scene as scenes
 from renderers.colour import LUMINANCE
+from renderers.entries import BOUNDARIES
 from renderers.mitsuba.world import World
 from renderers.running import Render
 from renderers.translucent import methods, shells, smooth, transport
-from renderers.translucent.scene import BOUNDARIES, METHODS
+from renderers.translucent.scene import METHODS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "assets" / "scenes"

@@ -25,8 +25,9 @@ from __future__ import annotations
 
 import bakery
 from bakery.errors import UsageError
+from renderers.entries import BOUNDARIES
 from renderers.integrator import length_of_one, one_of, register
-from renderers.translucent.scene import BOUNDARIES, METHODS, NEEDS
+from renderers.translucent.scene import METHODS, NEEDS
 
 import mitsuba as mi  # isort: skip
 

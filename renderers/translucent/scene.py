@@ -11,7 +11,6 @@ from renderers.common import differing, node_at
 METHODS = ("auto", "paths", "shells", "vrl", "vrl+tables", "beams", "beams+tables", "dipole")
 # methods that read the tables: of them vrl and beams only how light decays with distance
 READERS = ("vrl", "vrl+tables", "beams", "beams+tables")
-BOUNDARIES = ("negative", "mirrored", "none")
 NEEDS = ("medium", "multiple")  # stages of the asset
 UNUSED = {"film.wavelengths": "none: bodies are rendered at the wavelengths of the asset"}  # common keys
 RESUMES = True
