@@ -169,8 +169,20 @@ class _Entry(Section):
         return self.boundary.tables if self.boundary else "negative"
 
 
+def _kind(node):
+    kind, kinds = scalar(node, fields.one_of(list(KINDS))).text, list(KINDS)
+    if kind not in kinds:
+        raise Wrong(f"found {show(kind)}", f"expected {fields.one_of(kinds)}{_hint(kind, kinds)}")
+    return kind
+
+
+def _hint(word: str, accepted) -> str:
+    """What to add where a word is none of those that are accepted."""
+    return ": this version bakes no surfaces" if word == "surface" else fields.nearest(word, accepted)
+
+
 # `as` is a word of Python
-Entry = create_model("Entry", __base__=_Entry, **{"as": (word(*KINDS) | None, Field(
+Entry = create_model("Entry", __base__=_Entry, **{"as": (leaf(_kind, {"enum": list(KINDS)}) | None, Field(
     None, description="What it is, where several kinds would do.")), "__doc__": "A material: where it is, of what, and how."})
 
 
@@ -311,8 +323,7 @@ def _of_kind(entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
     if of.method not in (accepted := methods(of.kind)):
         node = entry.get("method")
         found = f"found {show(of.method)}"
-        expected = f"expected {fields.one_of(accepted)}, the methods of {called}" \
-                   f"{fields.nearest(of.method, accepted)}"
+        expected = f"expected {fields.one_of(accepted)}, the methods of {called}{_hint(of.method, accepted)}"
         yield node.place.problem(found, expected) if isinstance(node, Scalar) else \
             owner(entry).problem(found, expected, key=f"{key}.method")
 

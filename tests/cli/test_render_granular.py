@@ -90,6 +90,8 @@ def picture(found, name=""):
 def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a")
     assert report["renderer"] == "granular" and report["method"] == "ept" and report["size"] == [40, 32]
+    assert report["materials"] == [{"kind": "grains", "method": "ept", "bias": report["bias"], "reasons": report["reasons"],
+                                    "pilot": None}]
     assert report["passes"] == {"ept": 2} and report["grains"] == pytest.approx(0.5 * 6**3 * 0.95, rel=0.1)
     assert {"scene", "preparation", "passes", "write", "total"} <= report["seconds"].keys()
     orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]

@@ -75,13 +75,14 @@ def test_one_method_for_all(load):
 
 @pytest.mark.parametrize("entry, said", [
     (f"{MESH}, asset: sand.h5, velocity: [1, 0, 0] m/s", "materials[0].velocity: found a key that grains have not"),
-    (f"{BOX}, asset: drops.h5, spread: 2", "materials[0].spread: found a key that particles have not, spread; expected it with gr"),
+    (f"{BOX}, asset: drops.h5, spread: 2", "materials[0].spread: found a key that particles have not, spread; expected"),
     ("where: {shape: a}, asset: milk.h5, fraction: {grid: a.ply}", "materials[0].fraction: found a key that a body has not"),
     (f"{BOX}, asset: sand.h5, as: grains", "materials[0].where: found grains in a place of kind box; expected {mesh: …}"),
-    (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a medium or a body"),
+    (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a m"),
     ("asset: sand.h5, as: grains", "materials[0].where: missing; expected where: {mesh: …}"),
-    (f"{MESH}, asset: sand.h5, as: surface", 'found "surface"; expected particles, grains, medium or body'),
-    (f"{MESH}, asset: sand.h5, method: paths", 'materials[0].method: found "paths"; expected auto, ept, vpt, ept+vpt, ept+vpt+da o'),
+    (f"{MESH}, asset: sand.h5, as: surface", 'found "surface"; expected particles, grains, medium or body: this ver'),
+    (f"{MESH}, asset: sand.h5, method: surface", "the methods of grains: this version bakes no surfaces"),
+    (f"{MESH}, asset: sand.h5, method: paths", 'materials[0].method: found "paths"; expected auto, ept, vpt, ept+vpt, '),
     ("where: here, asset: milk.h5", 'materials[0].where: found "here"; expected everywhere, {box:'),
     ("where: {sphere: 1}, asset: milk.h5", "materials[0].where: found a mapping; expected everywhere, {box:"),
     (MESH, "materials[0].asset: missing; expected asset: a baked asset, or recipe"),
