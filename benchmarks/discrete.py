@@ -67,8 +67,8 @@ def asset(folder, count, method="stored"):
 def scene(folder, name, method, width, height):
     (folder / "lamp.xml").write_text(SURFACES.format(width=width, height=height))
     path = folder / f"{method}.yaml"
-    path.write_text(f"bakery_scene: 1\nname: {method}\nasset: {name}\nscene: {{mitsuba: lamp.xml}}\n"
-                    f"discrete: {{method: {method}}}\n")
+    path.write_text(f"bakery_scene: 2\nname: {method}\nscene: {{mitsuba: lamp.xml}}\n"
+                    f"materials: [{{asset: {name}, method: {method}}}]\n")
     return path
 
 

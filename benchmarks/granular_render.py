@@ -249,7 +249,7 @@ def measured(scene, method, options):
         (scenes := Path(folder) / "assets" / "scenes").mkdir(parents=True)
         (Path(folder) / "recipes").symlink_to(Path(__file__).resolve().parents[1] / "recipes")
         smaller_lamps(scenes, options.lamp)
-        job = Render(scenes / f"{scene}.yaml", Path(folder) / "x.png", overrides={"granular.method": method})
+        job = Render(scenes / f"{scene}.yaml", Path(folder) / "x.png", overrides={"method": method})
         values = job.scene.values
         world = World(job.scene.file(values.scene.mitsuba), values.scene.unit, view=values.camera, size=(3 * width // 4, width))
         parts, light, square, spent = granular.prepare(job, world, 0).parts, 0.0, 0.0, 0.0

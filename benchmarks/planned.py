@@ -29,7 +29,7 @@ _MEASURES = ("beam.tolerance",)
 
 def recipes_of(scene, folder) -> list[Path]:
     """Recipe of each body; of an asset the one of its name in a folder."""
-    named = [body if body.asset or body.recipe else scene.values for body in scene.bodies]
+    named = scene.materials
     return [(scene.file(one.recipe) if one.recipe else Path(folder) / f"{Path(one.asset).stem}.yaml").resolve() for one in named]
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/thinned.py                     some two minutes
 
-Some spheres of a tile of fraction 0.6 are kept, whichever, as where `granular.where.fraction` is less; beside it a tile packed at
+Some spheres of a tile of fraction 0.6 are kept, whichever, as where `fraction` in a scene is less; beside it a tile packed at
 that fraction.  First table, of spheres alone: <z^2>/(2 <z>^2) of the chords between them, 1 where flights are exponential; the
 share of straight lines that meet no sphere on a way of 2, 5 and 10 radii, which begins anywhere.
 

@@ -44,8 +44,8 @@ class Scene:
         job = Render(scenes.load(SCENES / f"{name}.yaml"), folder / f"{name}.png", overwrite=True)
         values, self.path = job.scene.values, SCENES / f"{name}.yaml"
         self.world = World(job.scene.file(values.scene.mitsuba), values.scene.unit, size=(width, width))
-        bodies = values.translucent.bodies
-        self.how = methods.transport_of(self.world, [one.shape for one in bodies], job.assets, [None] * len(bodies),
+        bodies = values.materials
+        self.how = methods.transport_of(self.world, [one.where.shape for one in bodies], job.assets, [None] * len(bodies),
                                         lambda number, key, message: ValueError(message))
         seen = smooth.seen(self.how, transport.begin(self.how, np.arange(width**2), 0, 0)).body >= 0
         self.seen = seen if seen.any() else ~seen

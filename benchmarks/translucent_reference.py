@@ -65,13 +65,12 @@ class Scene:
         self.name, unit = said["name"], METRES[said["scene"]["unit"]]
         self.file = self.path.parent / said["scene"]["mitsuba"]
         self.media = {}
-        for body in said["translucent"]["bodies"]:
-            own = body if {"asset", "recipe"} & set(body) else said
-            recipe = self.path.parent / own.get("recipe", own.get("asset"))
+        for body in said["materials"]:
+            recipe = self.path.parent / body.get("recipe", body.get("asset"))
             baked = recipe if recipe.suffix == ".h5" else assets / f"{recipe.stem}.h5"
             if not baked.exists():
                 bakery.bake(recipe, output=baked, stages=["medium"])
-            self.media[body["shape"]] = Medium(baked, unit)
+            self.media[body["where"]["shape"]] = Medium(baked, unit)
 
     def tree(self, size, colour, hg=False, factor=1.0, deep=None):
         """Mitsuba's XML; `factor` multiplies the albedo, `deep` is the event at which roulette starts."""

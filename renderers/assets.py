@@ -28,7 +28,7 @@ def baked(scene: Scene, progress=None) -> Scene:
     if scene.assets:
         return scene
     paths, shares = {}, [0.0]
-    for one in materials(scene):
+    for one in scene.materials:
         if (key := (one.asset, one.recipe)) in paths:
             continue
         recipe, output, candidates = recipe_of(scene, one)
@@ -44,17 +44,12 @@ def baked(scene: Scene, progress=None) -> Scene:
 
         paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
                              progress=progress, by=str(scene.path))
-    assets = tuple(paths[one.asset, one.recipe] for one in materials(scene))
+    assets = tuple(paths[one.asset, one.recipe] for one in scene.materials)
     return dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
 
 
-def materials(scene: Scene) -> list:
-    """For each body what names its asset or recipe: the body itself, or the scene."""
-    return [body if body.asset or body.recipe else scene.values for body in scene.bodies]
-
-
 def recipe_of(scene: Scene, material) -> tuple[Path | None, Path | None, list[Path]]:
-    """Of what a scene says of a body: what to bake or None, the asset that it names or None, and where users put the asset of
+    """Of an entry of a scene: what to bake or None, the asset that it names or None, and where users put the asset of
     the recipe that it names."""
     if not material.recipe:
         asset = scene.file(material.asset)

@@ -18,8 +18,8 @@ from bakery.grammar.section import Section, given
 from bakery.grammar.text import Mapping, Node, Sequence, owner
 from bakery.grammar.units import ANGLE, FRACTION, NUMBER_ONLY, Quantity, Wrong
 
-FORMAT = 1
-FILES = ("asset", "recipe", "scene.mitsuba")  # keys of files
+FORMAT = 2
+FILES = ("scene.mitsuba",)  # keys of files
 
 # scenes are as large as rooms and landscapes: their lengths are in m
 LENGTH = Quantity("length", "lengths", "m", {"um": -6, "mm": -3, "cm": -2, "m": 0, "km": 3}, "m")
@@ -118,16 +118,12 @@ class Display(Section):
     white: number(above=0, most=1e12) = Field(4.0, description="Luminance after exposure that becomes white (reinhard).")
 
 
-class Common(Section):
+class Every(Section):
     """Keys of every scene."""
 
     bakery_scene: Format = Field(description=f"Scene format, {FORMAT}.")
     name: fields.Name = Field(description="Of the scene; without -o the pictures are NAME.png and NAME.exr beside it.")
     description: fields.Text = Field("", description="Free text.")
-    asset: fields.Path | None = Field(None, description="Asset of the medium, relative to the scene's folder.")
-    recipe: fields.Path | None = Field(
-        None, description="Instead of the asset: its recipe, baked into the cache unless its asset is there and good enough."
-    )
     tolerance: Tolerance | None = Field(
         None, description="Of the picture: relative root mean square error of linear radiance; the renderer's own if absent."
     )
@@ -143,33 +139,43 @@ class Common(Section):
     )
 
 
+class Common(Every):
+    """Keys of a scene whose section names the renderer: it has one asset."""
+
+    asset: fields.Path | None = Field(None, description="Asset of the medium, relative to the scene's folder.")
+    recipe: fields.Path | None = Field(
+        None, description="Instead of the asset: its recipe, baked into the cache unless its asset is there and good enough."
+    )
+
+
 # ---- what has to hold between keys
 
 
-def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str, str], listed: str = "") -> Iterator[Problem]:
+def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str, str]) -> Iterator[Problem]:
     """Problems of the common keys; `values` are those that are well formed by themselves.
 
     Parameters
     ----------
-    renderer : section that chose it
+    renderer : its name
     unused : dotted key that it does without -> what would do instead
-    listed : dotted key of a list whose entries may each name a material of their own
     """
     for key, instead in unused.items():
         if (node := node_at(root, key)) is not None:
             yield owner(node).problem(f"found a key that {renderer} does not use", f"expected {instead}")
-    entries = node_at(root, listed) if listed else None
-    entries = [one for one in entries if isinstance(one, Mapping)] if isinstance(entries, Sequence) else []
-    if not given(root, "asset", "recipe") and not (entries and all(given(one, "asset", "recipe") for one in entries)):
-        yield owner(root).problem("missing", "expected asset: a baked asset, or recipe: what to bake it from", key="asset")
-    for one in (root, *entries):
-        if "asset" in one and "recipe" in one:
-            yield one.names["recipe"].problem("found a recipe beside an asset", "expected one of them")
     film = root.get("film")
     if "film" not in unused and isinstance(film, Mapping) and len(sizes := given(film, "width", "height")) == 1:
         lacking = "height" if sizes == ["width"] else "width"
         yield owner(film).problem("missing", f"expected {lacking}: pixels, beside the {sizes[0]}", key=f"film.{lacking}")
     yield from camera_problems(root, values)
+
+
+def asset_problems(entry: Mapping, prefix: str = "") -> Iterator[Problem]:
+    """Neither asset nor recipe, or both; `prefix` of the keys."""
+    if not given(entry, "asset", "recipe"):
+        yield owner(entry).problem("missing", "expected asset: a baked asset, or recipe: what to bake it from",
+                                   key=f"{prefix}asset")
+    if "asset" in entry and "recipe" in entry:
+        yield entry.names["recipe"].problem("found a recipe beside an asset", "expected one of them")
 
 
 def camera_problems(root: Mapping, values: dict) -> Iterator[Problem]:
@@ -208,7 +214,7 @@ def names_at(found) -> list[str]:
 
 
 def node_at(root: Mapping, key: str) -> Node | None:
-    """The node at a dotted key such as `granular.where[1].mesh`, or None."""
+    """The node at a dotted key such as `materials[1].where.mesh`, or None."""
     node = root
     for step in key.replace("[", ".[").split("."):
         if step.startswith("["):
@@ -232,3 +238,14 @@ def triple(values: dict, key: str):
     """The three numbers at a key, (3,), or None where they are missing or wrong."""
     numbers = values.get(key, tuple(values.get(f"{key}[{i}]") for i in range(3)))
     return None if None in numbers else np.array(numbers, float)
+
+
+def differing(root: Mapping, values: dict, key: str, default) -> Iterator[Problem]:
+    """Entries that say different values of a key of which a renderer takes one for all."""
+    listed = root.get("materials")
+    found = [values.get(f"materials[{i}].{key}", default) for i in range(len(listed) if isinstance(listed, Sequence) else 0)]
+    for i, value in enumerate(found):
+        if value != found[0]:
+            node = node_at(root, f"materials[{i}].{key}") or node_at(root, f"materials[0].{key}")
+            yield owner(node).problem(f"found {value}, but materials[0] has {found[0]}", "expected the same in all entries")
+            return

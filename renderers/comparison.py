@@ -18,12 +18,13 @@ from zlib import crc32
 import bakery
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
-from renderers import assets, images, scene
+from renderers import assets, entries, images, scene
 from renderers.pace import Pace, Paced
 from renderers.progressive import fingerprint, made_of
 from renderers.reached import coarser, limit
 
 _LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
+_OWN = re.compile(r"materials\[\d+\]\.method")
 _MOST = 1e15  # of any number in a record
 _ENOUGH = 0.8  # share of the time that passes were to take, with which they are not gone on with: each call prepares anew
 
@@ -103,11 +104,12 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     UsageError : a method is not known, stands twice, or is set by `settings`
     RecipeError : with every problem of the scene, also of a method's
     """
-    rules = scene.load(path, settings).rules
-    key, known = rules.CHOICE
-    if key in settings:
-        raise UsageError(f"--set {key}: the methods are those of --methods; leave it out")
-    own, stems = {name: _settings(name, key, known) for name in names}, [_stem(name) for name in names]
+    loaded = scene.load(path, settings)
+    rules, (key, known) = loaded.rules, loaded.rules.CHOICE
+    listed = len(loaded.materials) if loaded.section in scene.OF_MATERIALS else 0
+    if given := [one for one in settings if one == key or listed and _OWN.fullmatch(one)]:
+        raise UsageError(f"--set {given[0]}: the methods are those of --methods; leave it out")
+    own, stems = {name: _settings(name, key, known, listed) for name in names}, [_stem(name) for name in names]
     for name, stem in zip(names, stems):
         if stems.count(stem) > 1:
             raise UsageError(f"found {name} twice; each method once would do")
@@ -118,8 +120,8 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
             for name, stem, each, own_seed in zip(names, stems, loaded, seeds)]
 
 
-def _settings(name, key, known) -> dict[str, str]:
-    """Dotted key -> value of `METHOD:KEY=VALUE:…`."""
+def _settings(name, key, known, listed) -> dict[str, str]:
+    """Dotted key -> value of `METHOD:KEY=VALUE:…`; keys of entries are set in all of them, of which there are `listed`."""
     method, *more = name.split(":")
     if method not in known:
         raise UsageError(f'found "{method}", which is no method of this scene; {fields.one_of(known)} would do'
@@ -129,7 +131,10 @@ def _settings(name, key, known) -> dict[str, str]:
         beside, equals, value = one.partition("=")
         if not equals or not beside:
             raise UsageError(f'found "{name}"; METHOD:KEY=VALUE would do, of a key beside {key}')
-        settings[beside if "." in beside else f"{section}.{beside}"] = value
+        if listed and re.split(r"[.\[]", beside)[0] in entries.Entry.model_fields:
+            settings |= {f"materials[{i}].{beside}": value for i in range(listed)}
+        else:
+            settings[beside if "." in beside or not section else f"{section}.{beside}"] = value
     return settings
 
 

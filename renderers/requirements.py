@@ -112,8 +112,8 @@ class About:
     ----------
     scene : `renderers.scene.Scene`; its assets need not be there
     recipe : checked values of the recipe
-    bodies : of the scene that the recipe is the material of, positions in `scene.bodies`; all, where it is no body's
-    guessed : whether it is no body's
+    bodies : of the scene that the recipe is the material of, positions in `scene.materials`; all, where it is none of theirs
+    guessed : whether it is none of theirs
     split : `renderers.budget.Split` of the tolerance; a rule is asked with several
     """
 
@@ -121,8 +121,8 @@ class About:
         self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
         self.split = budget.of(scene, budget.HALF)
         own = _bodies(scene, recipe) if bodies is None else list(bodies)
-        self.guessed = not own and bool(scene.bodies)
-        self.bodies = own or list(range(len(scene.bodies)))
+        self.guessed = not own
+        self.bodies = own or list(range(len(scene.materials)))
 
     @property
     def tolerance(self) -> float:
@@ -210,11 +210,11 @@ def _shared_out(about, rules, seconds) -> Required:
     """
     def needs(split):
         about.split = split
-        said = [f"{about.scene.path}: no body is made of {about.recipe.path}, which is taken for all"] * about.guessed
+        said = [f"{about.scene.path}: nothing in it is made of {about.recipe.path}, which is taken for all"] * about.guessed
         return Required(tuple(rules(about)), (*said, *_out_of_reach(about)), split.share)
 
     scene = about.scene
-    pace, named = getattr(scene.rules, "PACE", None), [one.asset for one in (scene.values, *scene.bodies)]
+    pace, named = getattr(scene.rules, "PACE", None), [one.asset for one in scene.materials]
     if pace is None or any(named) or about.dark:
         return needs(about.split)
     height, width = about.world.size
@@ -274,10 +274,9 @@ def _rules(scene) -> Callable:
 
 
 def _bodies(scene, recipe) -> list[int]:
-    """Positions of the bodies that are made of a recipe: it is theirs, or an asset of its name."""
+    """Positions of the materials that are made of a recipe: it is theirs, or an asset of its name."""
     found = []
-    for number, body in enumerate(scene.bodies):
-        one = body if body.asset or body.recipe else scene.values
+    for number, one in enumerate(scene.materials):
         same = one.recipe and scene.file(one.recipe).resolve() == Path(recipe.path).resolve()
         if same or one.asset and Path(one.asset).stem in (recipe.name, Path(recipe.path).stem):
             found.append(number)

@@ -29,7 +29,7 @@ class Render:
     Attributes
     ----------
     scene : `renderers.scene.Scene`
-    assets : of the scene's bodies, opened; those of several bodies may be the same
+    assets : of the scene's materials, opened; those of several may be the same
     asset : the first of them
     pair : paths (PNG, EXR) of the pictures
     seconds : dict, of each part that was said to be over, and `total`
@@ -86,14 +86,14 @@ class Render:
         noise, bias : 1, relative to the mean; None where the method has none, or states none
         reasons : texts, why this method, and what is left out
         more : what this renderer says besides; `unreached`, sentences of `renderers.reached.unreached`, of which the scene's
-            values and quality decide what they are
+            values and quality decide what they are; `materials`, where methods mix
 
         Returns
         -------
         report : dict with `renderer` (its section), `method`, `scene`, `asset`, `files`, `size`, `mean` (linear, a channel),
-            `samples`, `noise`, `bias`, `measure` (what its tolerance is of), `reasons`, `missed` (sentences: what was asked for
-            and not reached, [] where all was), `tone_curve`, `overrides`, `seconds` (of
-            each part), and `more`
+            `samples`, `noise`, `bias`, `measure` (what its tolerance is of), `materials` (of each entry
+            `kind`, `method`, `bias`, `reasons`, `pilot`), `reasons`, `missed` (sentences: what was asked for and not reached, []
+            where all was), `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
         missed, remarks = reached.verdict(self.scene.values, self._quality, more.pop("unreached", ()), bias)
         display, words = images.shown(rgb, **dict(self.scene.values.display))
@@ -105,8 +105,15 @@ class Render:
                 "asset": ", ".join(dict.fromkeys(asset.path for asset in self.assets)),
                 "files": [str(path) for path in self.pair], "size": [rgb.shape[1], rgb.shape[0]],
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
-                "measure": self.scene.values.measure, "reasons": [*reasons, *remarks], "missed": list(missed),
-                "tone_curve": words, "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
+                "measure": self.scene.values.measure,
+                "materials": self._materials(method, bias, [*reasons, *remarks]),
+                "reasons": [*reasons, *remarks], "missed": list(missed), "tone_curve": words,
+                "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
+
+    def _materials(self, method, bias, reasons):
+        """Of each entry what made it; `pilot` is what its method was chosen by, None where by none."""
+        return [{"kind": one.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": None}
+                for one in getattr(self.scene.values, "materials", ())]
 
 
 def rgb_layers(prefix, image):

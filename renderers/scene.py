@@ -1,19 +1,20 @@
 """Scene files: how they are read, and which renderer each is for.
 
 A scene is YAML in the grammar of recipes: units, no unknown keys, every problem at once with its file, line and key.  What all
-may say stands in `renderers.common`.  One of its sections names the renderer (`RENDERERS`), a package:
+may say stands in `renderers.common`.  Most have a list `materials` (`renderers.entries`), whose kinds and methods decide which
+package renders them (`OF_MATERIALS`, `renderer_of`); others have a section that names it (`RENDERERS`).  A package has
 
 - `render(scene, output, *, quality, variant, seed, overwrite, progress) -> report` and `describe(report) -> lines`, for which
   `renderers.running` has what all do alike;
-- its module `scene`: `SceneFile(Common)`, what the whole file may hold; `NEEDS`, stages of the asset; `FILES`, its own keys of
-  files, `*` where any name may stand; `BODIES`, the key that may be a list of bodies, each with its own asset and files, or "";
-  `UNUSED`, dotted common keys that it does without, each with what would do instead; `RESUMES`, whether `render` takes
-  `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the dotted key that chooses the method, and the names
-  that it may have; `POINTS`, `EXACT` and `KEPT`, methods as `bake compare` takes them: those that `bake trade` tries, those
-  without an error of their own (unless a report's `left_out` says what a picture lacks), and those that keep within a scene's
-  tolerance by themselves; `problems(root, values)`,
-  what has to hold between keys; and it may have `approximations(values, tolerance)`, the error that the chosen method states,
-  relative to the picture's mean, and `PACE`, seconds of a core that a pixel takes to a relative variance of 1.
+- its module `scene`: `NEEDS`, stages of the asset; `UNUSED`, dotted common keys that it does without, each with what would
+  do instead; `RESUMES`, whether `render` takes `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the
+  dotted key that chooses the method, and the names that it may have; `POINTS`, `EXACT` and `KEPT`, methods as `bake compare`
+  takes them: those that `bake trade` tries, those without an error of their own (unless a report's `left_out` says what a
+  picture lacks), and those that keep within a scene's tolerance by themselves; `problems(root, values)`, what has to hold
+  between keys, where `values` has the kind and the method of each entry, `materials[0].as` and `materials[0].method`, and in
+  `method` that of all; and it may have `approximations(values, tolerance)`, the error that the chosen method states,
+  relative to the picture's mean, and `PACE`, seconds of a core that a pixel takes to a relative variance of 1;
+- where a section names it, also `SceneFile(Common)`, what the whole file may hold, and `FILES`, its own keys of files.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ import dataclasses
 import os
 from collections.abc import Iterator
 from collections.abc import Mapping as MappingType
+from collections.abc import Sequence as Sequence_
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -31,16 +34,24 @@ from pydantic import ValidationError
 from bakery.errors import Problem, RecipeError, UsageError
 from bakery.grammar import fields, files, overrides, text
 from bakery.grammar.problems import distinct, places, translate
-from bakery.grammar.text import Mapping, Node, Sequence
-from renderers import budget, common
-from renderers.common import FORMAT, Common, names_at, node_at, value_at
+from bakery.grammar.text import Mapping, Node
+from renderers import budget, common, entries, former
+from renderers.common import FORMAT, Every, names_at, node_at, value_at
 from renderers.inputs import files_of, integrators, sources_of, unbounded
 
 SUFFIXES = (".yaml", ".yml")
-# section of a scene -> the package that renders it
-RENDERERS = {"fog": "renderers.fog", "discrete": "renderers.discrete", "granular": "renderers.granular",
-             "translucent": "renderers.translucent"}
+RENDERERS = {"fog": "renderers.fog"}  # section of a scene -> the package that renders it
+# renderer of a scene of materials -> its package
+OF_MATERIALS = {name: f"renderers.{name}" for name in ("discrete", "granular", "translucent", "mixed")}
+_OF_ONE_KIND = {"grains": "granular", "body": "translucent"}
 _ABSENT = ", and there is no such file"
+
+
+def renderer_of(kinds: Sequence_[str], methods: Sequence_[str]) -> str:
+    """Which of `OF_MATERIALS` renders entries of these kinds and methods."""
+    if list(kinds) == ["particles"]:
+        return "discrete"
+    return _OF_ONE_KIND.get(kinds[0], "mixed") if len(set(kinds)) == len(set(methods)) == 1 else "mixed"
 
 
 # ---- reading
@@ -53,19 +64,19 @@ class Scene:
     Attributes
     ----------
     path : of the scene
-    section : the one that names the renderer
+    section : name of the renderer: one of `RENDERERS` or of `OF_MATERIALS`
     renderer : the package that renders it
-    values : `SceneFile` of that renderer; lengths in m, angles in rad
+    values : `entries.SceneFile`, or `SceneFile` of a renderer that a section names; lengths in m, angles in rad
     overrides : dotted key -> text
-    asset : path of the material; None where `renderers.assets` has still to bake a recipe, or bodies have their own
-    assets : of the materials of all bodies, in their order; of the one material; () before `renderers.assets` has seen to them
+    asset : path of the first material; None where one of them may have to be baked and `renderers.assets` has not seen to it
+    assets : of the materials, in their order; () before `renderers.assets` has seen to them
     share : of the tolerance's square that their tables may take, see `renderers.budget`
     """
 
     path: Path
     section: str
     renderer: str
-    values: Common
+    values: Every
     overrides: MappingType[str, str]
     asset: Path | None
     places: MappingType[str, str] = dataclasses.field(repr=False)
@@ -73,10 +84,9 @@ class Scene:
     share: float = budget.HALF
 
     @property
-    def bodies(self) -> list:
-        """What the scene says of each of its bodies, where it has a list of them; else all that it says."""
-        found = value_at(self.values, self.rules.BODIES) if self.rules.BODIES else None
-        return found if isinstance(found, list) else [self.values]
+    def materials(self) -> list:
+        """What names an asset or a recipe: the entries of the scene, or the scene itself."""
+        return getattr(self.values, "materials", None) or [self.values]
 
     @property
     def rules(self):
@@ -107,8 +117,7 @@ class Scene:
 
     def keys_of_files(self) -> list[str]:
         """Dotted keys that may name files."""
-        return _keys_of_files(self.rules, 0 if self.bodies == [self.values] else len(self.bodies),
-                              lambda key: value_at(self.values, key))
+        return _keys_of_files(self.section, len(self.materials), lambda key: value_at(self.values, key))
 
     def file(self, name: str) -> Path:
         """A file that the scene names."""
@@ -150,24 +159,65 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     section, problem = _section(source, tree.root)
     if not section:
         raise RecipeError([*problems, problem])
-    renderer = RENDERERS[section]
-    kind = import_module(f"{renderer}.scene")
+    method = (settings or {}).get("method")  # of the command line: that of all entries
+    known = entries.known(tree.root, path.parent, method) if section == "materials" else []
+    if known:
+        section = renderer_of([one.kind for one in known], [one.method for one in known])
+    model = entries.SceneFile if section in OF_MATERIALS or section == "materials" else _rules(section).SceneFile
     values: dict = {}
     try:
-        parsed = kind.SceneFile.model_validate(tree.root, context=values)
+        parsed = model.model_validate(tree.root, context=values)
     except ValidationError as error:
         parsed = None
         problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
-    bodies = node_at(tree.root, kind.BODIES) if kind.BODIES else None
-    keys = _keys_of_files(kind, len(bodies) if isinstance(bodies, Sequence) else 0, lambda key: node_at(tree.root, key))
-    problems += _files(path, tree.root, values, keys, assets)
-    problems += common.problems(tree.root, values, section, kind.UNUSED, kind.BODIES)
-    problems += kind.problems(tree.root, values)
+    if section == "materials":  # it has no entries
+        raise RecipeError(distinct(problems))
+    problems += _files(path, tree.root, values, _keys_of_files(section, len(known), lambda key: node_at(tree.root, key)), assets)
+    problems += entries.problems(tree.root, values, known) if known else common.asset_problems(tree.root)
+    problems += _of_renderer(tree.root, values, section, known)
     if problems:
         raise RecipeError(distinct(problems))
     where = {place.key: str(place) for place in places(tree.root)}
-    asset = None if parsed.asset is None or beside(path.parent / parsed.asset) else path.parent / parsed.asset
-    return Scene(path, section, renderer, parsed, dict(settings or {}), asset, where)
+    parsed = _decided(parsed, known)
+    named = [one.asset and path.parent / one.asset for one in (parsed.materials if known else [parsed])]
+    asset = None if any(one is None or beside(one) for one in named) else named[0]
+    return Scene(path, section, _package(section), parsed, dict(settings or {}), asset, where)
+
+
+def _package(section: str) -> str:
+    return OF_MATERIALS.get(section) or RENDERERS[section]
+
+
+def _rules(section: str):
+    """The module `scene` of a renderer."""
+    return import_module(f"{_package(section)}.scene")
+
+
+def _of_renderer(root: Mapping, values: dict, section: str, known: list) -> Iterator[Problem]:
+    """What the renderer of a scene says of it."""
+    if find_spec(_package(section)) is None:
+        kinds = " and ".join(dict.fromkeys(entries.KINDS[one.kind] for one in known))
+        methods = ", ".join(dict.fromkeys(one.method for one in known))
+        found = f"found {kinds} by {methods} in {len(known)} entries"
+        yield root.names["materials"].problem(found, "expected one entry of particles, or entries of grains alone or bodies "
+                                                     "alone by one method")
+        return
+    rules = _rules(section)
+    for i, one in enumerate(known):
+        values |= {f"materials[{i}].as": one.kind, f"materials[{i}].method": one.method}
+    values |= {"method": known[0].method} if len({one.method for one in known}) == 1 else {}
+    yield from common.problems(root, values, section, rules.UNUSED)
+    yield from rules.problems(root, values)
+
+
+def _decided(values: Every, known: list) -> Every:
+    """The values of a scene with the kind and method of each entry, and the method of all, where they have one."""
+    if not known:
+        return values
+    methods = {one.method for one in known}
+    listed = [entry.model_copy(update={"as": one.kind, "method": one.method})
+              for entry, one in zip(values.materials, known, strict=True)]
+    return values.model_copy(update={"materials": listed, "method": methods.pop() if len(methods) == 1 else None})
 
 
 def beside(asset: Path) -> Path | None:
@@ -203,7 +253,10 @@ def needs(path) -> tuple[str, ...]:
     section, problem = _section(source, tree.root)
     if not section or section not in tree.root:
         raise RecipeError([problem])
-    return import_module(f"{RENDERERS[section]}.scene").NEEDS
+    if section != "materials":
+        return _rules(section).NEEDS
+    kinds = [one.kind for one in entries.known(tree.root, path.parent)]
+    return tuple(dict.fromkeys(stage for kind in kinds for stage in entries.stages(kind)))
 
 
 def _of_plugins(path: Path) -> tuple[str, ...]:
@@ -212,24 +265,26 @@ def _of_plugins(path: Path) -> tuple[str, ...]:
         ElementTree.parse(path)
     except (OSError, ElementTree.ParseError) as error:
         raise UsageError(f"{text.label_of(path)}: cannot be read as a Mitsuba scene: {error}") from None
-    kinds = {f"bakery_{name}": import_module(f"{package}.scene").NEEDS for name, package in RENDERERS.items()}
+    kinds = {f"bakery_{name}": _rules(name).NEEDS for name in (*RENDERERS, *OF_MATERIALS) if find_spec(_package(name))}
     found = [stage for file in files_of(path) if file.suffix.lower() == ".xml" for one in integrators(file)
              for stage in kinds.get(one, ())]
     return tuple(dict.fromkeys(found)) or ("medium",)
 
 
 def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | None]:
-    """The section that names the renderer, else the one that an unknown key seems to stand for, else ""; and what is wrong."""
+    """`materials` or the section that names the renderer, else what an unknown key seems to stand for, else ""; and what is
+    wrong."""
     keys = list(root) if isinstance(root, Mapping) else []
-    named = [name for name in RENDERERS if name in keys]
+    names = ["materials", *RENDERERS]
+    named = [name for name in names if name in keys]
     if len(named) == 1:
         return named[0], None
-    expected = f"expected {fields.one_of(list(RENDERERS))}"
+    expected = f"expected {fields.one_of(names)}"
     if named:
         place = root.names[max(named, key=keys.index)]
-        return "", place.problem(f"found the sections of {len(named)} renderers, {', '.join(named)}", expected)
-    near = [fields.closest(key, RENDERERS) for key in keys if key not in Common.model_fields]
-    return next(filter(None, near), ""), source.problem(None, "", "found no renderer's section", expected)
+        return "", place.problem(f"found {' beside '.join(named)}", f"{expected}, one of them")
+    near = [fields.closest(key, names) for key in keys if key not in common.Common.model_fields]
+    return next(filter(None, near), ""), source.problem(None, "", "found neither materials nor a renderer's section", expected)
 
 
 def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
@@ -243,6 +298,11 @@ def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
         instead = f"`bake {source.label}` bakes it, `bake render` takes its asset, and a scene that names it can be rendered " \
                   "(`bake new scene` writes one)"
         raise RecipeError([source.problem(None, "", "is a recipe", instead)])
+    if isinstance(tree.root, Mapping) and not tree.problems and (anew := former.converted(source.text, tree.root)):
+        place = tree.root.names.get("bakery_scene") or tree.root.place
+        said = place.problem("found a scene of an earlier form", f"expected its text in format {FORMAT}, to be saved in its "
+                             f"place:\n\n{anew}")
+        raise RecipeError([dataclasses.replace(said, excerpt="")])
     return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))
 
 
@@ -250,11 +310,13 @@ def _of_scenes(problem: Problem) -> Problem:
     return dataclasses.replace(problem, expected=problem.expected.replace("recipe", "scene"))
 
 
-def _keys_of_files(kind, bodies: int, at) -> list[str]:
-    """Keys of files of all renderers and of one, whose list of bodies is so long; at(key): what stands there, or None."""
-    own = [f"{kind.BODIES}[{i}].{key}" for i in range(bodies) for key in ("asset", "recipe")]
-    inside = [key.replace(kind.BODIES, f"{kind.BODIES}[{i}]") for i in range(bodies) for key in kind.FILES]
-    return [*common.FILES, *(named for key in inside or kind.FILES for named in _by_name(key, at)), *own]
+def _keys_of_files(section: str, count: int, at) -> list[str]:
+    """Keys of files of a scene with so many entries; at(key): what stands there, or None."""
+    if section in OF_MATERIALS:
+        own = [f"materials[{i}].{key}" for i in range(count) for key in entries.FILES]
+    else:
+        own = ["asset", "recipe", *_rules(section).FILES]
+    return [*common.FILES, *(named for key in own for named in _by_name(key, at))]
 
 
 def _by_name(key: str, at) -> list[str]:

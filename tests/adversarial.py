@@ -18,7 +18,7 @@ class Case(NamedTuple):
     Attributes
     ----------
     recipe : what stands below its wavelengths
-    scene : its YAML below name and recipe
+    scene : its YAML below the name
     world : what stands in the Mitsuba file beside its sensor
     view : origin and target of the camera
     fov : degrees
@@ -41,7 +41,7 @@ def write(case: Case, folder):
     """Path of the scene; its recipe, meshes and Mitsuba file stand beside it."""
     head = "bakery: 1\nname: material\nwavelengths: [0.55]\ntolerance: 3%\nmeasure: integrated\n"
     (folder / "material.yaml").write_text(head + case.recipe)
-    (folder / "scene.yaml").write_text(f"bakery_scene: 1\nname: picture\nrecipe: material.yaml\n{case.scene}")
+    (folder / "scene.yaml").write_text(f"bakery_scene: 2\nname: picture\n{case.scene}")
     height, width = case.size
     sensor = f"""<integrator type="path"/><sensor type="perspective"><float name="fov" value="{case.fov}"/>
 <transform name="to_world"><lookat origin="{case.view[0]}" target="{case.view[1]}" up="0, 0, 1"/></transform>
@@ -92,11 +92,12 @@ def _medium(g, albedo, path, stage="multiple_scattering: {tolerance: 0.5%}"):
 
 
 def _fog(density, samples=64):
-    return f"picture: {{mitsuba: world.xml, samples: {samples}, far: 30 m}}\nfog: {{density: {density}}}\n" \
-           "filter: {outside: black, energy: lost}\n"
+    return f"recipe: material.yaml\npicture: {{mitsuba: world.xml, samples: {samples}, far: 30 m}}\n" \
+           f"fog: {{density: {density}}}\nfilter: {{outside: black, energy: lost}}\n"
 
 
-_BODIES = "tolerance: 10%\nscene: {mitsuba: world.xml, unit: 1 mm}\ntranslucent: {method: vrl+tables, bodies: [{shape: body}]}\n"
+_BODIES = "tolerance: 10%\nscene: {mitsuba: world.xml, unit: 1 mm}\n" \
+          "materials:\n  - {where: {shape: body}, recipe: material.yaml, method: vrl+tables}\n"
 
 
 def _drops(number, radius):
@@ -112,7 +113,7 @@ def _particles(number, radius, box):
     return _drops(number, radius) + f"discrete: {{box: {box}}}\n"
 
 
-_IN_AIR = "tolerance: 10%\nscene: {mitsuba: world.xml}\ndiscrete: {}\n"
+_IN_AIR = "tolerance: 10%\nscene: {mitsuba: world.xml}\nmaterials: [{recipe: material.yaml}]\n"
 _BEADS = """grains:
   radius: 0.5 mm
   components: [{name: bead, shape: {type: SHAPE}, surface: {type: dielectric, material: bk7},
@@ -123,7 +124,8 @@ effective_medium: {sigma_t: random_walk}
 
 
 def _grains(mesh, unit):
-    return f"tolerance: 10%\nscene: {{mitsuba: world.xml}}\ngranular: {{where: {{mesh: {mesh}.ply, unit: {unit}}}}}\n"
+    return "tolerance: 10%\nscene: {mitsuba: world.xml}\n" \
+           f"materials: [{{where: {{mesh: {mesh}.ply, unit: {unit}}}, recipe: material.yaml}}]\n"
 
 
 _AHEAD = ("0, 0, 0", "0, 1, 0")

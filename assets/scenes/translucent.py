@@ -309,13 +309,12 @@ PICTURES = {
 # ---- scene files
 
 SCENE = """# {what}
-bakery_scene: 1
+bakery_scene: 2
 name: {name}
-recipe: ../../recipes/{recipe}.yaml
 scene: {{mitsuba: {name}.xml, unit: 1 mm}}
 stop: {{noise: 2%, time: 60 s, samples: 1024}}
-translucent:
-  bodies: [{{shape: {shape}{boundary}}}]
+materials:
+  - {{where: {{shape: {shape}}}, recipe: ../../recipes/{recipe}.yaml{boundary}}}
 """
 # name: recipe, body, its index where it is not matched
 BODIES = {

@@ -15,7 +15,7 @@ from bakery.errors import Interrupted, UsageError
 @click.command(name="compare", short_help="render a scene by several methods, and show them beside one another")
 @click.argument("source", type=click.Path(), metavar="SCENE")
 @click.option("--methods", required=True, metavar="A,B,C",
-              help="As the scene's section takes them; METHOD:KEY=VALUE also sets a key beside that of the method.")
+              help="As the scene's materials take them; METHOD:KEY=VALUE also sets a key beside that of the method.")
 @click.option("--reference", metavar="METHOD|FILE.exr", help="What the others are held against.  [default: the first method]")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html",
               help="The page; the pictures lie in a folder of its name beside it.  Default: NAME_compare.html beside the scene.")

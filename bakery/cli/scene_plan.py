@@ -88,13 +88,13 @@ def plan(scene: Scene, *, quality=None, variant=None, seed=None, progress: Progr
     progress = progress or Progress()
     cache = Cache(say=progress.say)
     bakes = {}
-    for material in assets.materials(scene):
+    for material in scene.materials:
         if (key := (material.asset, material.recipe)) not in bakes:
             bakes[key] = _bake(scene, material, cache, progress)
     if sum(bake.seconds for bake in bakes.values()) > PATIENCE:
         return ScenePlan(scene, tuple(bakes.values()), None)
     files = {key: _file(bake, cache, progress) for key, bake in bakes.items()}
-    paths = tuple(files[material.asset, material.recipe] for material in assets.materials(scene))
+    paths = tuple(files[material.asset, material.recipe] for material in scene.materials)
     ready = dataclasses.replace(scene, asset=paths[0], assets=paths, share=max(bake.share for bake in bakes.values()))
     with progress.during("rendering a pilot"):
         forecast = pilot.forecast(ready, quality=quality, variant=variant, seed=seed)

@@ -90,7 +90,8 @@ def _jobs(loaded, names, folder, settings, seed):
             named.insert(0, rules.EXACT[0])
         return comparison.jobs(loaded.path, named, folder, settings, seed), refused
     jobs = []
-    for name in dict.fromkeys([*rules.POINTS, value_at(loaded.values, rules.CHOICE[0])]):
+    chosen = value_at(loaded.values, rules.CHOICE[0])  # None where materials have different ones
+    for name in dict.fromkeys([*rules.POINTS, *([chosen] if chosen else [])]):
         try:
             jobs += comparison.jobs(loaded.path, [name], folder, settings, seed)
         except RecipeError as error:

@@ -95,7 +95,7 @@ class Picture:
 
 
 def picture(made, method, samples, lamp=SIDE, **settings) -> Picture:
-    """A picture of an asset, by a method of the scene, with so many samples a pixel; `settings` of the section `discrete`."""
+    """A picture of an asset, by a method of the scene, with so many samples a pixel; `settings` of its entry."""
     begin = time.process_time()
     report = discrete.render(_scene(made, method, samples, lamp, settings), folder() / "scene.png", overwrite=True)
     seconds = (time.process_time() - begin) * report["seconds"]["passes"] / report["seconds"]["total"]
@@ -128,16 +128,16 @@ def _scene(made, method, samples, lamp, settings) -> Path:
     (folder() / f"{lamp}.xml").write_text(text)
     half = EDGE / 2
     scene = folder() / "scene.yaml"
-    more = "".join(f"  {key}: {value}\n" for key, value in settings.items())
-    scene.write_text(f"""bakery_scene: 1
+    more = "".join(f"    {key}: {value}\n" for key, value in settings.items())
+    scene.write_text(f"""bakery_scene: 2
 name: scene
-asset: {made.name}
 tolerance: 0.01%
 scene: {{mitsuba: {lamp}.xml}}
 stop: {{samples: {samples}}}
-discrete:
-  where: {{box: {{lo: [-{half}, -{half}, -{half}] m, hi: [{half}, {half}, {half}] m}}}}
-  method: {method}
+materials:
+  - where: {{box: {{lo: [-{half}, -{half}, -{half}] m, hi: [{half}, {half}, {half}] m}}}}
+    asset: {made.name}
+    method: {method}
 {more}""")
     return scene
 

@@ -21,10 +21,11 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import scene as scenes
 from renderers.colour import LUMINANCE
+from renderers.entries import BOUNDARIES
 from renderers.mitsuba.world import World
 from renderers.running import Render
 from renderers.translucent import methods, shells, smooth, transport
-from renderers.translucent.scene import BOUNDARIES, METHODS
+from renderers.translucent.scene import METHODS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "assets" / "scenes"
@@ -83,7 +84,7 @@ def shipped(name, size, changes=()):
             raise ValueError(f"{name}.xml has no {pattern}")
     (folder() / f"{name}.xml").write_text(text, encoding="utf-8")
     world = World(folder() / f"{name}.xml", values.scene.unit, size=(size, size))
-    return _transport(world, [one.shape for one in values.translucent.bodies], job.assets)
+    return _transport(world, [one.where.shape for one in values.materials], job.assets)
 
 
 def ball(asset, index, size, around=PANEL + SKY):

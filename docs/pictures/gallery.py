@@ -14,12 +14,13 @@ from bakery.grammar import text
 from bakery.report.gallery import Entry, page
 from bakery.store.outputs import PAGE, check_outputs
 from bakery.store.put import put
+from renderers.scene import load
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 640  # pixels
-# section of a file -> heading
+# renderer of a scene, section of a recipe -> heading
 SCENES = {"fog": "Scenes: fog", "discrete": "Scenes: separate particles", "granular": "Scenes: grains that fill a mesh",
-          "translucent": "Scenes: translucent bodies"}
+          "translucent": "Scenes: translucent bodies", "mixed": "Scenes: several materials"}
 RECIPES = {"particles": "Recipes: suspended particles", "medium": "Recipes: media by their coefficients",
            "grains": "Recipes: packed grains", "packing": "Recipes: packings of spheres"}
 LEAD = ("Everything that ships with bakery. Recipes are shown as blocks of their medium under two lights, packed grains with "
@@ -41,7 +42,7 @@ def shipped(folder: str, headings, build: Path, command: str, shown=None) -> dic
         picture = _picture(name, build)
         if not picture and (scene := (shown or {}).get(name)):
             picture, words = _picture(scene, build), f"{words}, in the scene {scene}"
-        section = next(one for one in headings if one in tree)
+        section = load(path, assets=False).section if "bakery_scene" in tree else next(one for one in headings if one in tree)
         found[headings[section]].append(Entry(name, words, str(place), command.format(place=place, name=name), picture))
     return found
 

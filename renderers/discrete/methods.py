@@ -45,8 +45,8 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     tolerance : relative deviation of a pixel that taking the continuous medium for particles may make; the scene's if None
     """
     tolerance = budget.of(job.scene).approximations if tolerance is None else tolerance
-    name, (height, width) = job.scene.values.discrete.method, world.size
-    angle = _peak_angle(job.scene.values.discrete, world)
+    name, (height, width) = job.scene.values.method, world.size
+    angle = _peak_angle(job.scene.values.materials[0], world)
     setup = _setup(job, world, angle)
     passes, depth, reasons = _METHODS[name](setup, tolerance, seed)
     lights = world.light_names
@@ -66,7 +66,7 @@ def _peak_angle(settings, world):
 
 def _setup(job, world, angle) -> Setup:
     values, group = job.scene.values, job.asset.discrete
-    settings, waves = values.discrete, np.asarray(job.asset.wavelength, float)
+    settings, waves = values.materials[0], np.asarray(job.asset.wavelength, float)
     baked, bands = classes_of(group), np.eye(len(waves))
     to_rgb, to_waves = colour.srgb_matrix(waves), colour.spread_matrix(waves)
     if values.film.wavelengths == "rgb":

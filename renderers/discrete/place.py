@@ -15,7 +15,7 @@ def region_of(scene, group) -> kernels.Region:
     Raises UsageError, with the key, where a stored realisation is asked to fill another region than its own, or a file is not
     what it should be.
     """
-    where = scene.values.discrete.where
+    where = scene.values.materials[0].where
     own = _own(group)
     if where is None:
         return own
@@ -27,12 +27,12 @@ def region_of(scene, group) -> kernels.Region:
             return own._replace(lo=lo, hi=hi, centre=own.centre + lo)
         if stored or own.kind != kernels.BOX:
             kind = "its places are stored" if stored else "it is not a whole box"
-            raise scene.wrong("discrete.where.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} m "
-                              f"and {kind}; that box, or an asset with method: procedural, would do")
+            raise scene.wrong("materials[0].where.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} "
+                              f"m and {kind}; that box, or an asset with method: procedural, would do")
         return kernels.region_box(lo, hi)
     if stored:
-        raise scene.wrong("discrete.where", "found a mesh or a grid, but the asset's places are stored; an asset with method: "
-                          "procedural would do, or a recipe whose discrete section has the mesh or the grid")
+        raise scene.wrong("materials[0].where", "found a mesh or a grid, but the asset's places are stored; an asset with "
+                          "method: procedural would do, or a recipe whose discrete section has the mesh or the grid")
     return _of_mesh(scene, where) if hasattr(where, "mesh") else _of_grid(scene, where)
 
 
@@ -56,25 +56,25 @@ def _of_mesh(scene, where):
         vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
         return kernels.region_mesh(where.unit * vertices, faces)
     except ValueError as fault:
-        raise scene.wrong("discrete.where.mesh", fault) from None
+        raise scene.wrong("materials[0].where.mesh", fault) from None
 
 
 def _of_grid(scene, where):
     from renderers import grids
 
-    values, lo, hi = grids.placed(scene, "discrete.where", where)
+    values, lo, hi = grids.placed(scene, "materials[0].where", where)
     most = float(np.max(values))
     if not most > 0:
-        raise scene.wrong("discrete.where.grid", "found densities that are 0 everywhere; a cloud would do")
+        raise scene.wrong("materials[0].where.grid", "found densities that are 0 everywhere; a cloud would do")
     return kernels.region_grid(lo, hi, np.asarray(values) / most)
 
 
 def check_motion(scene, group, region):
     """Raises UsageError where stored particles would move out of the mesh or the grid that they were chosen for."""
-    settings = scene.values.discrete
+    settings = scene.values.materials[0]
     if "position" in group and region.kind != kernels.BOX and np.any(np.asarray(settings.velocity) * settings.time):
-        raise scene.wrong("discrete.velocity", "found stored particles of a mesh or a grid that move; particles of a whole box, "
-                          "or an asset with method: procedural, would do")
+        raise scene.wrong("materials[0].velocity", "found stored particles of a mesh or a grid that move; particles of a whole "
+                          "box, or an asset with method: procedural, would do")
 
 
 def discs_of(group, region, velocity, time):

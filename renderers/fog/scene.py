@@ -21,7 +21,6 @@ CHOICE = "filter.kernel", KERNELS  # the key of the method, and what it may be
 # of `bake trade`: what the others are held against; kept within a scene's tolerance: none; all that are tried
 EXACT, KEPT = ("flux",), ()
 POINTS = (*EXACT, "flux:cut_off=8", "flux:picture.samples=64", "flux:picture.samples=16", *KERNELS[1:])
-BODIES = ""  # lists of bodies: none
 UNUSED = {
     "measure": "none: the noise is that of the picture as a whole",
     "scene": "picture: {mitsuba: …}",

@@ -33,14 +33,14 @@ def local_of(scene, body, asset, fraction, vertices) -> Local:
 
     Raises UsageError with the key where a grid is not what it should be.
     """
-    says, key = scene.values.granular.bodies[body], scene.values.granular.key(body)
+    says, key = scene.values.materials[body], f"materials[{body}]"
     return Local(says.fraction and _share(scene, f"{key}.fraction", says.fraction, fraction, vertices),
                  says.mixture and _mixture(scene, f"{key}.mixture", says.mixture, asset, vertices))
 
 
 def check(scene, body, vertices) -> None:
     """UsageError with the key where a grid of a body, by its number, does not hold its mesh, vertices (V, 3) m."""
-    says, key = scene.values.granular.bodies[body], scene.values.granular.key(body)
+    says, key = scene.values.materials[body], f"materials[{body}]"
     if says.fraction:
         _read(scene, f"{key}.fraction", says.fraction, vertices)
     for name, one in (says.mixture or {}).items():

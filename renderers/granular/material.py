@@ -23,12 +23,12 @@ def meshes_of(scene):
     Raises UsageError, with the key, where one is no closed mesh, what is wrong, and where; or where two of them overlap.
     """
     meshes = []
-    for number, body in enumerate(scene.values.granular.bodies):
+    for number, body in enumerate(one.where for one in scene.values.materials):
         path = scene.file(body.mesh)
         try:
             vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
         except ValueError as fault:
-            raise scene.wrong(f"{scene.values.granular.key(number)}.mesh", fault) from None
+            raise scene.wrong(f"materials[{number}].where.mesh", fault) from None
         meshes.append((body.unit * vertices, faces))
     return meshes
 

@@ -21,18 +21,18 @@ _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
-    settings, assets, meshes = job.scene.values.granular, job.assets, material.meshes_of(job.scene)
+    values, assets, meshes = job.scene.values, job.assets, material.meshes_of(job.scene)
     if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
-        raise job.scene.wrong("granular.where", "the assets have different wavelengths; assets of the same ones would do")
+        raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
     varies = [local.local_of(job.scene, body, asset, material.fraction_of(asset), vertices)
               for body, (asset, (vertices, _)) in enumerate(zip(assets, meshes))]
     grains = [material.grains_of(asset, *mesh, one) for asset, mesh, one in zip(assets, meshes, varies)]
     if found := material.overlap(grains, meshes):
         outer, inner, deep = found
-        raise job.scene.wrong(f"{settings.key(inner)}.mesh", f"reaches {deep:.2g} m into the mesh of {settings.key(outer)}; "
+        raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
                               "meshes that do not overlap, but may touch, would do")
-    tolerance = job.scene.values.tolerance or budget.DEFAULT
-    return of(settings.method, world, assets, meshes, grains, seed, settings.spread, tolerance)
+    tolerance = values.tolerance or budget.DEFAULT
+    return of(values.method, world, assets, meshes, grains, seed, values.materials[0].spread, tolerance)
 
 
 def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT) -> Method:

@@ -1,6 +1,6 @@
 """Grains as an integrator of Mitsuba (`bakery_granular`), registered by `import renderers.granular.plugin`.
 
-Renders a scene with grains in it, by the same passes as `bake render` of a scene with a section `granular`.  Shapes inside of the
+Renders a scene with grains in it, by the same passes as `bake render` of a scene of grains.  Shapes inside of the
 integrator say what the grains fill; they are not seen themselves.
 
 Parameters
@@ -8,7 +8,7 @@ Parameters
 asset : string
     The asset, an HDF5 file with the stages grains, packing and medium.  Relative paths are searched where Mitsuba searches.
 method : string
-    As `granular.method` of a scene; its default if absent.
+    As `method` of grains in a scene; its default if absent.
 unit : float
     m, length of 1 in the scene; default 1.
 (nested shapes)
@@ -32,12 +32,12 @@ import numpy as np
 import bakery
 from bakery.errors import UsageError
 from bakery.store import ply
-from renderers.granular.scene import METHODS, NEEDS, Granular
+from renderers.granular.scene import METHODS, NEEDS
 from renderers.integrator import length_of_one, one_of, register
 
 import mitsuba as mi  # isort: skip
 
-NAME, DEFAULT = "bakery_granular", Granular.model_fields["method"].default
+NAME, DEFAULT = "bakery_granular", METHODS[0]
 
 
 class Inside:

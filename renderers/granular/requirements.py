@@ -24,7 +24,7 @@ _WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqr
 
 def needs(about) -> list[Need]:
     """Requirements of the stages packing, grains and medium; see `renderers.requirements`."""
-    method = about.scene.values.granular.method
+    method = about.scene.values.method
     if about.recipe.grains is None:
         return [Need(stage, True, "the renderer reads it") for stage in ("grains", "packing", "medium")]
     triangles, apart = _triangles(about, method)
@@ -80,14 +80,14 @@ def _pixels(about):
 
     radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
     camera, nearest = about.world.camera, math.inf
-    bodies = about.scene.values.granular.bodies
+    bodies = [one.where for one in about.scene.values.materials]
     pixel = about.pixel()
     for number in about.bodies:
         path = about.scene.file(bodies[number].mesh)
         try:
             vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
         except ValueError as fault:
-            raise about.scene.wrong(f"{about.scene.values.granular.key(number)}.mesh", fault) from None
+            raise about.scene.wrong(f"materials[{number}].where.mesh", fault) from None
         local.check(about.scene, number, bodies[number].unit * vertices)
         nearest = min(nearest, _distance(camera.origin, bodies[number].unit * vertices[faces]))
     return 2 * radius / (pixel * max(nearest, radius))

@@ -11,7 +11,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     ----------
     scene : path of the scene, or what `renderers.scene.load` made of it
     output : `X.png` or `X.exr`, both are written; beside the scene, by its name, if None
-    overrides : dotted key -> value as text, such as `{"translucent.method": "paths"}`; of a path
+    overrides : dotted key -> value as text, such as `{"materials[0].method": "paths"}`; of a path
     quality : draft, preview or final: noise, time and samples by the scene's `stop`
     variant : of Mitsuba, one for colours on arrays
     seed : of the passes; 0 if None

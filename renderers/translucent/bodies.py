@@ -86,7 +86,8 @@ def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
                 continue
             if triangles is None:
                 if _reaches(shape.box, bodies[number]):
-                    raise wrong(number, "shape", f"{shape.name} reaches into {names[number]} and is no mesh; a mesh would do")
+                    raise wrong(number, "where.shape",
+                                f"{shape.name} reaches into {names[number]} and is no mesh; a mesh would do")
                 continue
             near = np.all((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0]), axis=1)
             crowded[number] |= bool(near.any())

@@ -35,17 +35,16 @@ _LAYERS = ("order0", "order1", "order2", "orders")
 
 def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
-    settings, assets = job.scene.values.translucent, job.assets
+    values, assets = job.scene.values, job.assets
     if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
-        raise job.scene.wrong("translucent.bodies", "the assets have different wavelengths; assets of the same ones would do")
-    entries = settings.bodies
-    how = transport_of(world, [one.shape for one in entries], assets, [one.boundary and one.boundary.index for one in entries],
-                       lambda number, key, message: job.scene.wrong(f"translucent.bodies[{number}].{key}", message),
-                       settings.method)
-    name, made = of(how, settings.method, settings.boundary, seed)
+        raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
+    entries = values.materials
+    how = transport_of(world, [one.where.shape for one in entries], assets, [one.index for one in entries],
+                       lambda number, key, message: job.scene.wrong(f"materials[{number}].{key}", message), values.method)
+    name, made = of(how, values.method, entries[0].tables, seed)
     if world.dark:
         return Method(name, made, [], lambda estimate: {"bias": None})
-    reasons = _reasons(assets, how.bodies, settings.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
+    reasons = _reasons(assets, how.bodies, values.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
     missing, sentences = chains.left_out(how, seed)
 
     def after(estimate):
@@ -98,21 +97,21 @@ def _body(shapes, name, asset, index, wrong, method):
     found = [shape for shape in shapes if shape.name == name]
     if len(found) != 1:
         names = ", ".join(sorted(shape.name for shape in shapes)) or "none"
-        raise wrong("shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
+        raise wrong("where.shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
     shape = found[0]
     if shape.faces is None:
-        raise wrong("shape", f"{name} is no mesh; a closed mesh would do")
+        raise wrong("where.shape", f"{name} is no mesh; a closed mesh would do")
     try:
         vertices, faces = kernels.solid(shape.vertices, shape.faces)
     except ValueError as fault:
-        raise wrong("shape", f"{name} is no closed mesh: {fault}") from None
+        raise wrong("where.shape", f"{name} is no closed mesh: {fault}") from None
     if shape.index is None:
-        raise wrong("shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
+        raise wrong("where.shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
     if fault := index_fault(name, index, shape.index):
         raise wrong("boundary.index", fault)
     medium = medium_of(asset) if has_tables(asset) else untabled(asset)
     if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), method):
-        raise wrong("shape", fault)
+        raise wrong("where.shape", fault)
     few = np.max(thin.later(thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) <= thin.FEW
     tabled = has_tables(asset) or method in READERS \
         or method == "auto" and not few and not thin.sparse(vertices, faces, smooth.reduced(medium))

@@ -1,6 +1,6 @@
 """Translucent bodies as an integrator of Mitsuba (`bakery_translucent`), registered by `import renderers.translucent.plugin`.
 
-Renders a scene whose shapes are translucent bodies, by the same passes as `bake render` of a scene with a section `translucent`.
+Renders a scene whose shapes are translucent bodies, by the same passes as `bake render` of a scene of bodies.
 
 Parameters
 ----------
@@ -8,7 +8,7 @@ body.ID : string
     The shape of this id is a body of the material of this asset, an HDF5 file with the stages medium and multiple.  Relative
     paths are searched where Mitsuba searches.  One for each body.
 method, boundary : string
-    As `translucent.method` and `translucent.boundary` of a scene; their defaults if absent.
+    As `method` and `boundary.tables` of a body in a scene; their defaults if absent.
 unit : float
     m, length of 1 in the scene; default 1.
 
@@ -25,8 +25,9 @@ from __future__ import annotations
 
 import bakery
 from bakery.errors import UsageError
+from renderers.entries import BOUNDARIES
 from renderers.integrator import length_of_one, one_of, register
-from renderers.translucent.scene import BOUNDARIES, METHODS, NEEDS, Translucent
+from renderers.translucent.scene import METHODS, NEEDS
 
 import mitsuba as mi  # isort: skip
 
@@ -40,9 +41,8 @@ class Inside:
     """
 
     def __init__(self, props):
-        default = Translucent.model_fields
-        self.method = one_of(NAME, props, "method", METHODS, default["method"].default)
-        self.boundary = one_of(NAME, props, "boundary", BOUNDARIES, default["boundary"].default)
+        self.method = one_of(NAME, props, "method", METHODS, METHODS[0])
+        self.boundary = one_of(NAME, props, "boundary", BOUNDARIES, BOUNDARIES[0])
         self.unit = length_of_one(NAME, props)
         self.assets = {}
         for key in list(props.keys()):

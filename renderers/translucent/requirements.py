@@ -28,19 +28,19 @@ _SURER = 1.25  # margin of the share of later events: the renderer asks again, w
 def needs(about) -> list[Need]:
     """Requirements of the stages medium and multiple; see `renderers.requirements`."""
     medium = Need("medium", True, "bodies are filled with it")
-    method = about.scene.values.translucent.method
+    method = about.scene.values.method
     if method not in ("auto", *READERS):
         return [medium, Need("multiple", False, f"method {method} looks up no tables")]
     if about.dark:
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
-    if method == "auto" and len(about.bodies) == len(about.scene.bodies) and all(
+    if method == "auto" and len(about.bodies) == len(about.scene.materials) and all(
             thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in about.measured(_shapes)):
         return [medium, Need("multiple", False, "bodies are so wide that light jumps through empty spheres in them")]
     depth, across = about.measured(_sizes)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
     said = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
-    if method == "auto" and _SURER * later[worst] <= thin.FEW and len(about.bodies) == len(about.scene.bodies):
+    if method == "auto" and _SURER * later[worst] <= thin.FEW and len(about.bodies) == len(about.scene.materials):
         return [medium, Need("multiple", False, said + ", and paths follow them")]
     knobs, lacking = _tolerance(about, later[worst])
     return [medium, Need("multiple", True, said, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
@@ -62,15 +62,15 @@ def _shapes(about):
     named = {shape.name: shape for shape in about.world.shapes()}
     found = []
     for number in about.bodies:
-        name = about.scene.values.translucent.bodies[number].shape
+        name = about.scene.values.materials[number].where.shape
         if name not in named or named[name].faces is None:
-            key = f"translucent.bodies[{number}].shape"
+            key = f"materials[{number}].where.shape"
             meshes = ", ".join(sorted(shape.name for shape in named.values() if shape.faces is not None)) or "it has none"
             raise about.scene.wrong(key, f"found {name!r}, which is no mesh of the Mitsuba scene; expected the id of one: "
                                          f"{meshes}")
-        said = about.scene.values.translucent.bodies[number].boundary
-        if named[name].index is not None and (fault := index_fault(name, said and said.index, named[name].index)):
-            raise about.scene.wrong(f"translucent.bodies[{number}].boundary.index", fault)
+        index = about.scene.values.materials[number].index
+        if named[name].index is not None and (fault := index_fault(name, index, named[name].index)):
+            raise about.scene.wrong(f"materials[{number}].boundary.index", fault)
         found.append(named[name])
     return found
 

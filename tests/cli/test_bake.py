@@ -117,13 +117,13 @@ def test_wrong_options_are_told(call, milk, tmp_path, arguments, said):
 
 def test_a_scene_adds_the_stages_that_it_needs(call, milk, tmp_path):
     scene = tmp_path / "street.yaml"
-    scene.write_text("bakery_scene: 1\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
+    scene.write_text("bakery_scene: 2\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
     asset = tmp_path / "milk.h5"
     milk.write_text("bakery: 1\nname: milk\nwavelengths: [0.55]\n"
                     "medium: {albedo: 0.5, mean_free_path: 1 mm, phase: {type: isotropic}}\n")
     status, out, err = call(milk, "-o", asset, "--scene", scene, "--tolerance", "20%")
     assert status == 0 and "beam, because" in err and set(read(asset).members) >= {"medium", "beam"}, err
-    scene.write_text("bakery_scene: 1\nname: street\n")
+    scene.write_text("bakery_scene: 2\nname: street\n")
     status, _, err = call(milk, "-o", asset, "--scene", scene)
     assert status == 2 and "expected fog" in err
 

@@ -23,7 +23,7 @@ from renderers.running import Render
 from tests.browser import CHROMIUM, Page
 
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: haze
 description: A haze & a <sun>
 asset: milk.h5

@@ -28,7 +28,7 @@ def place(tmp_path, monkeypatch):
     (tmp_path / "other.yaml").write_text(MILK.format(name="other", g=0.5))
     (tmp_path / "notes.txt").write_text(NOTES)
     (tmp_path / "theirs.h5").write_bytes(b"\x89HDF\r\n\x1a\n somebody's measurements")
-    (tmp_path / "scene.yaml").write_text("bakery_scene: 1\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
+    (tmp_path / "scene.yaml").write_text("bakery_scene: 2\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
     (tmp_path / "soft.h5").symlink_to("milk.yaml")
     os.link(tmp_path / "milk.yaml", tmp_path / "hard.h5")
     write(tmp_path / "a.h5", with_member(small_asset(), "optics", None))

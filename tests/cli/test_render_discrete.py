@@ -26,15 +26,16 @@ particles:
 discrete: {count: 200, box: [80 um, 80 um, 80 um], seed: 3, METHOD}
 """
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: lamp
-asset: drops.h5
 scene: {mitsuba: lamp.xml, unit: 1 um}
 camera: {origin: [40, -150, 40] um, target: [40, 40, 40] um, fov: 30 deg}
 film: {width: 80, height: 64}
 stop: {samples: 2}
-discrete: {method: particles}
+materials:
+  - {asset: drops.h5, method: particles}
 """
+HASHED = "materials[0].asset=hashed.h5"
 XML = """<scene version="3.0.0">
 <shape type="rectangle" id="floor"><transform name="to_world"><scale value="200"/></transform>
   <bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.4 0.3"/></bsdf></shape>
@@ -81,7 +82,7 @@ def picture(found, name=""):
 
 
 def test_report_and_layers(call, place):
-    report, found = rendered(call, place, "a", "discrete.method=auto", "tolerance=20%")
+    report, found = rendered(call, place, "a", "materials[0].method=auto", "tolerance=20%")
     assert report["renderer"] == "discrete" and report["method"] == "auto" and report["size"] == [80, 64]
     assert report["files"] == [str(place / "a.png"), str(place / "a.exr")] and report["particles"] == 200
     assert report["samples"] == 2 and report["stopped_by"] == "samples" and report["passes"] == {"walk": 2, "splat": 2}
@@ -100,8 +101,8 @@ def test_report_and_layers(call, place):
 @pytest.mark.parametrize("method", ["continuous", slow("query"), slow("explicit")])
 def test_other_methods(call, place, method):
     """Without particles that are told apart there are no depths; light that particles do not scatter is the same in all."""
-    wide = ["discrete.footprint=100"] * (method == "query")  # spheres that hold a particle now and then
-    report, found = rendered(call, place, method, f"discrete.method={method}", *wide)
+    wide = ["materials[0].footprint=100"] * (method == "query")  # spheres that hold a particle now and then
+    report, found = rendered(call, place, method, f"materials[0].method={method}", *wide)
     assert report["method"] == method and report["passes"] == {"walk": 2}
     assert np.isfinite(picture(found)).all() and picture(found, "order0.").any() and picture(found, "order1.").any()
     assert ("detail" in found) == (method == "continuous")
@@ -119,7 +120,7 @@ def test_a_lone_particle_in_a_white_sky(call, place):
     assert call("bake", place / "lone.yaml", "-o", place / "lone.h5")[0] == 0
     (place / "lamp.xml").write_text('<scene version="3.0.0"><emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>'
                                     "</scene>")
-    report, _ = rendered(call, place, "a", "asset=lone.h5", "discrete={method: auto, peak: keep}",
+    report, _ = rendered(call, place, "a", "materials[0].asset=lone.h5", "materials[0].method=auto", "materials[0].peak=keep",
                          "film={width: 16, height: 16}", "stop={samples: 100, noise: 0.01%}",
                          "camera={origin: [5, -24, 5] um, target: [5, 5, 5] um, fov: 22 deg}")
     assert report["noise_mean"] < 0.02 and abs(report["mean"][1] / 0.5 - 1) < 4.4 * report["noise_mean"]
@@ -127,10 +128,10 @@ def test_a_lone_particle_in_a_white_sky(call, place):
 
 def test_procedural_in_a_box_of_the_scene(call, place):
     """Twice the box at the same density, somewhere else."""
-    box = "discrete.where={box: {lo: [0, 0, 0] um, hi: [80, 80, 160] um}}"
-    report, found = rendered(call, place, "twice", "asset=hashed.h5", box)
+    box = "materials[0].where={box: {lo: [0, 0, 0] um, hi: [80, 80, 160] um}}"
+    report, found = rendered(call, place, "twice", "materials[0].asset=hashed.h5", box)
     assert report["particles"] == pytest.approx(400) and picture(found, "order1.").any()
-    away = "discrete.where={box: {lo: [500, 0, 0] um, hi: [580, 80, 80] um}}"
+    away = "materials[0].where={box: {lo: [500, 0, 0] um, hi: [580, 80, 80] um}}"
     report, found = rendered(call, place, "away", away, "film={width: 8, height: 6}")
     # out of sight: hardly a path finds it by way of the floor
     assert report["particles"] == 200 and picture(found, "order1.").sum() < 0.02 * picture(found, "order0.").sum()
@@ -138,11 +139,11 @@ def test_procedural_in_a_box_of_the_scene(call, place):
 
 def test_particles_fall(call, place):
     still = picture(rendered(call, place, "still")[1], "order1.")
-    falling = "discrete={method: particles, velocity: [0, 0, -1] mm/s, time: 4 ms}"
-    moved = picture(rendered(call, place, "moved", falling)[1], "order1.")
+    falling = "materials[0].velocity=[0, 0, -1] mm/s"
+    moved = picture(rendered(call, place, "moved", falling, "materials[0].time=4 ms")[1], "order1.")
     assert not np.allclose(still, moved) and 0.3 < moved.sum() / still.sum() < 3
-    round_ = "discrete={method: particles, velocity: [0, 0, -1] mm/s, time: 80 ms}"  # once through the box
-    again = picture(rendered(call, place, "again", round_)[1], "order1.")
+    # once through the box
+    again = picture(rendered(call, place, "again", falling, "materials[0].time=80 ms")[1], "order1.")
     assert np.mean(np.abs(again - still)) < 0.1 * still.mean()
 
 
@@ -178,7 +179,8 @@ def test_no_resuming_of_something_else(call, place):
     rendered(call, place, "a", options=small)
     shown = ("display.exposure=2", "name=other", "description=other")  # how the picture is shown, no other picture
     rendered(call, place, "a", *shown, options=("--resume", *small))
-    for setting, said in (("discrete.method=continuous", "other parts, scene"), ("asset=hashed.h5", "other asset, scene")):
+    for setting, said in (("materials[0].method=continuous", "other parts, scene"),
+                          ("materials[0].asset=hashed.h5", "other asset, scene")):
         status, _, err = call("render", place / "s.yaml", "-o", place / "a.png", "--resume", *small, "--set", setting)
         assert status == 2 and said in err, err
 
@@ -196,24 +198,24 @@ def test_baked_from_its_recipe(call, assets, place):
 
 
 @pytest.mark.parametrize(("settings", "said"), [
-    (["asset=bare.h5"], "give its recipe a section `discrete`"),
-    (["discrete.method=fog"], 'found "fog"; expected auto, particles, continuous, query or explicit'),
-    (["discrete.metod=auto"], "discrete.metod"),
-    (["discrete.footprint=1"], "which method particles does not use"),
-    (["discrete={method: explicit, peak: keep}"], "found a peak"),
-    (["discrete.peak=5 um"], "discrete.peak"),
-    (["discrete.peak=200 deg"], "an angle from 0 to 180 deg"),
-    (["discrete.peak=-5 deg"], "an angle from 0 to 180 deg"),
-    (["discrete.velocity=3 m/s"], "discrete.velocity"),
-    (["discrete.time=3 um"], "discrete.time"),
-    (["discrete.where={box: {lo: [0, 0, 0] um, hi: [80, 80, 90] um}}"], "its places are stored"),
-    (["discrete.where={box: {lo: [0, 0, 0] um, hi: [80, 80, 0] um}}"], "found a box without volume"),
-    (["discrete.where={sphere: 3}"], "discrete.where"),
-    (["discrete.where={mesh: gone.ply}"], "gone.ply"),
-    (["asset=hashed.h5", "discrete.where={mesh: hole.obj, unit: 1 um}"], "discrete.where.mesh: not closed: face"),
-    (["asset=hashed.h5", "discrete.where={grid: zero.npy, lo: [0, 0, 0] um, hi: [9, 9, 9] um}"], "densities that are 0"),
-    (["asset=hashed.h5", "discrete.where={grid: ones.npy}"], "lo and hi would do"),
-    (["discrete.where={mesh: whole.obj}"], "the asset's places are stored"),
+    (["materials[0].asset=bare.h5"], "give its recipe a section `discrete`"),
+    (["materials[0].method=fog"], 'found "fog"; expected auto, particles, continuous, query or explicit'),
+    (["materials[0].metod=auto"], "materials[0].metod"),
+    (["materials[0].footprint=1"], "which method particles does not use"),
+    (["materials[0].method=explicit", "materials[0].peak=keep"], "found a peak"),
+    (["materials[0].peak=5 um"], "materials[0].peak"),
+    (["materials[0].peak=200 deg"], "an angle from 0 to 180 deg"),
+    (["materials[0].peak=-5 deg"], "an angle from 0 to 180 deg"),
+    (["materials[0].velocity=3 m/s"], "materials[0].velocity"),
+    (["materials[0].time=3 um"], "materials[0].time"),
+    (["materials[0].where={box: {lo: [0, 0, 0] um, hi: [80, 80, 90] um}}"], "its places are stored"),
+    (["materials[0].where={box: {lo: [0, 0, 0] um, hi: [80, 80, 0] um}}"], "found a box without volume"),
+    (["materials[0].where={sphere: 3}"], "materials[0].where"),
+    (["materials[0].where={mesh: gone.ply}"], "gone.ply"),
+    ([HASHED, "materials[0].where={mesh: hole.obj, unit: 1 um}"], "materials[0].where.mesh: not closed: face"),
+    ([HASHED, "materials[0].where={grid: zero.npy, lo: [0, 0, 0] um, hi: [9, 9, 9] um}"], "densities that are 0"),
+    ([HASHED, "materials[0].where={grid: ones.npy}"], "lo and hi would do"),
+    (["materials[0].where={mesh: whole.obj}"], "the asset's places are stored"),
     (["camera=null"], "camera"),
 ])
 def test_what_will_not_do(call, place, settings, said):
@@ -236,5 +238,5 @@ def test_particles_in_a_mesh_and_in_a_grid_of_the_scene(call, place):
     (place / "ball.obj").write_text("\n".join(lines))
     np.save(place / "cloud.npy", np.random.default_rng(1).random((3, 4, 5)))
     for where in ("{mesh: ball.obj, unit: 1 um}", "{grid: cloud.npy, lo: [0, 0, 0] um, hi: [80, 80, 80] um}"):
-        _, found = rendered(call, place, "in", "asset=hashed.h5", f"discrete.where={where}", "film={width: 16, height: 12}")
+        _, found = rendered(call, place, "in", HASHED, f"materials[0].where={where}", "film={width: 16, height: 12}")
         assert picture(found, "order1.").any() and np.isfinite(picture(found)).all()

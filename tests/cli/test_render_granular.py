@@ -27,14 +27,14 @@ packing: {fraction: 0.5, count: 30}
 effective_medium: {sigma_t: mean_flight}
 """
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: heap
-asset: beads.h5
 scene: {mitsuba: lamp.xml, unit: 1 mm}
 camera: {origin: [0, -30, 8] mm, target: [0, 0, 0] mm, fov: 30 deg}
 film: {width: 40, height: 32}
 stop: {samples: 2}
-granular: {where: {mesh: heap.ply, unit: 1 mm}, method: ept}
+materials:
+  - {where: {mesh: heap.ply, unit: 1 mm}, asset: beads.h5, method: ept}
 """
 XML = """<scene version="3.0.0"><shape type="rectangle" id="floor"><transform name="to_world"><scale value="30"/>
 <translate z="-5"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.4 0.3"/></bsdf></shape>
@@ -90,6 +90,8 @@ def picture(found, name=""):
 def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a")
     assert report["renderer"] == "granular" and report["method"] == "ept" and report["size"] == [40, 32]
+    assert report["materials"] == [{"kind": "grains", "method": "ept", "bias": report["bias"], "reasons": report["reasons"],
+                                    "pilot": None}]
     assert report["passes"] == {"ept": 2} and report["grains"] == pytest.approx(0.5 * 6**3 * 0.95, rel=0.1)
     assert {"scene", "preparation", "passes", "write", "total"} <= report["seconds"].keys()
     orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]
@@ -100,14 +102,14 @@ def test_report_and_layers(call, place):
 
 
 def test_the_medium(call, place):
-    report, found = rendered(call, place, "a", "granular.method=vpt")
+    report, found = rendered(call, place, "a", "materials[0].method=vpt")
     assert report["method"] == "vpt" and report["passes"] == {"vpt": 2} and picture(found, "order1.").any()
     assert any("no grain" in said for said in report["reasons"]) and any("opaque" in said for said in report["reasons"])
 
 
 def test_grains_and_medium(call, place):
     """Each technique's part, that make up the picture, and how many grains paths met before they switched."""
-    report, found = rendered(call, place, "a", "granular.method=ept+vpt")
+    report, found = rendered(call, place, "a", "materials[0].method=ept+vpt")
     assert report["method"] == "ept+vpt" and report["passes"] == {"grains": 2, "medium": 2}
     parts = [picture(found, f"{name}.") for name in ("ept", "vpt")]
     assert np.allclose(sum(parts), picture(found), rtol=1e-5, atol=1e-6) and parts[0].any() and parts[1].any()
@@ -118,7 +120,7 @@ def test_grains_and_medium(call, place):
 
 def test_auto_of_opaque_grains_is_explicit(call, place):
     """The same picture as that of `ept`, and the report says why."""
-    report, found = rendered(call, place, "a", "granular.method=auto")
+    report, found = rendered(call, place, "a", "materials[0].method=auto")
     assert report["method"] == "auto" and report["bias"] is None and "switch" not in found
     assert any("auto is ept here" in said and "opaque" in said for said in report["reasons"])
     assert np.array_equal(picture(found), picture(rendered(call, place, "b")[1]))
@@ -128,7 +130,7 @@ def test_auto_of_opaque_grains_is_explicit(call, place):
 def test_grains_of_the_host_s_index_are_not_seen(call, place, method):
     """They turn no light and absorb none: a white world is 1 (a false alarm once in 1e7, seeds are fixed)."""
     (place / "lamp.xml").write_text(WHITE)
-    report, found = rendered(call, place, "a", "asset=nothing.h5", f"granular.method={method}")
+    report, found = rendered(call, place, "a", "materials[0].asset=nothing.h5", f"materials[0].method={method}")
     light = picture(found).mean(axis=-1)
     # light before and after the switch has paths of its own: a pixel at the edge of a body may have both, or none
     error = light.std() / np.sqrt(light.size) if "+" in method or method == "auto" else 1e-6
@@ -142,19 +144,19 @@ def test_several_bodies(call, place):
     vertices, faces = icosphere(80)
     for name, x in (("left", -6), ("right", 6)):
         (place / f"{name}.ply").write_bytes(ply.mesh(5 * vertices + [x, 0, 0], faces))
-    text = SCENE.replace("asset: beads.h5\n", "").replace(
-        "{mesh: heap.ply, unit: 1 mm}",
-        "[{mesh: left.ply, unit: 1 mm, asset: beads.h5}, {mesh: right.ply, unit: 1 mm, asset: beads.h5}]")
+    text = SCENE[:SCENE.index("  - ")] + "".join(f"  - {{where: {{mesh: {name}.ply, unit: 1 mm}}, asset: beads.h5}}\n"
+                                                 for name in ("left", "right"))
     (place / "s.yaml").write_text(text)
     for method in ("ept", "ept+vpt+da"):
-        report, found = rendered(call, place, f"{len(method)}", f"granular.method={method}")
+        report, found = rendered(call, place, f"{len(method)}", f"method={method}")
         first = picture(found, "order1.").sum(axis=-1)
         assert report["grains"] == pytest.approx(2 * 0.5 * 5**3 * 0.95, rel=0.1) and first[:, :16].any() and first[:, 24:].any()
-    for change, said in [(("asset: beads.h5}]", "asset: gone.h5}]"), 'granular.where[1].asset: found "gone.h5"'),
-                         (("mesh: right.ply", "mesh: open.ply"), "granular.where[1].mesh: not closed"),
-                         (("unit: 1 mm, asset: beads.h5}]", "unit: 1 mm}]"), "asset: missing"),
-                         (("mesh: right.ply", "mesh: heap.ply"), "granular.where[1].mesh: reaches 0.00"),
-                         (("mesh: right.ply", "mash: right.ply"), "granular.where[1].mash")]:
+    right = "right.ply, unit: 1 mm}, asset: beads.h5"
+    for change, said in [((right, right.replace("beads", "gone")), 'materials[1].asset: found "gone.h5"'),
+                         (("mesh: right.ply", "mesh: open.ply"), "materials[1].where.mesh: not closed"),
+                         ((right, right.replace(", asset: beads.h5", "")), "materials[1].asset: missing"),
+                         (("mesh: right.ply", "mesh: heap.ply"), "materials[1].where.mesh: reaches 0.00"),
+                         (("mesh: right.ply", "mash: right.ply"), "materials[1].where.mash")]:
         assert change[0] in text
         (place / "s.yaml").write_text(text.replace(*change))
         status, out, err = call("render", place / "s.yaml", "-o", place / "x.png")
@@ -170,19 +172,20 @@ def test_fraction_and_mixture(call, place):
     that the mixture says is there; the same in the medium, where lights are seen through what is loose."""
     def gridded(name, values, key="fraction", box=BOX):
         np.save(place / f"{name}.npy", values)
-        return f"granular.where.{key}={{grid: {name}.npy, {box}}}"
+        return f"materials[0].{key}={{grid: {name}.npy, {box}}}"
 
     plain = rendered(call, place, "a")[1]
     same = rendered(call, place, "b", gridded("whole", np.full((2, 1, 3), 0.5)))[1]
     assert all(np.array_equal(plain[name], same[name]) for name in plain)
     half, clear = gridded("half", np.repeat([0.5, 0.0], 7).reshape(14, 1, 1)), np.ones((1, 1, 1))
     for method in ("ept", "vpt"):
-        report, found = rendered(call, place, method, half, gridded("clear", clear, "mixture.clear"), f"granular.method={method}")
+        of_clear, by = gridded("clear", clear, "mixture.clear"), f"materials[0].method={method}"
+        report, found = rendered(call, place, method, half, of_clear, by)
         assert report["grains"] == pytest.approx(0.25 * 6**3 * 0.95, rel=0.2)
         behind = picture(found, "order0.")[12:20]  # the floor
         assert behind[:, 12:18].mean() < 0.2 * behind[:, 24:28].mean()
         clear_one = picture(found, "order1.")[12:20, 12:18].mean(axis=(0, 1))
-    report, found = rendered(call, place, "c", half, "granular.method=ept+vpt+da", gridded("matt", clear, "mixture.matt"))
+    report, found = rendered(call, place, "c", half, "materials[0].method=ept+vpt+da", gridded("matt", clear, "mixture.matt"))
     matt_one = picture(found, "order1.")[12:20, 12:18].mean(axis=(0, 1))
     assert matt_one[2] < 0.6 * matt_one[0] and clear_one[2] > 0.7 * clear_one[0] and "da.R" not in found
     assert any("no light diffuses" in said for said in report["reasons"])
@@ -192,13 +195,13 @@ def test_fraction_and_mixture(call, place):
         (gridded("flat", clear, box="lo: [0, 0, 0] mm, hi: [7, 7, 0] mm"), "found a box without volume"),
         (gridded("less", -clear), "found the density -1 at [0, 0, 0]"), (gridded("nan", np.nan * clear), "found the density nan"),
         (gridded("salt", clear, "mixture.salt"), "mixture.salt: the asset has no such component; clear, matt would do"),
-        ("granular.where.fraction={grid: gone.npy, lo: [0, 0, 0] m, hi: [1, 1, 1] m}", "there is no such file"),
-        ("granular.where.mixture={clear: {grid: gone.npy}}", "mixture.clear.grid: found \"gone.npy\""),
+        ("materials[0].fraction={grid: gone.npy, lo: [0, 0, 0] m, hi: [1, 1, 1] m}", "there is no such file"),
+        ("materials[0].mixture={clear: {grid: gone.npy}}", "mixture.clear.grid: found \"gone.npy\""),
         (gridded("units", clear, box="lo: [0, 0, 0], hi: [7, 7, 7]"), "unit"),
-        ("granular.where.fraction={grid: clear.npy}", "found no box in the file; lo and hi would do"),
-        (f"granular.where.fraction={{grid: clear.npy, dataset: rho, {BOX}}}", "found a dataset of a file that has none"),
-        ('granular.where.mixture={"a[b.c]": {grid: clear.npy, ' + BOX + "}}", "the asset has no such component"),
-        ("granular.where.mixture={}", "at least 1"), ("granular.where.mixture=salt", "granular.where.mixture"),
+        ("materials[0].fraction={grid: clear.npy}", "found no box in the file; lo and hi would do"),
+        (f"materials[0].fraction={{grid: clear.npy, dataset: rho, {BOX}}}", "found a dataset of a file that has none"),
+        ('materials[0].mixture={"a[b.c]": {grid: clear.npy, ' + BOX + "}}", "the asset has no such component"),
+        ("materials[0].mixture={}", "at least 1"), ("materials[0].mixture=salt", "materials[0].mixture"),
     ]:
         status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", setting)
         assert status and not out and said in err and "Traceback" not in err, err
@@ -225,7 +228,7 @@ def test_a_medium_of_components_is_that_of_all(place):
 
 @pytest.mark.parametrize("method", ["ept", slow("ept+vpt+da"), slow("auto")])
 def test_going_on_is_as_not_having_stopped(call, place, method):
-    method = f"granular.method={method}"
+    method = f"materials[0].method={method}"
     straight = picture(rendered(call, place, "a", method, "stop={samples: 4, noise: 0.01%}")[1])
     rendered(call, place, "b", method)
     resumed = rendered(call, place, "b", method, "stop={samples: 4, noise: 0.01%}", options=("--resume",))[1]
@@ -243,12 +246,12 @@ def test_a_mesh_smaller_than_its_only_grain(call, place):
 
 
 @pytest.mark.parametrize("setting, said", [
-    ("granular.where.mesh=open.ply", "granular.where.mesh: not closed: face 76 alone has the edge of the vertices"),
-    ("granular.where.mesh=lamp.xml", "granular.where.mesh: meshes are"),
-    ("granular.where.mesh=gone.ply", "there is no such file"),
-    ("granular.method=magic", "expected auto, ept, vpt"),
+    ("materials[0].where.mesh=open.ply", "materials[0].where.mesh: not closed: face 76 alone has the edge of the vertices"),
+    ("materials[0].where.mesh=lamp.xml", "materials[0].where.mesh: meshes are"),
+    ("materials[0].where.mesh=gone.ply", "there is no such file"),
+    ("materials[0].method=magic", "expected auto, ept, vpt"),
     ("film.wavelengths=rgb", "found a key that granular does not use"),
-    ("asset=bare.h5", "no stage 'packing'"),
+    ("materials[0].asset=bare.h5", "no stage 'packing'"),
 ])
 def test_what_is_refused(call, place, setting, said):
     status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", setting)

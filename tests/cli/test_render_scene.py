@@ -28,7 +28,7 @@ tolerance: 20%
 medium: {albedo: [1, 0.9, 0.6], mean_free_path: [10, 9, 8] m, phase: {type: hg, g: 0.6}}
 """
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: night
 asset: fog.h5
 camera: {origin: [0, -12, 1.7] m, target: [0, 0, 2] m, fov: 40 deg}
@@ -329,11 +329,10 @@ def shipped(name, folder):
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_shipped_scene_renders_in_a_fresh_clone(path):
-    """Each body's recipe is named and ships, and so does every other file; no scene reads what somebody has to bake first."""
+    """Each material's recipe is named and ships, and so does every other file; no scene reads what somebody has to bake first."""
     loaded = scenes.load(path)
-    bodies = [body if body.asset or body.recipe else loaded.values for body in loaded.bodies]
-    assert all(body.recipe and not body.asset for body in bodies)
-    own = [loaded.file(body.recipe).resolve() for body in bodies] + [one.resolve() for one in loaded.inputs]
+    assert all(one.recipe and not one.asset for one in loaded.materials)
+    own = [loaded.file(one.recipe).resolve() for one in loaded.materials] + [one.resolve() for one in loaded.inputs]
     assert all(one.is_file() and (one.is_relative_to(SCENES) or one.is_relative_to(ROOT / "recipes")) for one in own)
 
 

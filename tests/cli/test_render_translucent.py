@@ -24,13 +24,13 @@ medium: {{albedo: 0.9, mean_free_path: 1 mm, phase: {{type: hg, g: 0}}}}
 multiple_scattering: {{extent: {extent}, tolerance: 5%, sources: {sources}}}
 """
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: lit
-asset: wax.h5
 scene: {mitsuba: lit.xml, unit: 1 mm}
 film: {width: 20, height: 16}
 stop: {samples: 2}
-translucent: {bodies: [{shape: ball}]}
+materials:
+  - {where: {shape: ball}, asset: wax.h5}
 """
 SENSOR = """<sensor type="perspective"><float name="fov" value="34"/><transform name="to_world"><lookat origin="0, -19, 5"
 target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="20"/>
@@ -85,7 +85,7 @@ def picture(found, name=""):
 
 
 def test_report_and_layers(call, place):
-    report, found = rendered(call, place, "a", "asset=short.h5")
+    report, found = rendered(call, place, "a", "materials[0].asset=short.h5")
     assert report["renderer"] == "translucent" and report["method"] == "vrl+tables" and report["size"] == [20, 16]
     assert report["passes"] == {"few": 2, "beams": 2} and {"scene", "preparation", "passes", "total"} <= report["seconds"].keys()
     assert any("the tables of ball end at 2 mean free paths, and it is 1" in said for said in report["reasons"])
@@ -102,7 +102,7 @@ def test_beams_of_negative_power_leave_no_picture_below_0(call, place):
     (place / "lit.xml").write_text(XML.replace('<bsdf type="null"/>', '<bsdf type="dielectric"/>', 1))
     means, stated = [], []
     for seed in range(12):
-        report, found = rendered(call, place, "a", "translucent.method=vrl+tables", options=("--seed", str(seed), "--overwrite"))
+        report, found = rendered(call, place, "a", "materials[0].method=vrl+tables", options=("--seed", str(seed), "--overwrite"))
         kept, shown = picture(found, "signed."), picture(found)
         assert (kept < 0).any() and report["below_zero"]["raised"] > 0 and np.array_equal(shown, np.maximum(kept, 0))
         assert (np.stack([found[f"noise.{c}"] for c in "RGB"], axis=-1) >= shown - kept).all()
@@ -119,7 +119,7 @@ def test_a_scene_without_light_is_black_and_says_so(call, place, method):
     (place / "lit.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))
     (place / "plain.yaml").write_text(RECIPE.format(name="plain", extent=2, sources="[point]"))
     (place / "s.yaml").write_text(SCENE.replace("asset: wax.h5", "recipe: plain.yaml"))
-    report, found = rendered(call, place, "a", f"translucent.method={method}", "stop={noise: 1%}")
+    report, found = rendered(call, place, "a", f"materials[0].method={method}", "stop={noise: 1%}")
     assert report["method"] == ("paths" if method == "auto" else method) and report["noise"] == 0 and report["mean"] == [0, 0, 0]
     assert report["reasons"] == ["nothing in the scene shines: its picture is black"] and not picture(found).any()
 
@@ -127,7 +127,7 @@ def test_a_scene_without_light_is_black_and_says_so(call, place, method):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["paths", "vrl", "vrl+tables"])
 def test_going_on_is_as_not_having_stopped(call, place, method):
-    method = f"translucent.method={method}"
+    method = f"materials[0].method={method}"
     more = "stop={samples: 64, noise: 0.01%}" if "=paths" in method else "stop={samples: 4, noise: 0.01%}"
     straight = picture(rendered(call, place, "a", method, more)[1])
     begun = rendered(call, place, "b", method)[0]
@@ -148,17 +148,18 @@ def test_a_light_that_is_no_number_is_refused(call, place):
 
 
 @pytest.mark.parametrize("setting, said", [
-    ("translucent.bodies[0].shape=wax", "expected the id of a shape of the Mitsuba scene: ball, far, matt, open, panel, round"),
-    ("translucent.bodies[0].shape=round", "round is no mesh; a closed mesh would do"),
-    ("translucent.bodies[0].shape=open", "open is no closed mesh: "),
-    ("translucent.bodies[0].shape=matt", "the BSDF of matt lets no light in; dielectric, roughdielectric or null would do"),
-    ("translucent.bodies[0].boundary={index: 1.4}", "boundary.index: found 1.4, and the BSDF of ball has 1"),
-    ("translucent={bodies: [{shape: ball}], method: paths, boundary: none}", "found a boundary of tables, which method paths"),
-    ("translucent.method=magic", "expected auto, paths"),
-    ("asset=bare.h5", "no stage 'multiple'"),
-    ("asset=points.h5", "no tables of segments"),
-    ("translucent.bodies=[{shape: ball, recipe: gone.yaml}]", 'recipe: found "gone.yaml"'),
-    ("translucent.bodies=[]", "at least 1"),
+    ("materials[0].where.shape=wax", "expected the id of a shape of the Mitsuba scene: ball, far, matt, open, panel, round"),
+    ("materials[0].where.shape=round", "round is no mesh; a closed mesh would do"),
+    ("materials[0].where.shape=open", "open is no closed mesh: "),
+    ("materials[0].where.shape=matt", "the BSDF of matt lets no light in; dielectric, roughdielectric or null would do"),
+    ("materials[0].boundary={index: 1.4}", "boundary.index: found 1.4, and the BSDF of ball has 1"),
+    ("materials=[{where: {shape: ball}, asset: wax.h5, method: paths, boundary: {tables: none}}]",
+     "found a boundary of tables, which method paths"),
+    ("materials[0].method=magic", "expected auto, paths"),
+    ("materials[0].asset=bare.h5", "no stage 'multiple'"),
+    ("materials[0].asset=points.h5", "no tables of segments"),
+    ("materials=[{where: {shape: ball}, recipe: gone.yaml}]", 'recipe: found "gone.yaml"'),
+    ("materials=[]", "at least 1"),
     ("film.wavelengths=rgb", "found a key that translucent does not use"),
 ])
 def test_what_is_refused(call, place, setting, said):
@@ -170,7 +171,7 @@ def test_what_is_refused(call, place, setting, said):
 def test_bodies_too_wide_for_beams(call, place, method):
     """10,000 mean free paths and more: few beams of a pass are near any line of sight, and whether noise is right is chance."""
     status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "scene.unit=2 m", "--set",
-                            f"translucent.method={method}")
+                            f"materials[0].method={method}")
     assert status and not out and "ball is 2e+04 transport mean free paths wide" in err, err
     assert f"method {method} needs" in err and "shells, paths, or auto would do" in err
 
@@ -213,23 +214,23 @@ def test_a_picture_without_light_knows_no_noise(call, place):
     """A point in a bulb of glass, which no way leaves that a method looks for."""
     in_light_of(place, POINT + f"""<shape type="sphere" id="bulb"><point name="center" x="0" y="0" z="20"/>
 <float name="radius" value="2"/>{GLASS}</shape>""")
-    report, found = rendered(call, place, "a", "translucent.method=paths")
+    report, found = rendered(call, place, "a", "materials[0].method=paths")
     assert not picture(found).any() and report["noise"] is None and report["bias"] is None
     assert any("no pass found any" in said for said in report["reasons"]) and "bulb" in report["left_out"][0]
 
 
 def test_an_open_mesh_is_named_with_its_place(call, place):
-    err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "translucent.bodies[0].shape=open")[2]
+    err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "materials[0].where.shape=open")[2]
     assert "face" in err and "edge" in err
 
 
-SHIPPED = sorted(path for path in (ROOT / "assets/scenes").glob("*.yaml") if "\ntranslucent:" in path.read_text())
+SHIPPED = sorted(path for path in (ROOT / "assets/scenes").glob("*.yaml") if "where: {shape" in path.read_text())
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_scenes_are_understood(path):
     loaded = scene.load(path)
-    assert loaded.section == "translucent" and loaded.values.stop.time and loaded.values.translucent.bodies
+    assert loaded.section == "translucent" and loaded.values.stop.time and loaded.values.materials
 
 
 INTEGRATOR = """<integrator type="bakery_translucent"><string name="body.ball" value="wax.h5"/>

@@ -22,16 +22,16 @@ medium: {{albedo: 0.9, mean_free_path: {path}, phase: {{type: hg, g: 0.2}}}}
 """
 TABLES = "multiple_scattering: {tolerance: 5%}\n"
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: lit
-recipe: wax.yaml
 tolerance: 20%
 scene: {mitsuba: lit.xml, unit: 1 mm}
 stop: {samples: 1}
-translucent: {bodies: [{shape: ball}]}
+materials: [{where: {shape: ball}, recipe: wax.yaml}]
 """
+ENTRY = "{where: {shape: ball}, recipe: wax.yaml}"
 FOG = """\
-bakery_scene: 1
+bakery_scene: 2
 name: foggy
 asset: wax.h5
 picture: {mitsuba: lit.xml, unit: 1 mm, far: 80 mm}
@@ -152,10 +152,10 @@ def test_a_scene_that_cannot_be_rendered_is_told_before_the_bake(call, place):
 
 
 @pytest.mark.parametrize("scene, section", [
-    ("granular: {where: {mesh: ball.ply, unit: 1 mm}}", "grains and no section packing"),
-    ("discrete: {where: {box: {lo: [0, 0, 0] m, hi: [1, 1, 1] m}}}", "discrete")])
+    ("where: {mesh: ball.ply, unit: 1 mm}, as: grains", "grains and no section packing"),
+    ("where: {box: {lo: [0, 0, 0] m, hi: [1, 1, 1] m}}, as: particles", "discrete")])
 def test_recipes_without_a_section_that_a_scene_needs(call, place, scene, section):
-    (place / "s.yaml").write_text(SCENE.replace("translucent: {bodies: [{shape: ball}]}", scene))
+    (place / "s.yaml").write_text(SCENE.replace("where: {shape: ball}", scene))
     for words in (("plan", place / "wax.yaml", "--scene", place / "s.yaml"), ("render", place / "s.yaml")):
         status, _, err = call(*words)
         assert status == 2 and f"has no section {section}, which {place / 's.yaml'} needs" in err and "--set" not in err, err
@@ -163,25 +163,25 @@ def test_recipes_without_a_section_that_a_scene_needs(call, place, scene, sectio
 
 def test_what_a_body_says_is_held_against_its_shape(call, place):
     """Before anything is baked: an index that its BSDF has not, and a shape that is another body's already."""
-    (place / "s.yaml").write_text(SCENE.replace("shape: ball", "shape: ball, boundary: {index: 1.3}"))
+    (place / "s.yaml").write_text(SCENE.replace("{shape: ball}", "{shape: ball}, boundary: {index: 1.3}"))
     assert "found 1.3, and the BSDF of ball has 1; the same" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
     status, _, err = call("render", place / "s.yaml")
-    assert status == 2 and "s.yaml:7: translucent.bodies[0].boundary.index" in err and not (place / "wax.h5").exists()
-    (place / "s.yaml").write_text(SCENE.replace("{shape: ball}", "{shape: ball}, {shape: ball}"))
+    assert status == 2 and "s.yaml:6: materials[0].boundary.index" in err and not (place / "wax.h5").exists()
+    (place / "s.yaml").write_text(SCENE.replace(ENTRY, f"{ENTRY}, {ENTRY}"))
     status, _, err = call("render", place / "s.yaml")
-    assert status == 2 and 'found "ball", which is translucent.bodies[0] already' in err and "s.yaml:7" in err
+    assert status == 2 and 'found "ball", which is materials[0] already' in err and "s.yaml:6" in err
 
 
 def test_a_scene_of_another_material_is_taken_for_this_one(call, place):
     (place / "s.yaml").write_text(SCENE.replace("wax", "haze"))
     stages, _, _, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
-    assert stages == ["medium", "multiple"] and f"no body is made of {place / 'wax.yaml'}, which is taken for all" in err
+    assert stages == ["medium", "multiple"] and f"nothing in it is made of {place / 'wax.yaml'}, which is taken for all" in err
     assert "taken for all" not in needs(call, place / "haze.yaml", "--scene", place / "s.yaml")[3]
 
 
 def test_an_asset_that_a_scene_left_without_tables(call, place):
     """The recipe has the section: what helps is to bake it for the scene that needs the stage."""
-    (place / "s.yaml").write_text(SCENE.replace("bodies:", "method: paths, bodies:"))
+    (place / "s.yaml").write_text(SCENE.replace("where:", "method: paths, where:"))
     assert call(place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "s.yaml")[0] == 0
     (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: wax.h5"))
     status, _, err = call("render", place / "s.yaml")
@@ -198,8 +198,8 @@ def test_bodies_of_two_recipes_never_share_an_asset(call, place, first, second):
     ball = XML[XML.index("<shape"):XML.index("LIGHT")]
     two = (place / "lit.xml").read_text().replace("</scene>", ball.replace("ball", "other", 1) + "</scene>")
     (place / "lit.xml").write_text(two)
-    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml\n", "").replace(
-        "bodies: [{shape: ball}]", f"method: paths, bodies: [{{shape: ball, {first}}}, {{shape: other, {second}}}]"))
+    both = f"{{where: {{shape: ball}}, {first}}}, {{where: {{shape: other}}, {second}}}"
+    (place / "s.yaml").write_text("method: paths\n" + SCENE.replace(ENTRY, both))
     scene = assets.baked(load(place / "s.yaml"))
     paths = [0.1 if "b/" in one else 5e-4 for one in (first, second)]
     assert [1 / float(bakery.open(asset).medium.sigma_t[0]) for asset in scene.assets] == pytest.approx(paths)
@@ -293,7 +293,7 @@ def test_a_changed_scene_bakes_what_it_must(call, place):
     (place / "s.yaml").write_text(SCENE.replace("20%", "2%"))
     status, out, _ = call("plan", *words)
     assert status == 0 and "multiple_scattering.tolerance: 0.1 -> 0.0" in out and "reuse  medium" in out
-    (place / "s.yaml").write_text(SCENE.replace("bodies:", "method: paths, bodies:"))
+    (place / "s.yaml").write_text(SCENE.replace("where:", "method: paths, where:"))
     assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium", "multiple"}, "tables are nothing to throw away"
     assert call(*words, "--force")[0] == 2 and set(bakery.open(asset).stages) == {"medium", "multiple"}
     assert call(*words, "--force", "--overwrite")[0] == 0 and set(bakery.open(asset).stages) == {"medium"}
@@ -343,10 +343,11 @@ def test_each_of_three_recipes_goes_by_its_own_bodies(call, tmp_path):
     for name, shape in (("balls", "sphere"), ("near", "box"), ("far", "box")):
         text = own.replace("name: material", f"name: {name}").replace("type: box", f"type: {shape}")
         (tmp_path / f"{name}.yaml").write_text(text)
-    bodies = [f"{{mesh: ball.ply, unit: {unit}, recipe: {name}.yaml}}"
+    heaps = [f"{{where: {{mesh: ball.ply, unit: {unit}}}, recipe: {name}.yaml}}"
               for unit, name in (("1 m", "balls"), ("1.2 mm", "near"), ("10 m", "far"))]
-    path.write_text(path.read_text().replace("recipe: material.yaml\n", "").replace(
-        "{mesh: ball.ply, unit: 10 cm}", f"[{', '.join(bodies)}]"))
+    entry = "{where: {mesh: ball.ply, unit: 10 cm}, recipe: material.yaml}"
+    assert entry in path.read_text()
+    path.write_text(path.read_text().replace(entry, ", ".join(heaps)))
     asked = [needs(call, tmp_path / f"{name}.yaml", "--scene", path)[2] for name in ("balls", "near", "far")]
     assert "scatterometer.triangles" not in asked[0]
     assert int(asked[1]["scatterometer.triangles"]) > int(asked[2]["scatterometer.triangles"]) == 1300

@@ -18,7 +18,7 @@ from renderers.running import Render
 from tests.exr import layers
 
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: haze
 asset: milk.h5
 camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
@@ -177,13 +177,13 @@ def test_its_needs_are_baked(call, place, milk, monkeypatch):
 
 
 def test_messages_list_every_renderer(call, place, milk):
-    said = "found no renderer's section; expected fog, discrete, granular, translucent or toy"
+    said = "found neither materials nor a renderer's section; expected materials, fog or toy"
     (place / "haze.yaml").write_text(SCENE[:SCENE.index("toy:")])
     assert said in call("render", place / "haze.yaml")[2] and said in call("plan", milk, "--scene", place / "haze.yaml")[2]
     (place / "haze.yaml").write_text(SCENE + "fog: {}\n")
     for words in (("render", place / "haze.yaml"), ("plan", milk, "--scene", place / "haze.yaml")):
         status, _, err = call(*words)
-        found = "haze.yaml:6: fog: found the sections of 2 renderers, fog, toy; expected fog, discrete, granular, translucent or "
+        found = "haze.yaml:6: fog: found fog beside toy; expected materials, fog or toy, one of them"
         assert status == 2 and found in err
 
 

@@ -17,7 +17,7 @@ from renderers.running import Render
 from tests.cli.test_compare import Parts
 
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: haze
 asset: milk.h5
 camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
@@ -154,8 +154,8 @@ def test_a_scene_of_another_renderer(call, place, monkeypatch):
 
 
 @pytest.mark.parametrize("begin, scene", [
-    ("\ufeffbakery_scene: 1", True), ('"bakery_scene": 1', True), ("'bakery_scene' : 1\nname: [", True),
-    ("bakery: 1\ndescription: \"\n\nbakery_scene: 1\"", False), ("bakery: 1\nnote: {bakery_scene: 1}", False)])
+    ("\ufeffbakery_scene: 2", True), ('"bakery_scene": 1', True), ("'bakery_scene' : 1\nname: [", True),
+    ("bakery: 1\ndescription: \"\n\nbakery_scene: 2\"", False), ("bakery: 1\nnote: {bakery_scene: 2}", False)])
 def test_what_is_a_scene(tmp_path, begin, scene):
     (tmp_path / "a.yaml").write_text(f"{begin}\n", encoding="utf-8")
     assert is_scene(tmp_path / "a.yaml") == scene and not is_scene(tmp_path) and not is_scene(tmp_path / "gone.yaml")

@@ -11,12 +11,11 @@ from renderers import images, inputs, scene
 from renderers.mitsuba.scene import load
 
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: lit
-recipe: wax.yaml
 scene: {mitsuba: lit.xml, unit: 1 mm}
 film: {width: WIDTH, height: 16}
-translucent: {bodies: [{shape: ball}]}
+materials: [{where: {shape: ball}, recipe: wax.yaml}]
 """
 MESH = '<shape type="ply"><string name="filename" value="{}"/></shape>'
 
@@ -52,7 +51,7 @@ def test_files_without_end_in_mitsuba_scenes(place, content, found):
     (place / "s.yaml").write_text(SCENE.replace("WIDTH", "20"))
     with pytest.raises(RecipeError) as fault:
         scene.load(place / "s.yaml")
-    assert str(fault.value).startswith(str(place / "s.yaml:4: scene.mitsuba: ")) and found in str(fault.value)
+    assert str(fault.value).startswith(str(place / "s.yaml:3: scene.mitsuba: ")) and found in str(fault.value)
     with pytest.raises(UsageError) as fault:
         load(place / "lit.xml")
     assert found in str(fault.value)
@@ -72,4 +71,4 @@ def test_a_film_that_memory_does_not_hold(place, call, monkeypatch):
     monkeypatch.setattr(images, "free_memory", lambda: 24e9)
     status, out, err = call("render", place / "s.yaml")
     assert (status, out) == (2, "")
-    assert "s.yaml:5: film: found 16000 x 16000 pixels, which need some 256 GB of memory; 24 GB are free" in err
+    assert "s.yaml:4: film: found 16000 x 16000 pixels, which need some 256 GB of memory; 24 GB are free" in err

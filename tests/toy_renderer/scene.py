@@ -12,7 +12,6 @@ FILES = ()  # keys of files, besides those of every scene
 RESUMES = False  # whether `render` takes `resume`
 CHOICE = "toy.method", METHODS  # the key of the method, and what it may be
 EXACT, KEPT, POINTS = ("single",), (), METHODS  # of `bake trade`: methods without an error, kept within a tolerance, all
-BODIES = ""  # lists of bodies: none
 UNUSED = {  # common keys that it does without, and what would do
     "scene": "none: a haze has no surfaces", "film.wavelengths": "none: they are the asset's three",
     "stop": "none: nothing is sampled", "tolerance": "none: nothing is sampled"}

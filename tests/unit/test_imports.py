@@ -45,7 +45,9 @@ BAKES = "renderers/assets.py", "bakery.run.ensure"  # where the recipe of a scen
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "progress": set(), "grids": set(),
           "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
-          "scene": {"budget", "common", "inputs"}, "budget": set(), "requirements": {"budget", "inputs", "mitsuba", "scene"},
+          "entries": {"common"}, "former": set(),
+          "scene": {"budget", "common", "entries", "former", "inputs"}, "budget": set(),
+          "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "images", "inputs"},
           "reached": {"budget"}, "running": {"assets", "budget", "images", "mitsuba", "progress", "reached", "scene"},
@@ -56,7 +58,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
           "transport": {"mitsuba", "progressive", "wavefront"},
-          "comparison": {"assets", "images", "pace", "progressive", "reached", "scene"}}
+          "comparison": {"assets", "entries", "images", "pace", "progressive", "reached", "scene"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

@@ -17,7 +17,7 @@ from renderers.fog import picture
 from tests.exr import library
 
 SCENE = """\
-bakery_scene: 1
+bakery_scene: 2
 name: night
 asset: fog.h5
 camera: {origin: [0, -12, 1.7] m, target: [0 m, 0 m, 200 cm], fov: 40 deg}
@@ -55,7 +55,7 @@ def test_values_in_base_units(load):
 
 
 def test_every_fault_at_once(load):
-    bad = SCENE.replace("scene: 1", "scene: 2").replace("fog.h5", "gone.h5").replace("40 deg", "40")
+    bad = SCENE.replace("scene: 2", "scene: 3").replace("fog.h5", "gone.h5").replace("40 deg", "40")
     bad = bad.replace("measure: z", "masure: z")
     bad = bad.replace("6 m}", "6 m, sclae: 3}").replace("irradiance: [1, 2, 3]", "irradiance: [1, 2]").replace("ambient", "moon")
     with pytest.raises(RecipeError) as raised:

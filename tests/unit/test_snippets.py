@@ -107,13 +107,16 @@ def test_recipes(page, folder):
 
 
 def test_scenes(folder):
-    """The first block is a scene; the others take the place of its picture."""
+    """The first blocks are scenes, of materials and of fog; the others take the place of the second one's picture."""
     from renderers import scene
 
-    whole, *pictures = blocks("yaml")["docs/scenes.md"]
+    of_materials, whole, *pictures = blocks("yaml")["docs/scenes.md"]
     for name in ("build/street_fog.h5", "scenes/street.xml", "scenes/street.exr", "scenes/night.exr"):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).touch()
+    (folder / "scenes" / "snow.yaml").write_text("bakery: 1\nname: snow\ndiscrete: {}\n")
+    (folder / "scenes" / "lamp.yaml").write_text(of_materials)
+    assert scene.load("scenes/lamp.yaml").section == "discrete"
     camera = re.search("^camera: .*$", "".join(pictures), re.MULTILINE)[0]
     for text in ("", *pictures):
         made = re.sub("^picture: .*\n", text, whole, flags=re.MULTILINE) if text else whole

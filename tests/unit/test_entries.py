@@ -1,0 +1,127 @@
+"""Entries of `materials`: of which kind each is, which renderer they are for, what is told where something does not fit."""
+
+from __future__ import annotations
+
+import h5py
+import pytest
+
+from bakery.errors import RecipeError
+from renderers import comparison, scene
+
+HEAD = "bakery_scene: 2\nname: s\nscene: {mitsuba: s.xml}\nmaterials:\n"
+BOX = "where: {box: {lo: [0, 0, 0] m, hi: [1, 1, 1] m}}"
+MESH = "where: {mesh: a.ply}"
+
+
+@pytest.fixture
+def load(tmp_path):
+    (tmp_path / "s.xml").write_text("<scene version='3.0.0'/>")
+    (tmp_path / "a.ply").touch()
+    for name, groups in (("drops", ["discrete", "medium"]), ("sand", ["grains", "packing", "medium"]), ("milk", ["medium"]),
+                         ("both", ["discrete", "grains"])):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            for group in groups:
+                file.create_group(group)
+    for name, section in (("rain", "discrete: {}"), ("salt", "grains: {}"), ("haze", "medium: {}")):
+        (tmp_path / f"{name}.yaml").write_text(f"bakery: 1\n{section}\n")
+
+    def loaded(*entries, settings=None, more=""):
+        (tmp_path / "s.yaml").write_text(more + HEAD + "".join(f"  - {{{one}}}\n" for one in entries))
+        return scene.load(tmp_path / "s.yaml", settings)
+
+    return loaded
+
+
+def fault(load, *entries, **options):
+    with pytest.raises(RecipeError) as raised:
+        load(*entries, **options)
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("entry, kind, section", [
+    (f"{BOX}, asset: drops.h5", "particles", "discrete"),
+    (f"{BOX}, recipe: rain.yaml", "particles", "discrete"),
+    ("asset: milk.h5", "particles", "discrete"),  # only particles have a place of their own
+    (f"{MESH}, asset: sand.h5", "grains", "granular"),
+    (f"{MESH}, recipe: salt.yaml", "grains", "granular"),
+    (f"{MESH}, asset: drops.h5", "particles", "discrete"),
+    (f"{MESH}, asset: both.h5, as: grains", "grains", "granular"),
+    ("where: {shape: a}, recipe: haze.yaml", "body", "translucent"),
+])
+def test_the_kind_follows_from_place_and_asset(load, entry, kind, section):
+    found = load(entry)
+    assert found.values.materials[0].kind == kind and found.section == section and found.renderer == f"renderers.{section}"
+
+
+@pytest.mark.parametrize("kinds, methods, name", [
+    (["particles"], ["auto"], "discrete"), (["particles"] * 2, ["auto"] * 2, "mixed"),
+    (["grains"] * 3, ["ept"] * 3, "granular"), (["grains"] * 2, ["ept", "vpt"], "mixed"),
+    (["body"] * 2, ["paths"] * 2, "translucent"), (["medium"], ["auto"], "mixed"),
+    (["body", "medium"], ["paths"] * 2, "mixed"), (["particles", "grains", "body"], ["auto"] * 3, "mixed"),
+])
+def test_one_place_says_which_renderer_it_is(kinds, methods, name):
+    assert scene.renderer_of(kinds, methods) == name
+
+
+def test_one_method_for_all(load):
+    """Of the file for entries that say none; of the command line for all."""
+    one, two = f"{MESH}, asset: sand.h5", f"{MESH}, asset: sand.h5, method: ept"
+    methods = [entry.method for entry in load(one, two, more="method: ept\n").values.materials]
+    assert methods == ["ept", "ept"]
+    found = load(one, two, settings={"method": "vpt"})
+    assert [entry.method for entry in found.values.materials] == ["vpt", "vpt"] and found.values.method == "vpt"
+    assert load(one, settings={"materials[0].method": "teleport"}).values.method == "teleport"
+
+
+@pytest.mark.parametrize("entry, said", [
+    (f"{MESH}, asset: sand.h5, velocity: [1, 0, 0] m/s", "materials[0].velocity: found a key that grains have not"),
+    (f"{BOX}, asset: drops.h5, spread: 2", "materials[0].spread: found a key that particles have not, spread; expected"),
+    ("where: {shape: a}, asset: milk.h5, fraction: {grid: a.ply}", "materials[0].fraction: found a key that a body has not"),
+    (f"{BOX}, asset: sand.h5, as: grains", "materials[0].where: found grains in a place of kind box; expected {mesh: …}"),
+    (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a m"),
+    ("asset: sand.h5, as: grains", "materials[0].where: missing; expected where: {mesh: …}"),
+    (f"{MESH}, asset: sand.h5, as: surface", 'found "surface"; expected particles, grains, medium or body: this ver'),
+    (f"{MESH}, asset: sand.h5, method: surface", "the methods of grains: this version bakes no surfaces"),
+    (f"{MESH}, asset: sand.h5, method: paths", 'materials[0].method: found "paths"; expected auto, ept, vpt, ept+vpt, '),
+    ("where: here, asset: milk.h5", 'materials[0].where: found "here"; expected everywhere, {box:'),
+    ("where: {sphere: 1}, asset: milk.h5", "materials[0].where: found a mapping; expected everywhere, {box:"),
+    (MESH, "materials[0].asset: missing; expected asset: a baked asset, or recipe"),
+    (f"{MESH}, asset: sand.h5, recipe: salt.yaml", "materials[0].recipe: found a recipe beside an asset"),
+    (f"{MESH}, asset: gone.h5", 'materials[0].asset: found "gone.h5", and there is no such file'),
+])
+def test_what_does_not_fit_is_told_with_its_key(load, entry, said):
+    found = fault(load, entry)
+    assert said in found and "s.yaml:5: " in found
+
+
+def test_what_does_not_fit_together(load):
+    """Values that a renderer takes once, shapes that two fill, keys of the former top, kinds that only a later version mixes."""
+    sand = f"{MESH}, asset: sand.h5, method: ept+vpt"
+    assert "found 3.0, but materials[0] has 2.0" in fault(load, f"{sand}, spread: 2", f"{sand}, spread: 3")
+    wax = "where: {shape: a}, asset: milk.h5"
+    assert "found \"a\", which is materials[0] already" in fault(load, wax, wax)
+    tables = "where: {{shape: {}}}, asset: milk.h5, boundary: {{tables: {}}}"
+    found = fault(load, tables.format("a", "none"), tables.format("b", "mirrored"))
+    assert "found mirrored, but materials[0] has none" in found
+    assert "asset: found a key that entries of materials have" in fault(load, sand, more="asset: sand.h5\n")
+    assert "at least 1" in fault(load, sand, settings={"materials": "[]"})
+    assert "this version takes no noise out" in fault(load, sand, more="denoise: auto\n")
+
+
+def test_a_list_without_a_renderer(load, monkeypatch):
+    """Understood, and refused with its kinds and methods."""
+    monkeypatch.setitem(scene.OF_MATERIALS, "mixed", "renderers.nowhere")
+    found = fault(load, "where: everywhere, asset: milk.h5", f"{BOX}, asset: drops.h5, method: continuous")
+    assert "s.yaml:4: materials: found a medium and particles by auto, continuous in 2 entries; expected one entry of" in found
+
+
+def test_methods_to_compare_set_all_entries(load, tmp_path):
+    """A key of entries in each of them; a method beside those that are compared is refused."""
+    sand = f"{MESH}, asset: sand.h5, method: ept"
+    path = load(sand, sand).path
+    ept, vpt = comparison.jobs(path, ["ept", "ept+vpt:spread=1"], tmp_path / "out", {})
+    assert [one.method for one in ept.scene.values.materials] == ["ept", "ept"]
+    assert [(one.method, one.spread) for one in vpt.scene.values.materials] == [("ept+vpt", 1.0)] * 2
+    for key in ("method", "materials[1].method"):
+        with pytest.raises(Exception, match="the methods are those of --methods"):
+            comparison.jobs(path, ["ept"], tmp_path / "out", {key: "ept"})
