@@ -22,6 +22,7 @@ help:
 	@echo "make figures-translucent  the same for tables of multiple scattering (docs/translucent-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
+	@echo "make pictures-check  pictures of all scenes and methods against the kept ones, 10 minutes of a core"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
 	@echo "make clean     remove build/ and compiled kernels"
@@ -61,6 +62,11 @@ test-pbrt: $(VENV)/.ready-test
 
 soak: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -q -m soak --timeout 3600 $(PYTEST)
+
+# ONLY="candle/paths small/glass_ball" takes some of them; what was meant to change is kept anew by the module itself
+.PHONY: pictures-check
+pictures-check: $(VENV)/.ready-test
+	$(BIN)/python -m tests.regression.pictures $(if $(ONLY),--only $(ONLY))
 
 # SEED=1 takes other assets
 SECONDS ?= 600

@@ -1,0 +1,413 @@
+"""Pictures that stay what they are: means by order, light and region of the shipped scenes and of small ones, by method.
+
+    python -m tests.regression.pictures                        # compare: every entry against pictures.json, 10 minutes of a core
+    python -m tests.regression.pictures --seconds 2 --only candle/paths small/glass_ball
+    python -m tests.regression.pictures --keep --seconds 60    # write: go on with each entry until its error or time is reached
+
+A picture is small and noisy, many of them are not: `pictures.json` has of each entry (a scene by a method) the mean picture,
+its orders and its lights, and the luminance of 4 x 4 regions, with standard errors from the scatter of blocks.  A block is a few
+passes of each part of the method; its figures are what one such picture has.  Blocks are independent, and those of a comparison
+have other random numbers than those that were kept.
+
+`--keep` goes on where an earlier call stopped, entry after entry, and writes the file after each.  An entry whose values are
+meant to change is begun again by `--anew`, and the changelog says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from bakery.errors import BakeryError
+from renderers import colour, common
+from renderers import scene as scenes
+from tests.regression.picture_scenes import SECTIONS, SMALL
+
+ROOT = Path(__file__).resolve().parents[2]
+FILE = Path(__file__).with_name("pictures.json")
+SEED = 1 << 15  # of the first picture of a comparison; those that are kept begin at 0
+ODDS = 0.01  # that a comparison of all entries calls one of them changed that is not, were its random numbers drawn anew
+AIM = 0.005  # standard error of the mean of each order, over the mean luminance of the picture
+BLOCK = 0.1  # s, about what a block takes
+LEAST, FEWEST = 24, 12  # blocks that are kept at least; of a comparison
+RARE = 0.25  # of blocks: where fewer bring the scatter of a figure, other blocks may have much less of it by chance
+EDGE = 4  # regions along a side
+ROUNDING = 1e-5  # relative: figures without scatter are the same but for that
+
+SHIPPED = {"fog": ("filter",), "discrete": ("particles", "continuous"), "granular": ("ept", "vpt"),
+           "translucent": ("paths", "shells", "vrl+tables")}
+EXACT = ("particles", "ept", "paths")
+# width and height of films: kernels of NumPy's arrays want many paths in a pass, the loop of `paths` makes several of a pixel
+LARGE, SMALLER = (64, 48), (24, 18)
+
+
+class Entry(NamedTuple):
+    """A scene by a method.
+
+    name : SCENE/METHOD;  path : of a shipped scene, or None;  section : of format 1;  method : as scenes name it
+    """
+
+    name: str
+    path: Path | None
+    section: str
+    method: str
+
+    def load(self, folder: Path):
+        """The scene, its files in `folder` where it is a small one."""
+        if self.section == "fog":
+            return scenes.load(self.path, smaller_picture(self.path, folder))
+        path = self.path or SMALL[self.name.split("/")[1]].write(folder)
+        width, height = SMALLER if self.section == "translucent" else LARGE
+        key = f"{self.section}.method" if common.FORMAT == 1 else "method"
+        size = {"film": f"{{width: {width}, height: {height}}}"} if self.path else {}
+        return scenes.load(path, size | {key: self.method})
+
+    @property
+    def restarts(self) -> bool:
+        """Whether pictures depend on how many passes they have, so that each has a block of its own: beams through glass get
+        narrower from pass to pass."""
+        return self.section == "translucent" and (self.method.startswith("beams") or "point" in self.name)
+
+
+def entries() -> list[Entry]:
+    """All of them; methods without an error of their own first."""
+    made = []
+    for path in sorted((ROOT / "assets" / "scenes").glob("*.yaml")):
+        section = shipped_section(path.read_text())
+        made += [Entry(f"{path.stem}/{method}", path, section, method) for method in SHIPPED[section]]
+    for name, small in SMALL.items():
+        section = SECTIONS[small.materials[0].kind]
+        made += [Entry(f"small/{name}/{method}", None, section, method) for method in small.methods]
+    return sorted(made, key=lambda entry: (entry.method not in EXACT, entry.name))
+
+
+def smaller_picture(path: Path, folder: Path) -> dict[str, str]:
+    """Overrides by which a scene of fog has a picture of about `LARGE` and of few samples."""
+    named = re.search(r"mitsuba: (\S+\.xml)", path.read_text())[1]
+    text = (path.parent / named).read_text()
+    share = LARGE[0] / int(re.search(r'name="width" value="(\d+)"', text)[1])
+    (folder / named).write_text(re.sub(r'name="(width|height)" value="(\d+)"', lambda size:
+                                       f'name="{size[1]}" value="{round(share * int(size[2]))}"', text))
+    return {"picture.mitsuba": str(folder / named), "picture.samples": "16"}
+
+
+def shipped_section(text: str) -> str:
+    """What a shipped scene is of, as format 1 called it."""
+    if named := re.search(r"^(fog|discrete|granular|translucent):", text, re.MULTILINE):
+        return named[1]
+    return "translucent" if "shape:" in text else "granular" if "mesh:" in text else "discrete"
+
+
+# ---- figures of pictures
+
+
+def figures(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What is kept of a picture: R, G, B of its mean and of each order's; luminance of lights, and of regions."""
+    means = {name: np.asarray(image, float).mean(axis=(0, 1)) for name, image in layers.items()}
+    found = {"mean": means[""], "regions": regions(layers[""] @ colour.LUMINANCE).ravel()}
+    found |= {name: mean for name, mean in means.items() if name.startswith("order")}
+    return found | {name: np.atleast_1d(mean @ colour.LUMINANCE) for name, mean in means.items() if name.startswith("light.")}
+
+
+def regions(image: np.ndarray) -> np.ndarray:
+    """Means (EDGE, EDGE) of an image (H, W)."""
+    return np.array([[part.mean() for part in np.array_split(row, EDGE, axis=1)] for row in np.array_split(image, EDGE, axis=0)])
+
+
+class Figures:
+    """Means of figures over blocks, and their scatter (Welford 1962).
+
+    count : blocks;  value, square, largest : by name; mean, sum of squared distances from it, and the largest of these
+    """
+
+    def __init__(self, count=0, value=None, square=None, largest=None):
+        self.count, self.value, self.square, self.largest = count, value or {}, square or {}, largest or {}
+
+    def add(self, block: Mapping[str, np.ndarray]):
+        self.count += 1
+        for name in dict.fromkeys([*self.value, *block]):
+            # a layer that a picture lacks is black in it
+            mean = self.value.get(name, 0.0)
+            step = block.get(name, 0.0) - mean
+            self.value[name] = mean + step / self.count
+            distance = step * (block.get(name, 0.0) - self.value[name])
+            if name not in self.square and self.count > 1:
+                distance = (self.count - 1) / self.count * step**2
+            self.square[name] = self.square.get(name, 0.0) + distance
+            self.largest[name] = np.maximum(self.largest.get(name, 0.0), distance)
+
+    @property
+    def error(self) -> dict[str, np.ndarray]:
+        """Standard errors; not known before the second block."""
+        return {name: np.sqrt(square / (self.count * max(self.count - 1, 1))) for name, square in self.square.items()}
+
+    @property
+    def luminance(self) -> float:
+        return float(self.value["mean"] @ colour.LUMINANCE)
+
+    def worst(self) -> float:
+        """Largest standard error of mean and orders, luminance over that of the picture."""
+        if self.count < LEAST:
+            return math.inf
+        return max(float(np.sqrt(colour.LUMINANCE @ error**2)) for name, error in self.error.items()
+                   if name == "mean" or name.startswith("order")) / max(self.luminance, 1e-30)
+
+    def kept(self) -> dict:
+        """As the file has it: by name values, errors, and of all squared distances the share of the largest."""
+        return {name: {"value": _short(self.value[name], 6), "error": _short(self.error[name], 3),
+                       "largest": _short(self.largest[name] / np.maximum(self.square[name], 1e-300), 2)} for name in self.value}
+
+    @classmethod
+    def of(cls, kept: Mapping, count: int) -> Figures:
+        """What `kept` made."""
+        value, error, largest = ({name: np.array(one[key], float) for name, one in kept.items()}
+                                 for key in ("value", "error", "largest"))
+        square = {name: one**2 * count * (count - 1) for name, one in error.items()}
+        return cls(count, value, square, {name: largest[name] * square[name] for name in value})
+
+
+def _short(values, digits) -> list[float]:
+    return [float(f"{one:.{digits}g}") for one in values]
+
+
+# ---- pictures
+
+
+class Source:
+    """Blocks of pictures of an entry.
+
+    passes : of each part in a block, by name; None or of other parts: as many as take about `BLOCK` in all, each part the same
+    """
+
+    def __init__(self, entry: Entry, passes: Mapping[str, int] | None, seed: int):
+        from renderers.mitsuba.world import World
+        from renderers.running import Render
+
+        self._folder = tempfile.TemporaryDirectory()  # there as long as the source
+        self._job = Render(entry.load(Path(self._folder.name)), output=Path(self._folder.name) / "picture.png")
+        self._world, self._seed, self._restarts = World.of(self._job.scene, None), seed, entry.restarts
+        self._parts = self._prepared(seed)
+        if passes is None or set(passes) != {part.name for part in self._parts}:
+            passes = {part.name: 2 if entry.restarts else _passes(part, BLOCK / len(self._parts)) for part in self._parts}
+        self.passes = dict(passes)
+
+    def _prepared(self, seed):
+        """Parts of the picture, as `renderers.progressive` takes them."""
+        return import_module(f"{self._job.scene.renderer}.methods").prepare(self._job, self._world, seed).parts
+
+    def block(self, number: int) -> dict[str, np.ndarray]:
+        """Figures of a picture; its random numbers depend on the seed and the number alone."""
+        parts = self._prepared(self._seed + number) if self._restarts else self._parts
+        total: dict = {}
+        for part in parts:
+            count = self.passes[part.name]
+            for index in range(count):
+                layers = part.render(index if self._restarts else number * count + index)
+                for name, values in figures({name: np.nan_to_num(image) for name, image in layers.items()}).items():
+                    total[name] = total.get(name, 0.0) + values / count
+        return total
+
+
+class Filtered:
+    """The same of a scene of fog: a block is a render."""
+
+    passes: Mapping[str, int] = {}
+
+    def __init__(self, entry: Entry, seed: int):
+        self._folder = tempfile.TemporaryDirectory()
+        self._scene, self._seed = entry.load(Path(self._folder.name)), seed
+
+    def block(self, number: int) -> dict[str, np.ndarray]:
+        from renderers.mitsuba import bitmaps
+
+        report = import_module(self._scene.renderer).render(self._scene, Path(self._folder.name) / "picture.png",
+                                                            seed=self._seed + number, overwrite=True)
+        channels, _ = bitmaps.read(report["files"][1])
+        picture, clear = (np.stack([channels[prefix + name] for name in "RGB"], axis=-1).astype(float)
+                          for prefix in ("", "clear."))
+        return figures({"": picture, "order": clear})  # "order": without the fog
+
+
+def _passes(part, seconds: float) -> int:
+    """Passes of a part that take so long; none of them is in a block."""
+    part.render((1 << 30) - 1)  # compiles
+    begin = time.process_time()
+    part.render((1 << 30) - 2)
+    return max(1, min(64, round(seconds / max(time.process_time() - begin, 1e-3))))
+
+
+def blocks(entry: Entry, passes, seed: int, first: int, seconds: float, least: int, until=lambda: False) -> tuple[dict, Iterator]:
+    """Passes of a block by part, and an iterator of blocks from number `first` for so many seconds of processor time."""
+    source = Filtered(entry, seed) if entry.section == "fog" else Source(entry, passes, seed)
+
+    def made():
+        begin, number = time.process_time(), first
+        while number - first < least or time.process_time() - begin < seconds and not until():
+            yield source.block(number)
+            number += 1
+
+    return source.passes, made()
+
+
+# ---- the file
+
+
+def read() -> dict:
+    return json.loads(FILE.read_text()) if FILE.exists() else {}
+
+
+def written(kept: Mapping) -> str:
+    """The text of the file, a line a figure."""
+    text = json.dumps({name: kept[name] for name in sorted(kept)}, indent=1)
+    return re.sub(r"[\[{][^\[\]{}]*(?:\[[^\[\]]*\][^\[\]{}]*)*[\]}]", lambda figure: " ".join(figure[0].split()), text) + "\n"
+
+
+def keep(entry: Entry, old: Mapping | None, seconds: float, aim: float) -> dict:
+    """An entry of the file: the old one gone on with until the error or the time is reached."""
+    sums = Figures.of(old["figures"], old["blocks"]) if old else Figures()
+    begin, passes = time.process_time(), old["passes"] if old else None
+    if sums.worst() > aim:
+        passes, made = blocks(entry, passes, 0, sums.count, seconds, LEAST if not old else 1, lambda: sums.worst() <= aim)
+        for block in made:
+            sums.add(block)
+    spent = round((old["seconds"] if old else 0) + time.process_time() - begin, 1)
+    return {"passes": passes, "blocks": sums.count, "seconds": spent, "error": float(f"{sums.worst():.2g}"),
+            "figures": sums.kept()}
+
+
+# ---- comparison
+
+
+class Deviation(NamedTuple):
+    """Of one figure: `name`, `old` and `new`, their joint standard `error`, and the `odds` of being so far apart by chance."""
+
+    name: str
+    old: float
+    new: float
+    error: float
+    odds: float
+
+
+def compare(old: Figures, new: Figures) -> list[Deviation]:
+    """Each figure of an entry, the least likely one first.
+
+    Notes
+    -----
+    Student's t with the degrees of freedom of Welch and Satterthwaite, fewer where few blocks bring most of the scatter.
+    """
+    made = []
+    for name in sorted(set(old.value) | set(new.value)):
+        zero = np.zeros_like(old.value.get(name, new.value.get(name)))
+        sides = [(side.value.get(name, zero), *_variance(side, other, name, zero)) for side, other in ((old, new), (new, old))]
+        (a, va, fa), (b, vb, fb) = sides
+        joint, level = np.sqrt(va + vb), max(abs(old.luminance), abs(new.luminance))
+        freedom = (va + vb) ** 2 / np.maximum(va**2 / fa + vb**2 / fb, 1e-300)
+        apart = np.maximum(np.abs(a - b) - ROUNDING * level, 0)
+        odds = np.where(joint > 0, 2 * stats.t.sf(apart / np.maximum(joint, 1e-300), np.maximum(freedom, 1)), apart == 0)
+        made += [Deviation(f"{name}[{i}]", *map(float, one)) for i, one in enumerate(zip(a, b, joint, odds))]
+    return sorted(made, key=lambda one: one.odds)
+
+
+def _variance(side: Figures, other: Figures, name: str, zero) -> tuple:
+    """Variance of a side's mean and its degrees of freedom.
+
+    Light that few blocks find leaves most of its scatter to chance: where the other side has more of it by block, that counts.
+    """
+    variance = side.square.get(name, zero) / max(side.count - 1, 1)
+    freedom, of_other = _freedom(side, name, zero), _freedom(other, name, zero)
+    borrowed = other.square.get(name, zero) / max(other.count - 1, 1)
+    scattered = variance > 0
+    variance = np.where(scattered & (of_other >= RARE * other.count), variance, np.maximum(variance, borrowed))
+    return variance / side.count, np.where(scattered, freedom, of_other)
+
+
+def _freedom(side: Figures, name: str, zero):
+    """Blocks less one, or as many as would have the largest squared distance by chance, 2 log n of n normal numbers."""
+    square, largest = side.square.get(name, zero), side.largest.get(name, zero)
+    return np.clip(2 * math.log(side.count) * square / np.maximum(largest, 1e-300), 1, side.count - 1)
+
+
+def differences(entry: Entry, kept: Mapping, seconds: float) -> tuple[list[Deviation], Figures]:
+    """A new run of an entry against what is kept of it."""
+    new = Figures()
+    for block in blocks(entry, kept["passes"], SEED, 0, seconds, FEWEST)[1]:
+        new.add(block)
+    return compare(Figures.of(kept["figures"], kept["blocks"]), new), new
+
+
+def number_of_figures(kept: Mapping) -> int:
+    """Of all entries."""
+    return sum(len(figure["value"]) for entry in kept.values() for figure in entry["figures"].values())
+
+
+# ---- commands
+
+
+def apart(function, *arguments):
+    """Of a process of its own: kernels and scenes of a hundred entries are too much for one, which stands still after some."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def _chosen(names) -> list[Entry]:
+    every = entries()
+    return [one for one in every if any(one.name.startswith(name) for name in names)] if names else every
+
+
+def _keep(asked, kept: dict) -> int:
+    for entry in _chosen(asked.only):
+        old = None if asked.anew else kept.get(entry.name)
+        if old and old["error"] <= asked.aim:
+            continue
+        try:
+            kept[entry.name] = one = apart(keep, entry, old, asked.seconds, asked.aim)
+        except BakeryError as fault:
+            print(f"{entry.name}: {fault}", flush=True)
+            continue
+        asked.file.write_text(written(kept))
+        print(f"{entry.name}: {one['error']:.2%}, {one['blocks']} blocks, {one['seconds']:.0f} s", flush=True)
+    return 0
+
+
+def _compare(asked, kept: dict) -> int:
+    chosen, limit, wrong = [one for one in _chosen(asked.only) if one.name in kept], ODDS / number_of_figures(kept), 0
+    for entry in chosen:
+        found, new = apart(differences, entry, kept[entry.name], asked.seconds)
+        worst, wrong = found[0], wrong + (found[0].odds < limit)
+        level = max(new.luminance, 1e-30)
+        print(f"{'DEVIATES ' if worst.odds < limit else ''}{entry.name}: mean {new.luminance:.5g}, error {new.worst():.2%}; "
+              f"furthest {worst.name}: {worst.old:.5g} -> {worst.new:.5g} ({(worst.new - worst.old) / level:+.2%} of the mean, "
+              f"{abs(worst.new - worst.old) / max(worst.error, 1e-300):.1f} standard errors, odds {worst.odds:.1e})", flush=True)
+    print(f"{wrong} of {len(chosen)} entries deviate; chance has one in {ODDS:.0%} of calls of all")
+    return int(wrong > 0)
+
+
+def main(arguments=None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", help="beginnings of names of entries, such as candle or small/glass_ball/paths")
+    parser.add_argument("--seconds", type=float, default=3.0, help="of processor time for each entry, beside its preparation")
+    parser.add_argument("--keep", action="store_true", help="write instead of comparing")
+    parser.add_argument("--anew", action="store_true", help="with --keep: forget what is kept of these entries")
+    parser.add_argument("--aim", type=float, default=AIM, help="with --keep: standard error at which an entry is good enough")
+    parser.add_argument("--file", type=Path, default=FILE)
+    asked = parser.parse_args(arguments)
+    kept = json.loads(asked.file.read_text()) if asked.file.exists() else {}
+    return (_keep if asked.keep else _compare)(asked, kept)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
