@@ -161,7 +161,7 @@ class Figures:
 
     def worst(self) -> float:
         """Largest standard error of mean and orders, luminance over that of the picture."""
-        if self.count < LEAST:
+        if self.count < 2:
             return math.inf
         return max(float(np.sqrt(colour.LUMINANCE @ error**2)) for name, error in self.error.items()
                    if name == "mean" or name.startswith("order")) / max(self.luminance, 1e-30)
@@ -349,6 +349,15 @@ def differences(entry: Entry, kept: Mapping, seconds: float) -> tuple[list[Devia
     return compare(Figures.of(kept["figures"], kept["blocks"]), new), new
 
 
+def described(kept: Mapping, new: Figures, worst: Deviation) -> str:
+    """A line for people."""
+    old, level = Figures.of(kept["figures"], kept["blocks"]).luminance, max(new.luminance, 1e-30)
+    return (f"mean {old:.5g} -> {new.luminance:.5g} ({(new.luminance - old) / level:+.2%}; known to {kept['error']:.2%} "
+            f"and {new.worst():.2%}); furthest {worst.name}: {worst.old:.5g} -> {worst.new:.5g} "
+            f"({(worst.new - worst.old) / level:+.2%} of the mean, {abs(worst.new - worst.old) / max(worst.error, 1e-300):.1f} "
+            f"standard errors, odds {worst.odds:.1e})")
+
+
 def number_of_figures(kept: Mapping) -> int:
     """Of all entries."""
     return sum(len(figure["value"]) for entry in kept.values() for figure in entry["figures"].values())
@@ -388,10 +397,7 @@ def _compare(asked, kept: dict) -> int:
     for entry in chosen:
         found, new = apart(differences, entry, kept[entry.name], asked.seconds)
         worst, wrong = found[0], wrong + (found[0].odds < limit)
-        level = max(new.luminance, 1e-30)
-        print(f"{'DEVIATES ' if worst.odds < limit else ''}{entry.name}: mean {new.luminance:.5g}, error {new.worst():.2%}; "
-              f"furthest {worst.name}: {worst.old:.5g} -> {worst.new:.5g} ({(worst.new - worst.old) / level:+.2%} of the mean, "
-              f"{abs(worst.new - worst.old) / max(worst.error, 1e-300):.1f} standard errors, odds {worst.odds:.1e})", flush=True)
+        print(f"{'DEVIATES ' if worst.odds < limit else ''}{entry.name}: {described(kept[entry.name], new, worst)}", flush=True)
     print(f"{wrong} of {len(chosen)} entries deviate; chance has one in {ODDS:.0%} of calls of all")
     return int(wrong > 0)
 
