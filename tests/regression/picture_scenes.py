@@ -1,7 +1,7 @@
 """Scenes whose pictures are kept in `pictures.json`: those of assets/scenes, and small ones that are written here.
 
 A small scene is what stands around (XML of Mitsuba), a camera, and materials: a kind, a recipe, where it is, and further keys of
-its entry.  `Small.write` makes the files of it; only `_text` knows the form of a scene.
+its entry.  `Small.write` makes the files of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from bakery.store import ply
 from renderers.common import FORMAT
 
 SIDE = 48  # pixels along a side of a small scene's film
-SECTIONS = {"particles": "discrete", "grains": "granular", "body": "translucent"}  # of scene format 1
 
 # ---- recipes
 
@@ -164,25 +163,10 @@ class Small(NamedTuple):
 
 
 def _text(materials) -> str:
-    """The materials of a scene in YAML, by the scene format of this version."""
-    if FORMAT == 1:
-        return _sections(materials)
+    """The materials of a scene in YAML."""
     entries = [{"where": material.where, "recipe": f"material_{number}.yaml"} | dict(material.more)
                for number, material in enumerate(materials)]
     return "materials:\n" + "".join(f"  - {_flow(entry)}\n" for entry in entries)
-
-
-def _sections(materials) -> str:
-    """The same by format 1."""
-    recipes = [f"material_{number}.yaml" for number in range(len(materials))]
-    section = SECTIONS[materials[0].kind]
-    if section == "discrete":
-        (material,) = materials
-        return f"recipe: {recipes[0]}\ndiscrete: " + _flow({"where": material.where} | dict(material.more)) + "\n"
-    # what stands in the braces of `where` is part of the body's own entry there
-    bodies = ["{" + material.where.strip("{}") + "".join(f", {key}: {value}" for key, value in material.more.items())
-              + f", recipe: {recipe}}}" for material, recipe in zip(materials, recipes)]
-    return f"{section}:\n  {'bodies' if section == 'translucent' else 'where'}:\n" + "".join(f"    - {body}\n" for body in bodies)
 
 
 def _flow(entry) -> str:

@@ -33,9 +33,9 @@ import numpy as np
 from scipy import stats
 
 from bakery.errors import BakeryError
-from renderers import colour, common
+from renderers import colour
 from renderers import scene as scenes
-from tests.regression.picture_scenes import SECTIONS, SMALL
+from tests.regression.picture_scenes import SMALL
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = Path(__file__).with_name("pictures.json")
@@ -49,7 +49,7 @@ EDGE = 4  # regions along a side
 ROUNDING = 1e-5  # relative: figures without scatter are the same but for that
 
 SHIPPED = {"fog": ("filter",), "discrete": ("particles", "continuous"), "granular": ("ept", "vpt"),
-           "translucent": ("paths", "shells", "vrl+tables")}
+           "translucent": ("paths", "shells", "vrl+tables"), "mixed": ("auto",)}
 EXACT = ("particles", "ept", "paths")
 # width and height of films: kernels of NumPy's arrays want many paths in a pass, the loop of `paths` makes several of a pixel
 LARGE, SMALLER = (64, 48), (24, 18)
@@ -58,40 +58,40 @@ LARGE, SMALLER = (64, 48), (24, 18)
 class Entry(NamedTuple):
     """A scene by a method.
 
-    name : SCENE/METHOD;  path : of a shipped scene, or None;  section : of format 1;  method : as scenes name it
+    name : SCENE/METHOD;  path : of a shipped scene, or None;  renderer : as `Scene.section`;  method : as scenes name it
     """
 
     name: str
     path: Path | None
-    section: str
+    renderer: str
     method: str
 
     def load(self, folder: Path):
         """The scene, its files in `folder` where it is a small one."""
-        if self.section == "fog":
+        if self.renderer == "fog":
             return scenes.load(self.path, smaller_picture(self.path, folder))
         path = self.path or SMALL[self.name.split("/")[1]].write(folder)
-        width, height = SMALLER if self.section == "translucent" else LARGE
-        key = f"{self.section}.method" if common.FORMAT == 1 else "method"
+        width, height = SMALLER if self.renderer == "translucent" else LARGE
         size = {"film": f"{{width: {width}, height: {height}}}"} if self.path else {}
-        return scenes.load(path, size | {key: self.method})
+        return scenes.load(path, size | {"method": self.method})
 
     @property
     def restarts(self) -> bool:
         """Whether pictures depend on how many passes they have, so that each has a block of its own: beams through glass get
         narrower from pass to pass."""
-        return self.section == "translucent" and (self.method.startswith("beams") or "point" in self.name)
+        return self.renderer == "translucent" and (self.method.startswith("beams") or "point" in self.name)
 
 
 def entries() -> list[Entry]:
     """All of them; methods without an error of their own first."""
     made = []
     for path in sorted((ROOT / "assets" / "scenes").glob("*.yaml")):
-        section = shipped_section(path.read_text())
-        made += [Entry(f"{path.stem}/{method}", path, section, method) for method in SHIPPED[section]]
+        renderer = scenes.load(path).section
+        made += [Entry(f"{path.stem}/{method}", path, renderer, method) for method in SHIPPED[renderer]]
     for name, small in SMALL.items():
-        section = SECTIONS[small.materials[0].kind]
-        made += [Entry(f"small/{name}/{method}", None, section, method) for method in small.methods]
+        kinds = [material.kind for material in small.materials]
+        made += [Entry(f"small/{name}/{method}", None, scenes.renderer_of(kinds, [method] * len(kinds)), method)
+                 for method in small.methods]
     return sorted(made, key=lambda entry: (entry.method not in EXACT, entry.name))
 
 
@@ -103,13 +103,6 @@ def smaller_picture(path: Path, folder: Path) -> dict[str, str]:
     (folder / named).write_text(re.sub(r'name="(width|height)" value="(\d+)"', lambda size:
                                        f'name="{size[1]}" value="{round(share * int(size[2]))}"', text))
     return {"picture.mitsuba": str(folder / named), "picture.samples": "16"}
-
-
-def shipped_section(text: str) -> str:
-    """What a shipped scene is of, as format 1 called it."""
-    if named := re.search(r"^(fog|discrete|granular|translucent):", text, re.MULTILINE):
-        return named[1]
-    return "translucent" if "shape:" in text else "granular" if "mesh:" in text else "discrete"
 
 
 # ---- figures of pictures
@@ -252,7 +245,7 @@ def _passes(part, seconds: float) -> int:
 
 def blocks(entry: Entry, passes, seed: int, first: int, seconds: float, least: int, until=lambda: False) -> tuple[dict, Iterator]:
     """Passes of a block by part, and an iterator of blocks from number `first` for so many seconds of processor time."""
-    source = Filtered(entry, seed) if entry.section == "fog" else Source(entry, passes, seed)
+    source = Filtered(entry, seed) if entry.renderer == "fog" else Source(entry, passes, seed)
 
     def made():
         begin, number = time.process_time(), first
