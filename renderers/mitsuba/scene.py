@@ -49,9 +49,8 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     """
     if fault := inputs.unbounded(path, parameters):
         raise UsageError(f"{path}: names {fault}")
-    import mitsuba as mi
-
     chosen, reason = variants.activate(colour, variant)
+    mi = bitmaps.library()  # scenes may read pictures, such as an environment
     faults.clear()
     try:
         # optimised, shapes with equal BSDFs become one without an id, in an order that changes from run to run
