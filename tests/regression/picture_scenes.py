@@ -175,12 +175,12 @@ def _flow(entry) -> str:
 
 def _surroundings(path):
     """A sky that is brighter towards one side, and a small bright patch in it."""
-    import mitsuba as mi
+    from renderers.mitsuba import bitmaps
 
     rows, columns = np.mgrid[0:16, 0:32]
     image = 0.1 + 0.4 * (1 - rows / 15)[..., None] * (0.5 + 0.5 * np.cos(columns / 16 * np.pi))[..., None] * [1.0, 0.9, 0.8]
     image[4:6, 20:23] = [9.0, 8.0, 6.0]
-    mi.Bitmap(image.astype(np.float32)).write(str(path))
+    bitmaps.library().Bitmap(image.astype(np.float32)).write(str(path))
 
 
 def body(shape_name, recipe, **more) -> Material:

@@ -18,13 +18,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
 import re
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -359,12 +357,6 @@ def number_of_figures(kept: Mapping) -> int:
 # ---- commands
 
 
-def apart(function, *arguments):
-    """Of a process of its own: kernels and scenes of a hundred entries are too much for one, which stands still after some."""
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(function, *arguments).result()
-
-
 def _chosen(names) -> list[Entry]:
     every = entries()
     return [one for one in every if any(one.name.startswith(name) for name in names)] if names else every
@@ -376,7 +368,7 @@ def _keep(asked, kept: dict) -> int:
         if old and old["error"] <= asked.aim:
             continue
         try:
-            kept[entry.name] = one = apart(keep, entry, old, asked.seconds, asked.aim)
+            kept[entry.name] = one = keep(entry, old, asked.seconds, asked.aim)
         except BakeryError as fault:
             print(f"{entry.name}: {fault}", flush=True)
             continue
@@ -388,7 +380,7 @@ def _keep(asked, kept: dict) -> int:
 def _compare(asked, kept: dict) -> int:
     chosen, limit, wrong = [one for one in _chosen(asked.only) if one.name in kept], ODDS / number_of_figures(kept), 0
     for entry in chosen:
-        found, new = apart(differences, entry, kept[entry.name], asked.seconds)
+        found, new = differences(entry, kept[entry.name], asked.seconds)
         worst, wrong = found[0], wrong + (found[0].odds < limit)
         print(f"{'DEVIATES ' if worst.odds < limit else ''}{entry.name}: {described(kept[entry.name], new, worst)}", flush=True)
     print(f"{wrong} of {len(chosen)} entries deviate; chance has one in {ODDS:.0%} of calls of all")
