@@ -35,6 +35,7 @@ from renderers.common import (
 )
 
 MOST = 256  # entries
+OF_ENTRIES = ("asset", "recipe")  # keys that were common to a scene, and are of each entry
 FILES = ("asset", "recipe", "where.mesh", "where.grid", "fraction.grid", "mixture.*.grid")  # keys of files in an entry
 KINDS = {"particles": "particles", "grains": "grains", "medium": "a medium", "body": "a body"}  # kind -> in a sentence
 # kind -> the package that declares its methods and stages; a medium has neither of its own
@@ -289,21 +290,21 @@ def _sections(path: File) -> set[str] | None:
 
 def problems(root: Mapping, values: dict, entries: list[Known]) -> Iterator[Problem]:
     """Problems of the list, whichever renderer it is for; `values` are those that are well formed by themselves."""
-    for key in ("asset", "recipe"):
+    for key in OF_ENTRIES:
         if key in root:
-            yield root.names[key].problem(f"found a key that entries of materials have, {key}", f"expected materials[0].{key}")
+            yield root.names[key].problem(f"found {key} beside materials", f"expected it in each entry, materials[0].{key}")
     listed = root.get("materials")
     for i, (entry, of) in enumerate(zip(listed if isinstance(listed, Sequence) else (), entries)):
         if isinstance(entry, Mapping):
             yield from asset_problems(entry, f"materials[{i}].")
-            yield from _of_kind(entry, of, f"materials[{i}]")
+            yield from _of_kind(root, entry, of, f"materials[{i}]")
             grids = ("fraction", *(f"mixture.{name}" for name in names_at(entry.get("mixture"))))
             for below in ("where.box", "where", *grids):
                 yield from box_problems(root, values, f"materials[{i}].{below}")
     yield from _shapes(root, values, len(entries))
 
 
-def _of_kind(entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
+def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
     """Keys and a place that the kind of an entry does not have."""
     called, node = KINDS[of.kind], entry.get("where")
     place = _place(node) or ""
@@ -317,11 +318,11 @@ def _of_kind(entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
     for kind, names in KEYS.items():
         for name in names:
             if kind != of.kind and name in entry:
-                have = "has" if called.startswith("a ") else "have"
-                yield entry.names[name].problem(f"found a key that {called} {have} not, {name}",
+                does = "does" if called.startswith("a ") else "do"
+                yield entry.names[name].problem(f"found {name}, which {called} {does} not have",
                                                 f"expected it with {KINDS[kind]}")
     if of.method not in (accepted := methods(of.kind)):
-        node = entry.get("method")
+        node = next((one["method"] for one in (entry, root) if _text(one, "method") == of.method), None)
         found = f"found {show(of.method)}"
         expected = f"expected {fields.one_of(accepted)}, the methods of {called}{_hint(of.method, accepted)}"
         yield node.place.problem(found, expected) if isinstance(node, Scalar) else \

@@ -169,7 +169,8 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
         parsed = model.model_validate(tree.root, context=values)
     except ValidationError as error:
         parsed = None
-        problems += [problem for one in error.errors(include_url=False) for problem in translate(one)]
+        problems += [problem for one in error.errors(include_url=False) for problem in translate(one)
+                     if not (known and problem.key in entries.OF_ENTRIES)]
     if section == "materials":  # it has no entries
         raise RecipeError(distinct(problems))
     problems += _files(path, tree.root, values, _keys_of_files(section, len(known), lambda key: node_at(tree.root, key)), assets)

@@ -71,12 +71,16 @@ def test_one_method_for_all(load):
     found = load(one, two, settings={"method": "vpt"})
     assert [entry.method for entry in found.values.materials] == ["vpt", "vpt"] and found.values.method == "vpt"
     assert load(one, settings={"materials[0].method": "teleport"}).values.method == "teleport"
+    assert fault(load, two, settings={"method": "paths"}).startswith('--set method: method: found "paths"')
 
 
 @pytest.mark.parametrize("entry, said", [
-    (f"{MESH}, asset: sand.h5, velocity: [1, 0, 0] m/s", "materials[0].velocity: found a key that grains have not"),
-    (f"{BOX}, asset: drops.h5, spread: 2", "materials[0].spread: found a key that particles have not, spread; expected"),
-    ("where: {shape: a}, asset: milk.h5, fraction: {grid: a.ply}", "materials[0].fraction: found a key that a body has not"),
+    (f"{MESH}, asset: sand.h5, velocity: [1, 0, 0] m/s",
+     "materials[0].velocity: found velocity, which grains do not have; expected it with particles"),
+    (f"{BOX}, asset: drops.h5, spread: 2",
+     "materials[0].spread: found spread, which particles do not have; expected it with grains"),
+    ("where: {shape: a}, asset: milk.h5, fraction: {grid: a.ply}",
+     "materials[0].fraction: found fraction, which a body does not have"),
     (f"{BOX}, asset: sand.h5, as: grains", "materials[0].where: found grains in a place of kind box; expected {mesh: …}"),
     (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a m"),
     ("asset: sand.h5, as: grains", "materials[0].where: missing; expected where: {mesh: …}"),
@@ -103,7 +107,8 @@ def test_what_does_not_fit_together(load):
     tables = "where: {{shape: {}}}, asset: milk.h5, boundary: {{tables: {}}}"
     found = fault(load, tables.format("a", "none"), tables.format("b", "mirrored"))
     assert "found mirrored, but materials[0] has none" in found
-    assert "asset: found a key that entries of materials have" in fault(load, sand, more="asset: sand.h5\n")
+    assert "asset: found asset beside materials" in fault(load, sand, more="asset: sand.h5\n")
+    assert fault(load, sand, more="asset: sand.h5\n").count("found") == 1
     assert "at least 1" in fault(load, sand, settings={"materials": "[]"})
     assert "this version takes no noise out" in fault(load, sand, more="denoise: auto\n")
 
