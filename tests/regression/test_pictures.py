@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import slow
 from tests.odds import SIGMAS
 from tests.regression import pictures
-from tests.regression.pictures import Entry, Figures
+from tests.regression.picture_figures import EDGE, Figures, compare
 
 
 def sampled(random, count, level=1.0, names=("mean", "order0")):
@@ -42,7 +42,7 @@ def test_same_pictures_agree():
     """Forty pairs of equal pictures: none is said to differ, at the odds of all 240 figures; p-values are even."""
     random, odds = np.random.default_rng(2), []
     for _ in range(40):
-        odds += [one.odds for one in pictures.compare(through_file(sampled(random, 200)), sampled(random, 20))]
+        odds += [one.odds for one in compare(through_file(sampled(random, 200)), sampled(random, 20))]
     assert min(odds) > 1e-7 * len(odds)
     assert abs(np.mean(odds) - 0.5) < SIGMAS / (12 * len(odds)) ** 0.5
 
@@ -53,7 +53,7 @@ def test_changed_pictures_do_not(changed, expected):
     random = np.random.default_rng(3)
     old = through_file(sampled(random, 200))
     new = sampled(random, 40, 1.1) if changed == "level" else sampled(random, 40, names=("mean",))
-    worst = pictures.compare(old, new)[0]
+    worst = compare(old, new)[0]
     assert worst.odds < 1e-6 and (changed == "level" or worst.name.startswith(expected))
 
 
@@ -66,7 +66,7 @@ def test_light_that_is_found_seldom():
         return sums
 
     old = through_file(rare(3, 60, 110, 190))
-    assert all(pictures.compare(old, new)[0].odds > 0.01 for new in (rare(-1), rare(7)))
+    assert all(compare(old, new)[0].odds > 0.01 for new in (rare(-1), rare(7)))
 
 
 def test_figures_without_scatter():
@@ -77,8 +77,8 @@ def test_figures_without_scatter():
             sums.add({"mean": np.full(3, level)})
         return sums
 
-    assert pictures.compare(through_file(still(1 / 3)), still(1 / 3))[0].odds == 1
-    assert pictures.compare(through_file(still(1 / 3)), still(0.334))[0].odds == 0
+    assert compare(through_file(still(1 / 3)), still(1 / 3))[0].odds == 1
+    assert compare(through_file(still(1 / 3)), still(0.334))[0].odds == 0
 
 
 def test_file():
@@ -88,7 +88,7 @@ def test_file():
     assert pictures.written(kept) == pictures.FILE.read_text()
     for name, one in kept.items():
         assert {"mean", "regions", "order0", "order1", "order2", "orders"} <= set(one["figures"]), name
-        assert len(one["figures"]["regions"]["value"]) == pictures.EDGE**2 and one["blocks"] >= pictures.LEAST
+        assert len(one["figures"]["regions"]["value"]) == EDGE**2 and one["blocks"] >= pictures.LEAST
 
 
 @pytest.mark.parametrize("name", [slow(name) for name in ("small/matched_ball/paths", "small/beads_stored/particles",
@@ -96,7 +96,6 @@ def test_file():
 def test_pictures_stay(name):
     """The check of all is `make pictures-check`."""
     (entry,) = (one for one in pictures.entries() if one.name == name)
-    assert isinstance(entry, Entry)
     kept = pictures.read()
     worst, *_ = pictures.differences(entry, kept[name], 1.5)[0]
     assert worst.odds > 1e-7 * pictures.number_of_figures({name: kept[name]}), worst
