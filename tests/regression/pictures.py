@@ -36,7 +36,7 @@ from tests.regression.picture_scenes import SMALL
 ROOT = Path(__file__).resolve().parents[2]
 FILE = Path(__file__).with_name("pictures.json")
 SEED = 1 << 15  # of the first picture of a comparison; those that are kept begin at 0
-ODDS = 0.01  # that a comparison of all entries calls one of them changed that is not, were its random numbers drawn anew
+FALSE_ALARM = 0.01  # that a comparison of all entries calls one of them changed that is not, were its random numbers drawn anew
 AIM = 0.005  # standard error of the mean of each order, over the mean luminance of the picture
 BLOCK = 0.1  # s, about what a block takes
 LEAST, FEWEST = 24, 12  # blocks that are kept at least; of a comparison
@@ -252,12 +252,12 @@ def _keep(asked, kept: dict) -> int:
 
 
 def _compare(asked, kept: dict) -> int:
-    chosen, limit, wrong = [one for one in _chosen(asked.only) if one.name in kept], ODDS / number_of_figures(kept), 0
+    chosen, limit, wrong = [one for one in _chosen(asked.only) if one.name in kept], FALSE_ALARM / number_of_figures(kept), 0
     for entry in chosen:
         found, new = differences(entry, kept[entry.name], asked.seconds)
         worst, wrong = found[0], wrong + (found[0].odds < limit)
         print(f"{'DEVIATES ' if worst.odds < limit else ''}{entry.name}: {described(kept[entry.name], new, worst)}", flush=True)
-    print(f"{wrong} of {len(chosen)} entries deviate; chance has one in {ODDS:.0%} of calls of all")
+    print(f"{wrong} of {len(chosen)} entries deviate; chance has one in {FALSE_ALARM:.0%} of calls of all")
     return int(wrong > 0)
 
 
