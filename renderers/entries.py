@@ -233,7 +233,8 @@ def known(root: Mapping, folder: File, method: str | None = None) -> list[Known]
 
 def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Known:
     place, claimed = _place(entry.get("where")) or "", _text(entry, "as")
-    able = [kind for kind, places in PLACES.items() if place in places]
+    misspelt = "where" in entry and not place  # what it should say is told; the kind goes by the asset
+    able = [kind for kind, places in PLACES.items() if misspelt or place in places]
     held = None if len(able) == 1 and not claimed else _held(entry, folder)
     contradiction = ""
     if claimed in KINDS:

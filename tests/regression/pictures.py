@@ -18,9 +18,11 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import shutil
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -101,6 +103,13 @@ def smaller_picture(path: Path, folder: Path) -> dict[str, str]:
 # ---- pictures
 
 
+def _folder_of(owner) -> Path:
+    """A new folder, there as long as its owner."""
+    folder = Path(tempfile.mkdtemp())
+    weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
 class Source:
     """Blocks of pictures of an entry.
 
@@ -111,8 +120,8 @@ class Source:
         from renderers.mitsuba.world import World
         from renderers.running import Render
 
-        self._folder = tempfile.TemporaryDirectory()  # there as long as the source
-        self._job = Render(entry.load(Path(self._folder.name)), output=Path(self._folder.name) / "picture.png")
+        folder = _folder_of(self)
+        self._job = Render(entry.load(folder), output=folder / "picture.png")
         self._world, self._seed, self._restarts = World.of(self._job.scene, None), seed, entry.restarts
         self._parts = self._prepared(seed)
         if passes is None or set(passes) != {part.name for part in self._parts}:
@@ -142,13 +151,13 @@ class Filtered:
     passes: Mapping[str, int] = {}
 
     def __init__(self, entry: Entry, seed: int):
-        self._folder = tempfile.TemporaryDirectory()
-        self._scene, self._seed = entry.load(Path(self._folder.name)), seed
+        self._folder = _folder_of(self)
+        self._scene, self._seed = entry.load(self._folder), seed
 
     def block(self, number: int) -> dict[str, np.ndarray]:
         from renderers.mitsuba import bitmaps
 
-        report = import_module(self._scene.renderer).render(self._scene, Path(self._folder.name) / "picture.png",
+        report = import_module(self._scene.renderer).render(self._scene, self._folder / "picture.png",
                                                             seed=self._seed + number, overwrite=True)
         channels, _ = bitmaps.read(report["files"][1])
         picture, clear = (np.stack([channels[prefix + name] for name in "RGB"], axis=-1).astype(float)
