@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 
-from renderers.transport import media
+from renderers.transport import flights, media
 from renderers.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
@@ -83,7 +83,7 @@ def trace(scene, key, pixels, lanes, samples):
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
 
     def step(path, sums):
-        path, event = flight(scene, path)
+        path, event = advance(scene, path)
         _add(sums, path.order, _emitted(scene, path, event), next_event(scene, path, event))
         return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
 
@@ -95,7 +95,7 @@ def _camera_paths(scene, pixel, random, samples, alive):
     origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
     width = dr.width(pixel)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.media.count)],
-                scene.around_camera + dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width),
+                scene.boundaries.around_camera + dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width),
                 mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
 
 
@@ -119,24 +119,16 @@ def _add(sums, order, *lights):
             sums[3 * k + c] = sums[3 * k + c] + dr.select(of_order, media.total([light[c] for light in lights]), 0)
 
 
-def flight(scene, path):
+def advance(scene, path):
     """Paths after a flight to the next scattering or surface, and which."""
-    within, medium = scene.innermost(path.inside)
-    sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
-    distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
     ray = mi.Ray3f(path.origin, path.direction)
-    ray.maxt = distance
-    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
-    meets = path.alive & hit.is_valid()
-    scatters = path.alive & ~meets & (distance < dr.inf)
-    distance = dr.select(meets, hit.t, dr.select(scatters, distance, 0))
-    path.throughput = media.flown(path.throughput, sigma_t, distance, scatters)
-    path.order += dr.select(scatters, mi.UInt32(1), mi.UInt32(0))
-    misses = path.alive & ~meets & ~scatters
-    surface = hit.compute_surface_interaction(ray, mi.RayFlags.All, meets | misses)
-    crosses = meets & scene.is_blind(hit.shape)
-    return path, Event(scatters, scatters & scene.takes_samples(medium), medium, ray.o + distance * ray.d, meets, misses, surface,
-                       crosses)
+    end = flights.flight(scene, path, ray)
+    path.order += dr.select(end.scatters, mi.UInt32(1), mi.UInt32(0))
+    misses = path.alive & ~end.meets & ~end.scatters
+    surface = end.hit.compute_surface_interaction(ray, mi.RayFlags.All, end.meets | misses)
+    crosses = end.meets & scene.boundaries.is_blind(end.hit.shape)
+    return path, Event(end.scatters, end.scatters & scene.takes_samples(end.medium), end.medium, ray.o + end.distance * ray.d,
+                       end.meets, misses, surface, crosses)
 
 
 def _emitted(scene, path, event):
@@ -169,8 +161,11 @@ def next_event(scene, path, event):
     by_phase = media.mean(media.product(path.throughput, albedo), phase)
     share = dr.select(light.delta, 1, _balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
     radiance *= share * dr.select(event.scatters, mi.Color3f(1), value)
-    inside = dr.select(event.scatters, path.inside, scene.beyond(surface, light.d, path.inside, at_surface))
-    passed = scene.transmittance(interaction.spawn_ray_to(light.p), inside, active & dr.any(radiance > 0))
+    inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, light.d, path.inside, at_surface))
+    active &= dr.any(radiance > 0)
+    passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), inside, active)
+    if scene.regions.always:
+        passed = media.product(passed, flights.from_infinity(scene, light))
     weight = [dr.select(event.scatters, a * p, 1) * w * t
               for a, p, w, t in zip(albedo, phase, path.throughput, passed)]
     return scene.seen(weight, radiance, active)
@@ -188,9 +183,12 @@ def turned(scene, path, event):
                   for a, w, f in zip(throughput, path.throughput, factor)]
     onward = surface.spawn_ray(surface.to_world(sample.wo))
     direction = dr.select(event.scatters, scattered_direction, dr.select(event.crosses, path.direction, onward.d))
-    onward.o = dr.select(event.crosses, scene.across(surface, path.direction), onward.o)
+    onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
+    chance = mi.Float(1)
+    if scene.regions.always:
+        chance = dr.select(event.scatters, flights.return_share(scene, path.origin, event.position), 1)
     path.origin = dr.select(event.scatters, event.position, onward.o)
-    path.inside = dr.select(event.scatters, path.inside, scene.beyond(surface, direction, path.inside, event.meets))
+    path.inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, direction, path.inside, event.meets))
     path.direction = direction
     path.throughput = throughput
     fresh = event.scatters | shades
@@ -199,16 +197,16 @@ def turned(scene, path, event):
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)
     path.drawn = dr.select(fresh, path.origin, path.drawn)
     path.bounces += dr.select(fresh, mi.UInt32(1), mi.UInt32(0))
-    path.alive &= ~event.misses & (~event.scatters | scene.near_bodies(event.position))
-    return _roulette(path, shades, random.next_float32())
+    path.alive &= ~event.misses & (~event.scatters | scene.holds(event.medium, event.position))
+    return _roulette(path, shades, chance, random.next_float32())
 
 
-def _roulette(path, shades, u):
-    """Without paths of little throughput, and those that have come far."""
+def _roulette(path, shades, return_share, u):
+    """Without paths of little throughput, those that have come far, and those that hardly come back."""
     most = media.largest(path.throughput)
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
-    chance *= dr.select(shades & (path.bounces > _FAR), mi.Float(_GOES_ON), mi.Float(1))
+    chance *= return_share * dr.select(shades & (path.bounces > _FAR), mi.Float(_GOES_ON), mi.Float(1))
     path.alive &= u < chance
     scale = dr.select(chance > 0, 1 / chance, 0)
     path.throughput = [weight * scale for weight in path.throughput]

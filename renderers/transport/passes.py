@@ -19,11 +19,35 @@ _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known
 _TOGETHER = 4  # paths of a lane, one after the other: a sixth faster than one
 
 
-def part(name, world, bodies, colours, around_camera, seed) -> Part:
-    """Passes of paths; parameters but for the name and the seed are those of `Scene`."""
+def part(name, world, entries, colours, seed) -> Part:
+    """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
+
+    Parameters
+    ----------
+    name : of the part
+    world : `renderers.mitsuba.world.World`
+    entries : at most `scene.MOST` media of the same L wavelengths, in any order.  `regions.Medium(region, scatterer, name)` is
+        one without a boundary, `Everywhere()`, `Box(lo, hi)`, `Mesh(vertices, faces)` or `Grid(lo, hi, density)`, all in m, with a
+        `renderers.scattering.Scatterer` (`scatterer(sigma_t, albedo, theta, phase)`); `density` multiplies its sigma_t.  Anything
+        else is a body, a shape of the Mitsuba scene, with name (its id), vertices, faces, medium (a Scatterer), matched, as
+        `renderers.translucent.bodies.Body` has them.  Where several overlap the one of the least volume counts, of equal ones
+        the body; `Everywhere` is outermost, and hides lights at infinity.  The camera may stand in any.
+    colours : to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB
+    seed : of the random numbers of all passes
+
+    Returns
+    -------
+    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `LAYERS`, by how often light has scattered in media.
+        The first pass compiles.
+
+    Notes
+    -----
+    Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
+    boundaries that turn light, as no ray meets them.
+    """
     height, width = world.size
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
-    scene = cache(lambda: Scene(world, bodies, colours, around_camera))  # with the first pass
+    scene = cache(lambda: Scene(world, entries, colours))  # with the first pass
     return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
 
 

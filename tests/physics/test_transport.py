@@ -16,7 +16,7 @@ from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.translucent import methods
 from renderers.translucent.bodies import untabled
-from renderers.transport import scene
+from renderers.transport import boundaries
 from renderers.transport.media import Media, scattered
 from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
@@ -180,7 +180,7 @@ def test_bodies_that_share_a_face(tmp_path, monkeypatch):
 
     apart = later(0.005)
     assert same(later(0.0), apart) > ODDS
-    monkeypatch.setattr(scene, "needs_search", lambda world, bodies: False)
+    monkeypatch.setattr(boundaries, "needs_search", lambda world, bodies: False)
     assert same(later(0.0), apart) < ODDS
 
 
