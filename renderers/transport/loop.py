@@ -68,10 +68,11 @@ class Event:
     crosses: mi.Bool
 
 
-def trace(scene, key, pixels, lanes, samples):
-    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane.
+def trace(scene, key, pixels, lanes, samples, by_light):
+    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane, and the same by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
+    by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
     """
     # as variables: a number would be part of the kernel, and another one another kernel
     *key, together, samples = (dr.opaque(mi.UInt32, number) for number in (*key, lanes, samples))
@@ -81,21 +82,28 @@ def trace(scene, key, pixels, lanes, samples):
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
     path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
+    of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
 
     def step(path, sums):
         path, event = advance(scene, path)
-        _add(sums, path.order, _emitted(scene, path, event), next_event(scene, path, event))
+        emitted, emitter = _emitted(scene, path, event)
+        sampled, light = next_event(scene, path, event)
+        _add(sums, path.order, emitted, sampled)
+        if by_light:
+            for radiance, source in ((emitted, emitter), (sampled, light)):
+                _add_by_light(scene, of_lights, lane, radiance, source)
         return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
 
-    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1]
+    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
 
 
 def _camera_paths(scene, pixel, random, samples, alive):
     """The camera's paths."""
     origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
     width = dr.width(pixel)
+    zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.media.count)],
-                scene.boundaries.around_camera + dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width),
+                scene.boundaries.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
                 mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
 
 
@@ -119,6 +127,15 @@ def _add(sums, order, *lights):
             sums[3 * k + c] = sums[3 * k + c] + dr.select(of_order, media.total([light[c] for light in lights]), 0)
 
 
+def _add_by_light(scene, sums, lane, radiance, emitter):
+    """Adds light to the sums of its emitter; those of a lane are its own, so that their order is that of the paths."""
+    number = scene.light_number(emitter)
+    active = (number >= 0) & ((radiance[0] != 0) | (radiance[1] != 0) | (radiance[2] != 0))
+    for c in range(3):
+        place = (lane * scene.lights + mi.UInt32(number)) * 3 + c
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, radiance[c], place, active, dr.ReduceMode.NoConflicts)
+
+
 def advance(scene, path):
     """Paths after a flight to the next scattering or surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
@@ -132,7 +149,7 @@ def advance(scene, path):
 
 
 def _emitted(scene, path, event):
-    """Light of the surfaces and of the environment that paths meet, linear sRGB."""
+    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters."""
     active = event.meets | event.misses
     before = dr.zeros(mi.Interaction3f)
     before.p = path.drawn
@@ -140,11 +157,11 @@ def _emitted(scene, path, event):
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
     share = dr.select(path.single, 1, _balance(path.density, by_light))
-    return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active)
+    return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
 
 def next_event(scene, path, event):
-    """Light of light samples by way of scatterings and surfaces, linear sRGB."""
+    """Light of light samples by way of scatterings and surfaces, linear sRGB, and its emitters."""
     surface, at_event = event.surface, event.sampled
     bsdf = surface.bsdf()
     at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -168,7 +185,7 @@ def next_event(scene, path, event):
         passed = media.product(passed, flights.from_infinity(scene, light))
     weight = [dr.select(event.scatters, a * p, 1) * w * t
               for a, p, w, t in zip(albedo, phase, path.throughput, passed)]
-    return scene.seen(weight, radiance, active)
+    return scene.seen(weight, radiance, active), light.emitter
 
 
 def turned(scene, path, event):

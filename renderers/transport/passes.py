@@ -19,7 +19,7 @@ _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known
 _TOGETHER = 4  # paths of a lane, one after the other: a sixth faster than one
 
 
-def part(name, world, entries, colours, seed) -> Part:
+def part(name, world, entries, colours, seed, by_light=False) -> Part:
     """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
 
     Parameters
@@ -27,18 +27,19 @@ def part(name, world, entries, colours, seed) -> Part:
     name : of the part
     world : `renderers.mitsuba.world.World`
     entries : at most `scene.MOST` media of the same L wavelengths, in any order.  `regions.Medium(region, scatterer, name)` is
-        one without a boundary, `Everywhere()`, `Box(lo, hi)`, `Mesh(vertices, faces)` or `Grid(lo, hi, density)`, all in m, with a
-        `renderers.scattering.Scatterer` (`scatterer(sigma_t, albedo, theta, phase)`); `density` multiplies its sigma_t.  Anything
-        else is a body, a shape of the Mitsuba scene, with name (its id), vertices, faces, medium (a Scatterer), matched, as
-        `renderers.translucent.bodies.Body` has them.  Where several overlap the one of the least volume counts, of equal ones
-        the body; `Everywhere` is outermost, and hides lights at infinity.  The camera may stand in any.
+        one without a boundary, `Everywhere()`, `Box(lo, hi)`, `Mesh(vertices, faces)` or `Grid(lo, hi, density)`, in m, with a
+        `renderers.scattering.Scatterer` (`scatterer(sigma_t, albedo, theta, phase)`); `density` multiplies its sigma_t.
+        Anything else is a body, a shape of the Mitsuba scene, with name (its id), vertices, faces, medium (a Scatterer),
+        matched, as `renderers.translucent.bodies.Body` has them.  Where several overlap the one of the least volume counts, of
+        equal ones the body; `Everywhere` is outermost, and hides lights at infinity.  The camera may stand in any.
     colours : to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB
     seed : of the random numbers of all passes
+    by_light : whether passes have layers light.NAME, too, of each of `world.light_names`
 
     Returns
     -------
-    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `LAYERS`, by how often light has scattered in media.
-        The first pass compiles.
+    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `LAYERS`, by how often light has scattered in
+        media.  The first pass compiles.
 
     Notes
     -----
@@ -48,14 +49,20 @@ def part(name, world, entries, colours, seed) -> Part:
     height, width = world.size
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     scene = cache(lambda: Scene(world, entries, colours))  # with the first pass
-    return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
+    return Part(name, partial(_rendered, scene, (height, width), samples, seed, world.light_names if by_light else ()),
+                samples)
 
 
-def _rendered(scene, size, samples, seed, number):
+def _rendered(scene, size, samples, seed, lights, number):
     """Layers of a pass."""
     word, together = int(stream_key(seed, "render.paths", number)), min(samples, _TOGETHER)
-    sums = loop.trace(scene(), (word & 0xFFFFFFFF, word >> 32), size[0] * size[1], samples // together, together)
-    dr.eval(sums)  # all of them by one kernel
-    light = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
-    by_order = np.moveaxis(light.sum(axis=-1, dtype=float) / samples, 1, -1)
-    return {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
+    sums, of_lights = loop.trace(scene(), (word & 0xFFFFFFFF, word >> 32), size[0] * size[1], samples // together, together,
+                                 len(lights) > 0)
+    dr.eval(sums, of_lights)  # all of them by one kernel
+    channels = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
+    by_order = np.moveaxis(channels.sum(axis=-1, dtype=float) / samples, 1, -1)
+    layers = {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
+    if lights:
+        by_light = np.asarray(of_lights).reshape(*size, -1, len(lights), 3).sum(axis=2, dtype=float) / samples
+        layers |= {f"light.{name}": by_light[:, :, number] for number, name in enumerate(lights)}
+    return layers

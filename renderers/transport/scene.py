@@ -22,6 +22,7 @@ class Scene:
 
     scene : of Mitsuba;  media : `Media`, one an entry;  entries : numbers of those in the order of the media
     boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
+    light_number : of emitters, their places among `lights` lights, -1 for none
     extent : middle and size of a ball around all surfaces and more
     """
 
@@ -39,7 +40,7 @@ class Scene:
         unbounded = {number: entry for number, entry in numbered.items() if isinstance(entry, Medium)}
         bodies = {number: entry for number, entry in numbered.items() if number not in unbounded}
         unit = world.unit
-        self.scene = world.scene
+        self.scene, self.light_number, self.lights = world.scene, world.light_number, len(world.light_names)
         self.media = Media([entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()], unit)
         self.boundaries = Boundaries(world, bodies)
         self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
