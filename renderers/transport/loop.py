@@ -74,13 +74,8 @@ def trace(scene, key, pixels, lanes, samples, by_light):
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
     by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
     """
-    # as variables: a number would be part of the kernel, and another one another kernel
-    *key, together, samples = (dr.opaque(mi.UInt32, number) for number in (*key, lanes, samples))
-    lane = dr.arange(mi.UInt32, pixels * lanes)
-    pixel = lane // together
-    low, high = mi.sample_tea_32(lane ^ key[0], key[1])
-    random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
+    samples = dr.opaque(mi.UInt32, samples)
+    lane, pixel, path = _begun(scene, key, pixels, lanes)
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
     of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
 
@@ -95,6 +90,32 @@ def trace(scene, key, pixels, lanes, samples, by_light):
         return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
 
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
+
+
+def first_media(scene, key, pixels, lanes):
+    """Media (pixels * lanes,) int32 in which a path of each lane first scatters, -1 for none; parameters as of `trace`."""
+    *_, path = _begun(scene, key, pixels, lanes)
+
+    def step(path, number):
+        path, event = advance(scene, path)
+        path = turned(scene, path, event)
+        path.alive &= ~event.scatters
+        return path, dr.select(event.scatters, mi.Int32(event.medium), number)
+
+    start = path, dr.full(mi.Int32, -1, dr.width(path.alive))
+    return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
+
+
+def _begun(scene, key, pixels, lanes):
+    """Lanes, their pixels, and their first paths."""
+    # as variables: a number would be part of the kernel, and another one another kernel
+    *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))
+    lane = dr.arange(mi.UInt32, pixels * lanes)
+    pixel = lane // together
+    low, high = mi.sample_tea_32(lane ^ key[0], key[1])
+    random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
+    path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
+    return lane, pixel, path
 
 
 def _camera_paths(scene, pixel, random, samples, alive):

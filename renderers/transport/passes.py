@@ -53,11 +53,30 @@ def part(name, world, entries, colours, seed, by_light=False) -> Part:
                 samples)
 
 
+def materials(world, entries, colours, seed, samples=16):
+    """Layer `material` (H, W): which entry most paths of a pixel first scatter in, of those that scatter; -1 where none does.
+
+    samples : paths of a pixel;  other parameters as of `part`
+    """
+    scene, (height, width) = Scene(world, entries, colours), world.size
+    numbers = np.empty((samples, height * width), int)
+    for sample in range(samples):
+        key = _halves(stream_key(seed, "render.materials", sample))
+        numbers[sample] = np.asarray(loop.first_media(scene, key, height * width, 1))
+    counts = np.array([(numbers == number).sum(axis=0) for number in range(len(entries))])
+    entry = np.array(scene.entries)[counts.argmax(axis=0)]
+    return np.where(counts.any(axis=0), entry, -1).reshape(height, width)
+
+
+def _halves(key):
+    """Of a key of 64 bits."""
+    return int(key) & 0xFFFFFFFF, int(key) >> 32
+
+
 def _rendered(scene, size, samples, seed, lights, number):
     """Layers of a pass."""
-    word, together = int(stream_key(seed, "render.paths", number)), min(samples, _TOGETHER)
-    sums, of_lights = loop.trace(scene(), (word & 0xFFFFFFFF, word >> 32), size[0] * size[1], samples // together, together,
-                                 len(lights) > 0)
+    together, key = min(samples, _TOGETHER), _halves(stream_key(seed, "render.paths", number))
+    sums, of_lights = loop.trace(scene(), key, size[0] * size[1], samples // together, together, len(lights) > 0)
     dr.eval(sums, of_lights)  # all of them by one kernel
     channels = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
     by_order = np.moveaxis(channels.sum(axis=-1, dtype=float) / samples, 1, -1)

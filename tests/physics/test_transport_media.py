@@ -201,3 +201,12 @@ def test_light_by_lights(tmp_path):
     alone = pictures(tmp_path, sensor(size=8) + PANEL + FLOOR, entries, range(8)).mean(axis=(1, 2, 3))
     lit = pictures(tmp_path, around, entries, range(8), "light.panel", by_light=True).mean(axis=(1, 2, 3))
     assert abs(alone.mean() - lit.mean()) < sigmas(8) * np.hypot(alone.std(ddof=1), lit.std(ddof=1)) / 8**0.5
+
+
+def test_where_light_first_scatters(tmp_path):
+    """Entries as the caller numbers them: a ball of glass in a box, and beyond both nothing."""
+    entries = [medium(Box((-20, -5, -20), (20, 5, 0)), 0.5, 0.0, (0.1,) * 3), body("ball", BALL, 1.4, 0.5, 0.0, (0.01,) * 3)]
+    ball = shape(tmp_path, "ball", BALL, BOUNDARIES[1.4])
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{sensor(size=9)}{SKY}{ball}</scene>')
+    number = passes.materials(World(tmp_path / "scene.xml"), entries, RGB, 0)
+    assert number[0].tolist() == [-1] * 9 and number[8].tolist() == [0] * 9 and number[3, 4] == 1
