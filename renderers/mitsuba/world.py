@@ -306,7 +306,7 @@ class World:
         here.p = self._inside(mi, point)
         sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
-                                    self._index(sample.emitter)))
+                                    self.light_number(sample.emitter)))
 
     @property
     def dark(self) -> bool:
@@ -424,8 +424,8 @@ class World:
         away = si.spawn_ray(si.to_world(next_way.wo))
 
         hit, point, emitted, source, by_light, *sample, start, way, weight, by_next, smooth = _arrays(
-            len(origin), valid, si.p, _finite(emitted), self._index(seen.emitter), by_light,
-            light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self._index(light.emitter),
+            len(origin), valid, si.p, _finite(emitted), self.light_number(seen.emitter), by_light,
+            light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self.light_number(light.emitter),
             away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
             mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), way,
@@ -435,7 +435,7 @@ class World:
         distance = np.where(self._infinite[light], FAR, self._metres(distance))
         return LightSample(direction, distance, radiance, density, delta, light)
 
-    def _index(self, emitter):
+    def light_number(self, emitter):
         """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""
         import drjit as dr
         import mitsuba as mi

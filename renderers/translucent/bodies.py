@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
+from renderers import solids
 from renderers.scattering import Scatterer, scatterer
 from renderers.threads import run
 from renderers.translucent import _geometry
@@ -112,13 +113,8 @@ def _reaches(box, body):
 
 
 def holds(body, point):
-    """Whether a point (3,) is in a body: by the solid angle of its triangles (van Oosterom and Strackee 1983)."""
-    a, b, c = (body.vertices[body.faces[:, k]] - point for k in range(3))
-    la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
-    dots = (np.einsum("fk,fk->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
-    ab, bc, ca = dots
-    angle = 2 * np.arctan2(np.einsum("fk,fk->f", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb)
-    return bool(angle.sum() > 2 * np.pi)
+    """Whether a point (3,) is in a body."""
+    return solids.holds(body.vertices, body.faces, point)
 
 
 def _laid_in_voxels(corners, owners, vertices):

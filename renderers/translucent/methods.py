@@ -229,9 +229,7 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     if name == "paths" and in_one_loop(how):
         from renderers.transport import passes
 
-        camera = how.world.camera.origin
-        return (passes.part(name, how.world, how.bodies, how.colours,
-                            [body.name for body in how.bodies if holds(body, camera)], seed),)
+        return (passes.part(name, how.world, how.bodies, how.colours, seed),)
     if name in EACH_EVENT:
         return (Part(name, found),)
     made = {"dipole": (Part("dipoles", diffused),), "beams": (Part("joined", joined),),

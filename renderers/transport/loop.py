@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 
-from renderers.transport import media
+from renderers.transport import flights, media
 from renderers.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
@@ -68,34 +68,63 @@ class Event:
     crosses: mi.Bool
 
 
-def trace(scene, key, pixels, lanes, samples):
-    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane.
+def trace(scene, key, pixels, lanes, samples, by_light):
+    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane, and the same by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
+    by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
     """
+    samples = dr.opaque(mi.UInt32, samples)
+    lane, pixel, path = _begun(scene, key, pixels, lanes)
+    sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
+    of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
+
+    def step(path, sums):
+        path, event = advance(scene, path)
+        emitted, emitter = _emitted(scene, path, event)
+        sampled, light = next_event(scene, path, event)
+        _add(sums, path.order, emitted, sampled)
+        if by_light:
+            for radiance, source in ((emitted, emitter), (sampled, light)):
+                _add_by_light(scene, of_lights, lane, radiance, source)
+        return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
+
+    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
+
+
+def first_media(scene, key, pixels, lanes):
+    """Media (pixels * lanes,) int32 in which a path of each lane first scatters, -1 for none; parameters as of `trace`."""
+    *_, path = _begun(scene, key, pixels, lanes)
+
+    def step(path, number):
+        path, event = advance(scene, path)
+        path = turned(scene, path, event)
+        path.alive &= ~event.scatters
+        return path, dr.select(event.scatters, mi.Int32(event.medium), number)
+
+    start = path, dr.full(mi.Int32, -1, dr.width(path.alive))
+    return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
+
+
+def _begun(scene, key, pixels, lanes):
+    """Lanes, their pixels, and their first paths."""
     # as variables: a number would be part of the kernel, and another one another kernel
-    *key, together, samples = (dr.opaque(mi.UInt32, number) for number in (*key, lanes, samples))
+    *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))
     lane = dr.arange(mi.UInt32, pixels * lanes)
     pixel = lane // together
     low, high = mi.sample_tea_32(lane ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
     path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
-    sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
-
-    def step(path, sums):
-        path, event = flight(scene, path)
-        _add(sums, path.order, _emitted(scene, path, event), next_event(scene, path, event))
-        return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
-
-    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1]
+    return lane, pixel, path
 
 
 def _camera_paths(scene, pixel, random, samples, alive):
     """The camera's paths."""
     origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
     width = dr.width(pixel)
+    zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.media.count)],
-                scene.around_camera + dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width), dr.zeros(mi.UInt32, width),
+                scene.boundaries.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
                 mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
 
 
@@ -119,28 +148,29 @@ def _add(sums, order, *lights):
             sums[3 * k + c] = sums[3 * k + c] + dr.select(of_order, media.total([light[c] for light in lights]), 0)
 
 
-def flight(scene, path):
+def _add_by_light(scene, sums, lane, radiance, emitter):
+    """Adds light to the sums of its emitter; those of a lane are its own, so that their order is that of the paths."""
+    number = scene.light_number(emitter)
+    active = (number >= 0) & ((radiance[0] != 0) | (radiance[1] != 0) | (radiance[2] != 0))
+    for c in range(3):
+        place = (lane * scene.lights + mi.UInt32(number)) * 3 + c
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, radiance[c], place, active, dr.ReduceMode.NoConflicts)
+
+
+def advance(scene, path):
     """Paths after a flight to the next scattering or surface, and which."""
-    within, medium = scene.innermost(path.inside)
-    sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
-    distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
     ray = mi.Ray3f(path.origin, path.direction)
-    ray.maxt = distance
-    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
-    meets = path.alive & hit.is_valid()
-    scatters = path.alive & ~meets & (distance < dr.inf)
-    distance = dr.select(meets, hit.t, dr.select(scatters, distance, 0))
-    path.throughput = media.flown(path.throughput, sigma_t, distance, scatters)
-    path.order += dr.select(scatters, mi.UInt32(1), mi.UInt32(0))
-    misses = path.alive & ~meets & ~scatters
-    surface = hit.compute_surface_interaction(ray, mi.RayFlags.All, meets | misses)
-    crosses = meets & scene.is_blind(hit.shape)
-    return path, Event(scatters, scatters & scene.takes_samples(medium), medium, ray.o + distance * ray.d, meets, misses, surface,
-                       crosses)
+    end = flights.flight(scene, path, ray)
+    path.order += dr.select(end.scatters, mi.UInt32(1), mi.UInt32(0))
+    misses = path.alive & ~end.meets & ~end.scatters
+    surface = end.hit.compute_surface_interaction(ray, mi.RayFlags.All, end.meets | misses)
+    crosses = end.meets & scene.boundaries.is_blind(end.hit.shape)
+    return path, Event(end.scatters, end.scatters & scene.takes_samples(end.medium), end.medium, ray.o + end.distance * ray.d,
+                       end.meets, misses, surface, crosses)
 
 
 def _emitted(scene, path, event):
-    """Light of the surfaces and of the environment that paths meet, linear sRGB."""
+    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters."""
     active = event.meets | event.misses
     before = dr.zeros(mi.Interaction3f)
     before.p = path.drawn
@@ -148,11 +178,11 @@ def _emitted(scene, path, event):
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
     share = dr.select(path.single, 1, _balance(path.density, by_light))
-    return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active)
+    return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
 
 def next_event(scene, path, event):
-    """Light of light samples by way of scatterings and surfaces, linear sRGB."""
+    """Light of light samples by way of scatterings and surfaces, linear sRGB, and its emitters."""
     surface, at_event = event.surface, event.sampled
     bsdf = surface.bsdf()
     at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -169,11 +199,14 @@ def next_event(scene, path, event):
     by_phase = media.mean(media.product(path.throughput, albedo), phase)
     share = dr.select(light.delta, 1, _balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
     radiance *= share * dr.select(event.scatters, mi.Color3f(1), value)
-    inside = dr.select(event.scatters, path.inside, scene.beyond(surface, light.d, path.inside, at_surface))
-    passed = scene.transmittance(interaction.spawn_ray_to(light.p), inside, active & dr.any(radiance > 0))
+    inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, light.d, path.inside, at_surface))
+    active &= dr.any(radiance > 0)
+    passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), inside, active)
+    if scene.regions.always:
+        passed = media.product(passed, flights.from_infinity(scene, light))
     weight = [dr.select(event.scatters, a * p, 1) * w * t
               for a, p, w, t in zip(albedo, phase, path.throughput, passed)]
-    return scene.seen(weight, radiance, active)
+    return scene.seen(weight, radiance, active), light.emitter
 
 
 def turned(scene, path, event):
@@ -188,9 +221,12 @@ def turned(scene, path, event):
                   for a, w, f in zip(throughput, path.throughput, factor)]
     onward = surface.spawn_ray(surface.to_world(sample.wo))
     direction = dr.select(event.scatters, scattered_direction, dr.select(event.crosses, path.direction, onward.d))
-    onward.o = dr.select(event.crosses, scene.across(surface, path.direction), onward.o)
+    onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
+    chance = mi.Float(1)
+    if scene.regions.always:
+        chance = dr.select(event.scatters, flights.return_share(scene, path.origin, event.position), 1)
     path.origin = dr.select(event.scatters, event.position, onward.o)
-    path.inside = dr.select(event.scatters, path.inside, scene.beyond(surface, direction, path.inside, event.meets))
+    path.inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, direction, path.inside, event.meets))
     path.direction = direction
     path.throughput = throughput
     fresh = event.scatters | shades
@@ -199,16 +235,16 @@ def turned(scene, path, event):
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)
     path.drawn = dr.select(fresh, path.origin, path.drawn)
     path.bounces += dr.select(fresh, mi.UInt32(1), mi.UInt32(0))
-    path.alive &= ~event.misses & (~event.scatters | scene.near_bodies(event.position))
-    return _roulette(path, shades, random.next_float32())
+    path.alive &= ~event.misses & (~event.scatters | scene.holds(event.medium, event.position))
+    return _roulette(path, shades, chance, random.next_float32())
 
 
-def _roulette(path, shades, u):
-    """Without paths of little throughput, and those that have come far."""
+def _roulette(path, shades, return_share, u):
+    """Without paths of little throughput, those that have come far, and those that hardly come back."""
     most = media.largest(path.throughput)
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
-    chance *= dr.select(shades & (path.bounces > _FAR), mi.Float(_GOES_ON), mi.Float(1))
+    chance *= return_share * dr.select(shades & (path.bounces > _FAR), mi.Float(_GOES_ON), mi.Float(1))
     path.alive &= u < chance
     scale = dr.select(chance > 0, 1 / chance, 0)
     path.throughput = [weight * scale for weight in path.throughput]

@@ -19,19 +19,69 @@ _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known
 _TOGETHER = 4  # paths of a lane, one after the other: a sixth faster than one
 
 
-def part(name, world, bodies, colours, around_camera, seed) -> Part:
-    """Passes of paths; parameters but for the name and the seed are those of `Scene`."""
+def part(name, world, entries, colours, seed, by_light=False) -> Part:
+    """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
+
+    Parameters
+    ----------
+    name : of the part
+    world : `renderers.mitsuba.world.World`
+    entries : at most `scene.MOST` media of the same L wavelengths, in any order.  `regions.Medium(region, scatterer, name)` is
+        one without a boundary, `Everywhere()`, `Box(lo, hi)`, `Mesh(vertices, faces)` or `Grid(lo, hi, density)`, in m, with a
+        `renderers.scattering.Scatterer` (`scatterer(sigma_t, albedo, theta, phase)`); `density` multiplies its sigma_t.
+        Anything else is a body, a shape of the Mitsuba scene, with name (its id), vertices, faces, medium (a Scatterer),
+        matched, as `renderers.translucent.bodies.Body` has them.  Where several overlap the one of the least volume counts, of
+        equal ones the body; `Everywhere` is outermost, and hides lights at infinity.  The camera may stand in any.
+    colours : to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB
+    seed : of the random numbers of all passes
+    by_light : whether passes have layers light.NAME, too, of each of `world.light_names`
+
+    Returns
+    -------
+    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `LAYERS`, by how often light has scattered in
+        media.  The first pass compiles.
+
+    Notes
+    -----
+    Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
+    boundaries that turn light, as no ray meets them.
+    """
     height, width = world.size
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
-    scene = cache(lambda: Scene(world, bodies, colours, around_camera))  # with the first pass
-    return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
+    scene = cache(lambda: Scene(world, entries, colours))  # with the first pass
+    return Part(name, partial(_rendered, scene, (height, width), samples, seed, world.light_names if by_light else ()),
+                samples)
 
 
-def _rendered(scene, size, samples, seed, number):
+def materials(world, entries, colours, seed, samples=16):
+    """Layer `material` (H, W): which entry most paths of a pixel first scatter in, of those that scatter; -1 where none does.
+
+    samples : paths of a pixel;  other parameters as of `part`
+    """
+    scene, (height, width) = Scene(world, entries, colours), world.size
+    numbers = np.empty((samples, height * width), int)
+    for sample in range(samples):
+        key = _halves(stream_key(seed, "render.materials", sample))
+        numbers[sample] = np.asarray(loop.first_media(scene, key, height * width, 1))
+    counts = np.array([(numbers == number).sum(axis=0) for number in range(len(entries))])
+    entry = np.array(scene.entries)[counts.argmax(axis=0)]
+    return np.where(counts.any(axis=0), entry, -1).reshape(height, width)
+
+
+def _halves(key):
+    """Of a key of 64 bits."""
+    return int(key) & 0xFFFFFFFF, int(key) >> 32
+
+
+def _rendered(scene, size, samples, seed, lights, number):
     """Layers of a pass."""
-    word, together = int(stream_key(seed, "render.paths", number)), min(samples, _TOGETHER)
-    sums = loop.trace(scene(), (word & 0xFFFFFFFF, word >> 32), size[0] * size[1], samples // together, together)
-    dr.eval(sums)  # all of them by one kernel
-    light = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
-    by_order = np.moveaxis(light.sum(axis=-1, dtype=float) / samples, 1, -1)
-    return {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
+    together, key = min(samples, _TOGETHER), _halves(stream_key(seed, "render.paths", number))
+    sums, of_lights = loop.trace(scene(), key, size[0] * size[1], samples // together, together, len(lights) > 0)
+    dr.eval(sums, of_lights)  # all of them by one kernel
+    channels = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
+    by_order = np.moveaxis(channels.sum(axis=-1, dtype=float) / samples, 1, -1)
+    layers = {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
+    if lights:
+        by_light = np.asarray(of_lights).reshape(*size, -1, len(lights), 3).sum(axis=2, dtype=float) / samples
+        layers |= {f"light.{name}": by_light[:, :, number] for number, name in enumerate(lights)}
+    return layers

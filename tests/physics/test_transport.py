@@ -16,8 +16,9 @@ from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.translucent import methods
 from renderers.translucent.bodies import untabled
-from renderers.transport import scene
+from renderers.transport import boundaries
 from renderers.transport.media import Media, scattered
+from renderers.transport.scene import Scene
 from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
 from tests.physics.particles import blocks, same
@@ -153,15 +154,15 @@ def test_paths_go_on_where_balls_touch_at_the_origin(tmp_path):
     """An offset by the coordinates of the point alone is less than the rounding of the triangles there: a path never ended."""
     left, right = ((0.8 * BALL[0] + [x, 0, 0], BALL[1]) for x in (-4, 4))
     how = transport(tmp_path, {"left": (left, WARM), "right": (right, COOL)}, SKY, [1.0, 1.0])
-    met = scene.Scene(how.world, how.bodies, how.colours, ())
+    met = Scene(how.world, how.bodies, how.colours)
     random = np.random.default_rng(0)
     origin = np.array([[0.0], [-1.0], [0.0]]) + 10.0 ** random.uniform(-12, -4, 20_000) * random.normal(size=(3, 20_000))
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(0, 1, 0))
     active = dr.full(mi.Bool, True, 20_000)
     for _ in range(40):
         surface = met.scene.ray_intersect(ray, mi.RayFlags.Minimal, False, active)
-        active &= surface.is_valid() & met.is_blind(surface.shape)
-        ray.o = dr.select(active, met.across(surface, ray.d), ray.o)
+        active &= surface.is_valid() & met.boundaries.is_blind(surface.shape)
+        ray.o = dr.select(active, met.boundaries.across(surface, ray.d), ray.o)
         dr.eval(ray, active)  # one kernel for all steps
     assert not dr.any(active)
 
@@ -197,7 +198,7 @@ def test_bodies_that_share_a_face(tmp_path, monkeypatch):
 
     apart = later(0.005)
     assert same(later(0.0), apart) > ODDS
-    monkeypatch.setattr(scene, "needs_search", lambda world, bodies: False)
+    monkeypatch.setattr(boundaries, "needs_search", lambda world, bodies: False)
     assert same(later(0.0), apart) < ODDS
 
 

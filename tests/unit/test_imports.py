@@ -57,7 +57,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "passes": {"budget", "images", "mitsuba", "progressive", "running"},
           "integrator": {"mitsuba", "progressive"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
-          "transport": {"mitsuba", "progressive", "wavefront"},
+          "transport": {"mitsuba", "progressive", "scattering", "solids", "wavefront"}, "solids": set(),
           "comparison": {"assets", "entries", "images", "pace", "progressive", "reached", "scene"}}
 
 

@@ -1,0 +1,20 @@
+"""Closed meshes: what they hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def holds(vertices, faces, point):
+    """Whether a point (3,) is in a closed mesh: by the solid angle of its triangles (van Oosterom and Strackee 1983)."""
+    a, b, c = (vertices[faces[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    ab, bc, ca = (np.einsum("fk,fk->f", first, second) for first, second in ((a, b), (b, c), (c, a)))
+    angle = 2 * np.arctan2(np.einsum("fk,fk->f", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb)
+    return bool(angle.sum() > 2 * np.pi)
+
+
+def volume(vertices, faces):
+    """Of a closed mesh; below 0 where its faces are turned inward."""
+    corner = (vertices - vertices.mean(axis=0))[faces]
+    return float(np.einsum("fk,fk->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6

@@ -1,0 +1,145 @@
+"""How far light gets along a ray: flights to the next scattering or surface, and what media leave of light samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+
+from renderers.transport import media
+
+import mitsuba as mi  # isort: skip
+
+_FAR = 1e30  # length of the way to nothing
+
+
+@dataclass
+class Flight:
+    """Where flights end: `scatters` in `medium`, or `meets` a surface at `hit`, or neither; `distance` on the ray."""
+
+    scatters: mi.Bool
+    medium: mi.UInt32
+    meets: mi.Bool
+    hit: mi.PreliminaryIntersection3f
+    distance: mi.Float
+
+
+def flight(scene, path, ray):
+    """The next flights of paths along their rays; changes the throughput."""
+    if scene.regions.bounded:
+        return _through_regions(scene, path, ray)
+    within, medium = scene.innermost(path.inside | scene.regions.always)
+    sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
+    distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
+    ray.maxt = distance
+    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
+    meets = path.alive & hit.is_valid()
+    scatters = path.alive & ~meets & (distance < dr.inf)
+    # what neither scatters nor meets a surface is in no medium, unless there is one everywhere
+    distance = dr.select(meets, hit.t, dr.select(scatters, distance, _FAR if scene.regions.always else 0))
+    path.throughput = media.flown(path.throughput, sigma_t, distance, scatters)
+    return Flight(scatters, medium, meets, hit, distance)
+
+
+def _through_regions(scene, path, ray):
+    """As `flight`, from one boundary of a region to the next.
+
+    The surface is that of the whole ray: where a boundary lies in it, no rounding takes a path past it.
+    """
+    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
+    far = dr.select(hit.is_valid(), hit.t, _FAR)
+
+    def step(random, throughput, distance, medium, flies, scatters):
+        inside, end = scene.regions.around(ray, distance, flies)
+        end = dr.minimum(end, far)
+        within, medium_here = scene.innermost(inside | path.inside)
+        sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium_here)]
+        column = media.flight(throughput, sigma_t, random.next_float32(), random.next_float32())
+        stop, passed = _marched(scene, ray, distance, end, medium_here, column, flies, within)
+        ends_here = flies & (stop < end)
+        flown = media.flown(throughput, sigma_t, passed, ends_here)
+        throughput = [dr.select(flies, after, before) for after, before in zip(flown, throughput)]
+        medium = dr.select(flies, medium_here, medium)
+        distance = dr.select(flies, stop, distance)
+        return random, throughput, distance, medium, flies & ~ends_here & (end < far), scatters | ends_here
+
+    none = dr.full(mi.Bool, False, dr.width(far))
+    start = path.random, path.throughput, dr.zeros(mi.Float, dr.width(far)), dr.zeros(mi.UInt32, dr.width(far)), \
+        mi.Bool(path.alive), none
+    path.random, path.throughput, distance, medium, _, scatters = dr.while_loop(
+        start, lambda random, throughput, distance, medium, flies, scatters: flies, step, label="regions")
+    meets = path.alive & hit.is_valid() & ~scatters
+    return Flight(scatters, medium, meets, hit, distance)
+
+
+def _marched(scene, ray, start, end, medium, column, active, within):
+    """Where rays are that have passed a column of a medium, at most at `end`, and the columns that they have passed."""
+    stop = dr.minimum(start + column, end)
+    passed = dr.select(stop < end, column, end - start)
+    if scene.voxels.any:
+        uneven = active & within & scene.voxels.has(medium)
+        marched, of_voxels = scene.voxels.march(ray, start, end, medium, column, uneven)
+        stop, passed = dr.select(uneven, marched, stop), dr.select(uneven, of_voxels, passed)
+    return stop, passed
+
+
+def transmittance(scene, ray, inside, active):
+    """What media leave of light along rays, of each wavelength; 0 where a surface is in between.
+
+    inside : bodies in which the rays begin
+    """
+    boundaries = scene.boundaries
+
+    def step(ray, inside, depth, active):
+        hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+        meets = active & hit.is_valid()
+        crosses = meets & boundaries.is_blind(hit.shape)
+        free = active & (crosses | ~meets)
+        depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, ray.maxt), depth, free)
+        depth[0] = dr.select(meets & ~crosses, dr.inf, depth[0])
+        surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        ray.o = dr.select(crosses, boundaries.across(surface, ray.d), ray.o)
+        ray.maxt = dr.select(crosses, ray.maxt - hit.t, ray.maxt)
+        inside = dr.select(crosses, boundaries.beyond(surface, ray.d, inside, crosses), inside)
+        return ray, inside, depth, crosses & (ray.maxt > 0)
+
+    depth = [dr.zeros(mi.Float, dr.width(active)) for _ in range(scene.media.count)]
+    depth = dr.while_loop((ray, inside, depth, active), lambda ray, inside, depth, active: active, step,
+                          label="shadow rays")[2]
+    free = depth[0] < dr.inf
+    return [dr.select(free, dr.exp(-d), 0) for d in depth]
+
+
+def _deeper(scene, ray, inside, far, depth, active):
+    """Optical depths, and those of rays up to distances `far` besides."""
+    if not scene.regions.bounded:
+        within, medium = scene.innermost(inside | scene.regions.always)
+        length = dr.select(active & within, far, 0)
+        return [d + sigma * length for d, sigma in zip(depth, scene.media.sigma_t(medium))]
+
+    def step(depth, distance, active):
+        around, end = scene.regions.around(ray, distance, active)
+        end = dr.minimum(end, far)
+        within, medium = scene.innermost(around | inside)
+        _, passed = _marched(scene, ray, distance, end, medium, mi.Float(dr.inf), active, within)
+        passed = dr.select(active & within, passed, 0)
+        depth = [d + sigma * passed for d, sigma in zip(depth, scene.media.sigma_t(medium))]
+        return depth, dr.select(active, end, distance), active & (end < far)
+
+    start = depth, dr.zeros(mi.Float, dr.width(far)), active & (far > 0)
+    return dr.while_loop(start, lambda depth, distance, active: active, step, label="regions of shadow rays")[0]
+
+
+def from_infinity(scene, light):
+    """What the medium that is everywhere leaves, of each wavelength, of lights on their way to the scene: all, but for those at
+    infinity, of which it leaves nothing where it takes something."""
+    infinite = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
+    number = scene.innermost(mi.UInt32(scene.regions.always))[1]
+    return [dr.select(infinite & (sigma > 0), mi.Float(0), mi.Float(1)) for sigma in scene.media.sigma_t(number)]
+
+
+def return_share(scene, before, after):
+    """Chance, for roulette, that paths in a medium without end go on from one scattering to the next: out there that of coming
+    back goes with one over the distance."""
+    centre, radius = scene.extent
+    return dr.minimum(1, dr.maximum(radius, dr.norm(before - centre)) / dr.maximum(radius, dr.norm(after - centre)))
