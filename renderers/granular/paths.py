@@ -144,8 +144,10 @@ class Paths:
                    last=unknown, stage=np.full(n, NEVER), switching=np.zeros(n, bool), centre=unknown.copy())
 
     def of(self, chosen):
-        """Some of the paths."""
-        return Paths(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        """Some of the paths: a mask (n,), numbers of paths or a slice; copies."""
+        # `take` copies whole rows: a third to two thirds of the time of indexing with a mask
+        rows = np.arange(len(self))[chosen]
+        return Paths(*(getattr(self, field.name).take(rows, axis=0) for field in fields(self)))
 
     def __len__(self):
         return len(self.pixel)
