@@ -178,7 +178,7 @@ def table(scenes, args):
         counted = events(scene, 32, 16, args.hg) if not args.quick else [np.nan] * 3
         mean, noise, samples, seconds = reference(scene, args.size, args.samples, args.time, args.hg)
         written(args.output, scene.name, mean, noise, samples)
-        relative = images.relative_noise(mean, noise**2)
+        relative = images.relative_noise(mean, noise)
         print(f"| {scene.name} | {several(1e3 * medium.unit / medium.sigma_t)} | {several(medium.albedo)} | {medium.g[0]:.2f} | "
               f"{several(box[:, 1])} | {several(chord)} | {several(counted)} | {several(mean.mean((0, 1)))} | "
               f"{100 * relative:.2f} % | {samples} | {seconds:.0f} | {seconds * (relative / 0.01) ** 2:.2g} |", flush=True)

@@ -58,10 +58,9 @@ def eight_bits(display):
     return np.round(255 * np.clip(display, 0, 1)).astype(np.uint8)
 
 
-def relative_noise(mean, variance):
-    """Root mean square standard error of a picture's luminance over its mean luminance; `variance` is that of `mean`."""
-    error = np.sqrt(np.mean(variance @ colour.LUMINANCE**2))
-    return float(error / max(np.mean(mean @ colour.LUMINANCE), 1e-30))
+def relative_noise(mean, error):
+    """Root mean square of the luminance of an error over the mean luminance of a picture `mean`, (H, W, 3) both."""
+    return float(np.sqrt(np.mean((error @ colour.LUMINANCE) ** 2)) / max(np.mean(mean @ colour.LUMINANCE), 1e-30))
 
 
 def filtered(halves, variance, features=None, radius=7, patch=2, strength=0.7, contrast=0.1):

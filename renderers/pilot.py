@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 from bakery.system import resources
 from renderers import budget, reached
+from renderers.engine import TRUSTED, Stop
 from renderers.pace import shared_out
-from renderers.progressive import TRUSTED, Stop
 
 TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
 SECONDS = 2.0  # of the passes of each

@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from bakery.errors import UsageError
+from bakery.grammar.qualities import quality
 from renderers.budget import percent
 
-# times the noise; samples and time by its square
-QUALITY = {"draft": 4.0, "preview": 2.0, "final": 1.0}
-DRAFT = 60.0  # s, after which a draft ends where its scene sets no time
+SHARED = 0.5  # of the noise of pixels: where the means of regions have more than that, pixels share most of it
 
 
 class Verdict(NamedTuple):
@@ -32,18 +30,14 @@ class Verdict(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def coarser(quality: str | None) -> float:
+def coarser(name: str | None) -> float:
     """Times the noise that a quality asks for; UsageError where there is no such quality."""
-    if (quality or "final") not in QUALITY:
-        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
-    return QUALITY[quality or "final"]
+    return quality(name).coarser
 
 
-def limit(seconds: float | None, quality: str | None) -> float | None:
+def limit(seconds: float | None, name: str | None) -> float | None:
     """Seconds of passes at a quality, of a scene whose `stop.time` is so long; None: no limit."""
-    if seconds is None:
-        return DRAFT if quality == "draft" else None
-    return seconds / coarser(quality) ** 2
+    return quality(name).time if seconds is None else seconds / coarser(name) ** 2
 
 
 def asked(values) -> bool:
@@ -72,17 +66,17 @@ def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels
     return f"{stopped_by} ended the passes: a noise {of}of {percent(wanted)} was wanted, {became}{shared}",
 
 
-def verdict(values, quality: str | None, sentences: Sequence[str], bias: float | None) -> Verdict:
+def verdict(values, name: str | None, sentences: Sequence[str], bias: float | None) -> Verdict:
     """Which of the sentences of `unreached`, and of a method's own error, tell of a miss.
 
     Parameters
     ----------
     values : of the scene, `renderers.common.Common`
-    quality : draft, preview or final; final if None
+    name : of the quality; final if None
     sentences : of `unreached`
     bias : error that the method states of itself, relative to the picture's mean; None where it states none
     """
     sentences = tuple(sentences)
     if values.tolerance is not None and bias is not None and bias > values.tolerance:
         sentences += f"the method's own error, {percent(bias)}, is above the tolerance of {percent(values.tolerance)}",
-    return Verdict((), sentences) if quality == "draft" or not asked(values) else Verdict(sentences, ())
+    return Verdict((), sentences) if name == "draft" or not asked(values) else Verdict(sentences, ())

@@ -13,8 +13,6 @@ from renderers.budget import percent
 from renderers.mitsuba import bitmaps
 from renderers.progress import share
 
-SHARED = 0.5  # of the noise of pixels: where the means of regions have more than that, pixels share most of it
-
 
 def refuse_too_large(scene) -> None:
     """Raises UsageError where a scene's film takes more memory than is free."""
@@ -140,7 +138,7 @@ def _of_means(report):
     """The noise of the picture's mean, and that of regions where pixels share much of theirs."""
     if report.get("noise_mean") is None:
         return ""
-    shared = report["noise_region"] > SHARED * report["noise"]
+    shared = report["noise_region"] > reached.SHARED * report["noise"]
     regions = f", of the means of regions {percent(report['noise_region'])} as pixels share it" if shared else ""
     return f"{regions}, of the picture's mean {percent(report['noise_mean'])}"
 

@@ -10,6 +10,7 @@ from bakery.cli import methods as shared
 from bakery.cli import offers
 from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of, status_of_missed
 from bakery.errors import Interrupted, UsageError
+from bakery.grammar import qualities
 
 
 @click.command(name="compare", short_help="render a scene by several methods, and show them beside one another")
@@ -21,7 +22,7 @@ from bakery.errors import Interrupted, UsageError
               help="The page; the pictures lie in a folder of its name beside it.  Default: NAME_compare.html beside the scene.")
 @click.option("--time", "seconds", metavar="TIME", help="For each method, such as 60s: --set stop.time.")
 @click.option("--noise", metavar="X", help="For each method, such as 2%: --set stop.noise.")
-@click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
+@click.option("--quality", metavar="|".join(qualities.QUALITIES), shell_complete=offers.qualities,
               help="Noise against time.  [default: what the scene asks for]")
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_rgb); the best that runs by default.")
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed; each method has its own from it.  [default: 0]")
@@ -45,8 +46,7 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
         raise UsageError(f'found "{source}", which is no scene (.yaml); only scenes have methods to compare')
     if resume and force:
         raise UsageError("--resume goes on with what is there, --force begins anew; one of them would do")
-    if quality is not None and quality not in offers.QUALITIES:
-        raise UsageError(f'--quality: found "{quality}"; {", ".join(offers.QUALITIES)} would do')
+    qualities.quality(quality)
     stop = [f"stop.{key}={value}" for key, value in (("time", seconds), ("noise", noise)) if value is not None]
     values = settings_of(None, None, None, [*settings, *stop])
     jobs, page, file = _planned(source, methods, reference, output, values, seed, resume, overwrite)

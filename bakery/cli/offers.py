@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from click.shell_completion import CompletionItem
 
-QUALITIES = {"draft": "10 % of all light", "preview": "3 % of all light", "final": "the recipe or scene as it stands"}
+from bakery.grammar.qualities import QUALITIES
 
 
 def among(choices: dict[str, str]):
     """Completes names, each with its meaning."""
     return lambda ctx, param, incomplete: _items(choices, incomplete)
+
+
+def qualities(_ctx, _param, incomplete):
+    """Qualities of bakes and pictures."""
+    return _items({name: quality.words for name, quality in QUALITIES.items()}, incomplete)
 
 
 def stages(_ctx, _param, incomplete):

@@ -12,6 +12,7 @@ import click
 
 from bakery.cli import offers
 from bakery.errors import UsageError
+from bakery.grammar.qualities import QUALITIES
 from bakery.system.terminal import remark, write
 
 
@@ -41,7 +42,7 @@ def recipe_options(command):
                      help="Only this stage and what it needs; repeatable."),
         click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
                      help="Bake what this scene needs and nothing else; repeatable: what any of them needs."),
-        click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
+        click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
                      help="10 or 3 % of all light, or the recipe as it stands."),
         click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
         click.option("--seed", metavar="N", help="Seed of every random stream."),

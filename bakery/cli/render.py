@@ -18,13 +18,14 @@ from bakery.cli.options import (
     status_of_missed,
 )
 from bakery.errors import UsageError
+from bakery.grammar.qualities import QUALITIES
 
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
 @click.argument("source", type=click.Path(), metavar="SCENE|ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="IMAGE",
               help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
-@click.option("--quality", metavar="draft|preview|final", shell_complete=offers.among(offers.QUALITIES),
+@click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
               help="Noise against time: 4, 2 or 1 times the noise that a scene asks for; a draft ends after 60 s at the latest.  "
                    "[default: final; preview of an asset]")
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import bakery
 from bakery.errors import BakeryError, Problem, StageError, StoreError, UsageError
+from bakery.grammar import qualities
 from bakery.grammar.files import Written
 from bakery.plan import REUSE, RUN, Plan, Step, make
 from bakery.run import compiling, standing
@@ -28,12 +29,6 @@ from bakery.store.tree import Dataset, Group
 from bakery.system import resources
 from bakery.system.memory import free_memory
 
-# What a quality sets; `final` is the recipe as it stands.  Measured by `bake trade`: docs/trade.md.
-QUALITY = {
-    "draft": {"tolerance": "10%", "measure": "integrated"},
-    "preview": {"tolerance": "3%", "measure": "integrated"},
-    "final": {},
-}
 LARGEST_FILE = 16 << 30
 SHARE_OF_MEMORY = 0.8
 LIBRARIES = 6e7  # bytes of what the bake loads after it was planned
@@ -69,9 +64,7 @@ def overrides(
     """The recipe values that options stand for; what is said more exactly wins."""
     values = {}
     if quality is not None:
-        if quality not in QUALITY:
-            raise UsageError(f'--quality: found "{quality}"; {", ".join(QUALITY)} would do')
-        values |= QUALITY[quality]
+        values |= qualities.quality(quality).recipe
     if tolerance is not None:
         values["tolerance"] = str(tolerance)
     if seed is not None:

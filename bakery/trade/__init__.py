@@ -69,8 +69,9 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     StageError : a stage fails as the recipe stands, or has no converged values
     """
     from bakery.draw.files import folder_for
+    from bakery.grammar.qualities import QUALITIES
     from bakery.recipe import load
-    from bakery.run import QUALITY, files_of, overrides
+    from bakery.run import files_of, overrides
     from bakery.run.progress import Progress
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.trade.settings import Job, text_of
@@ -79,7 +80,7 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     check_budget(budget)
     base = overrides(quality, tolerance, seed, settings)
     # a preset is what its name says beyond the recipe; `final` is the recipe's own
-    presets = {name: overrides(name) for name in QUALITY}
+    presets = {name: overrides(name) for name in QUALITIES}
     if quality is not None:
         leaves = load(recipe, overrides(None, tolerance, seed, settings)).leaves
         presets["final"] = {key: text_of(leaves[key]) for key in overrides(quality) if key in leaves}

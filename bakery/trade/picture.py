@@ -10,9 +10,9 @@ import numpy as np
 from bakery.draw.axes import plain_decades
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
+from bakery.grammar.qualities import QUALITIES
 
 _BOLD, _MARK = NEUTRAL[2], NEUTRAL[1]
-_PRESETS = {"draft": "v", "preview": "D", "final": "s"}
 _LARGEST = 9  # points, of a marker in the legend
 
 
@@ -44,7 +44,8 @@ def picture(stage: Mapping) -> Picture:
         axes.plot(*_columns(shown, stage["front"]), "o-", color=_BOLD, linewidth=2.2, markersize=7, zorder=5, label="front")
         for name, preset in stage["presets"].items():
             if preset["run"] in shown:
-                axes.plot(*shown[preset["run"]], _PRESETS.get(name, "P"), color="none", markeredgecolor=INK, markeredgewidth=1.4,
+                marker = QUALITIES[name].marker if name in QUALITIES else "P"
+                axes.plot(*shown[preset["run"]], marker, color="none", markeredgecolor=INK, markeredgewidth=1.4,
                           markersize=15, zorder=6, label=_preset(name, preset))
         if stage["start"] not in [preset["run"] for preset in stage["presets"].values()]:
             axes.plot(*shown[stage["start"]], "P", color=INK, markersize=10, zorder=6, label="as it stands")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import UsageError
-from renderers import images
+from renderers import images, reached
 from renderers.camera import Camera, length
 
 _ALPHA = 1 - 1e-6
@@ -200,11 +200,9 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     Distances are those of the first surface, whatever it is made of: glass, and the boundary of a medium, count as surfaces.
     """
     from renderers.mitsuba import passes, sensor
-    from renderers.mitsuba.scene import QUALITY, load
+    from renderers.mitsuba.scene import load
 
-    if quality not in QUALITY:
-        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
-
+    coarser = reached.coarser(quality)
     scene, chosen, reason = load(path, variant=variant, integrator=True)
     first = scene.sensors()[0]
     width, height = (int(n) for n in first.film().crop_size())
@@ -214,9 +212,9 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     asked = first.sampler().sample_count()
     at_most = samples or (asked if noise is None else _MOST)
-    samples = max(1, round(QUALITY[quality] * at_most))
+    samples = max(1, round(at_most / coarser**2))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
-                            tolerance=0.0 if noise is None else noise / QUALITY[quality] ** 0.5, time_limit=time,
+                            tolerance=0.0 if noise is None else noise * coarser, time_limit=time,
                             measure=view_of(camera, distance).noise if noise and view_of else None, progress=progress)
     made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}

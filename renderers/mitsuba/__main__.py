@@ -9,6 +9,7 @@ import argparse
 import sys
 
 from bakery.errors import BakeryError
+from bakery.grammar.qualities import QUALITIES
 from bakery.system import streams
 from bakery.system.terminal import remark, say
 
@@ -17,7 +18,7 @@ def main(arguments=None) -> int:
     parser = argparse.ArgumentParser(prog="python -m renderers.mitsuba", description=__doc__)
     parser.add_argument("source", help="a Mitsuba scene (.xml), or a baked asset")
     parser.add_argument("-o", "--output", required=True, help="X.png or X.exr; both are written")
-    parser.add_argument("--quality", default="preview", choices=("draft", "preview", "final"))
+    parser.add_argument("--quality", default="preview", choices=list(QUALITIES))
     parser.add_argument("--variant")
     parser.add_argument("--spp", type=int)
     parser.add_argument("--seed", type=int, default=0)

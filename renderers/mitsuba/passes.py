@@ -1,17 +1,16 @@
-"""Progressive rendering: passes of fixed size until the noise, the number of passes or the time is reached."""
+"""Pictures of Mitsuba's own integrators by passes of fixed size, until the noise, the samples or the time is reached."""
 
 from __future__ import annotations
 
 import gc
 import signal
-import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
-from renderers import images
+from renderers.engine import Part, Passes, Stop
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,8 @@ class Picture:
     seconds: float
 
 
-# Paths in one call of Mitsuba: an interruption waits for the end of the call, here a second or two.
-PATHS = 900_000
+# Paths of one pass: an interruption waits for its end, some seconds.
+PATHS = 1_800_000
 
 
 def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, measure=None, progress=None) -> Picture:
@@ -50,7 +49,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     scenes : list of L scenes
     matrix : (3, L), see `colour.srgb_matrix`; None where the scene is in colour already (L = 1)
     samples, per_pass : per pixel and wavelength; at least two passes are rendered, of fewer samples where the film is large
-    tolerance : noise at which to stop
+    tolerance : noise at which to stop; 0: none
     time_limit : seconds after which no further pass is begun, or None.  A picture that stops by time depends on the machine
     measure : function of (picture, error of it by chance) that gives the noise of what is made of the picture, by which it stops;
         asked after 2, 4, 8, ... passes, in between it goes with the picture's own
@@ -63,68 +62,69 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     import mitsuba as mi
 
     begin = time.monotonic()
-    per_pass = max(1, min(per_pass, PATHS // int(np.prod(scenes[0].sensors()[0].film().size()))))
-    passes = max(2, -(-samples // per_pass))
-    halves, square, noise, stopped_by, made = [0.0, 0.0], 0.0, None, "samples", 1.0
-    for index in range(passes):
-        layers = []
-        for position, scene in enumerate(scenes):
-            with _undisturbed(mi):
-                image = np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float)
-            image[~np.isfinite(image)] = 0.0  # a path whose weight overflowed counts as dark, else it blots out its pixel
-            layers.append(_colour(image) if matrix is None else image[..., 0])
-            if progress is not None:
-                progress((index + (position + 1) / len(scenes)) / passes, noise and made * noise)
-        rgb = layers[0] if matrix is None else np.stack(layers, axis=-1) @ matrix.T
-        halves[index % 2] = halves[index % 2] + rgb
-        square = square + rgb**2
-        count = index + 1
-        if count < 2:
-            continue
-        mean = (halves[0] + halves[1]) / count
-        variance = np.maximum(square / count - mean**2, 0.0) / (count - 1)
-        noise = images.relative_noise(mean, variance)
-        if measure is not None and count & (count - 1) == 0:
-            made = measure(mean, (halves[0] - halves[1]) / count) / max(noise, 1e-30)
-        elapsed = time.monotonic() - begin
-        if made * noise <= tolerance:
-            stopped_by = "noise"
-        elif time_limit is not None and elapsed * (count + 1) / count > time_limit and count < passes:
-            stopped_by = "time"
-        else:
-            continue
-        break
-    if progress is not None:
-        progress(1.0, noise)
-    halves = halves[0] / ((count + 1) // 2), halves[1] / (count // 2)
-    return Picture(mean, halves, variance, count * per_pass, noise, stopped_by, time.monotonic() - begin)
+    pixels = int(np.prod(scenes[0].sensors()[0].film().size()))
+    per_pass = max(1, min(per_pass, PATHS // (pixels * len(scenes))))
+
+    def one_pass(index):
+        with _undisturbed(mi):
+            images = [np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float) for scene in scenes]
+        rgb = _colour(images[0]) if matrix is None else np.stack([image[..., 0] for image in images], axis=-1) @ matrix.T
+        return {"": rgb} | ({} if index % 2 else {"even": rgb})
+
+    passes = _Halves([Part("mitsuba", one_pass, per_pass)])
+    passes.measure = measure
+    passes.run(Stop(noise=tolerance or None, time=time_limit, samples=samples), progress)
+    if passes.signal:
+        signal.raise_signal(passes.signal)  # to whoever handles it otherwise: there is no picture of some of the passes
+    return Picture(passes.rgb, passes.halves, passes.variance[..., :3], passes.samples, passes.noise, passes.stopped_by,
+                   time.monotonic() - begin)
+
+
+class _Halves(Passes):
+    """Passes whose even ones are a layer of their own, and which may stop by the noise of what is made of the picture.
+
+    Attributes
+    ----------
+    measure : of `render`
+    """
+
+    measure = None
+    _ratio = 1.0  # noise of what is made of the picture, over the picture's own
+
+    @property
+    def halves(self):
+        """Means of the even and of the odd passes."""
+        mean, = self.means.values()
+        even = mean.layers["even"] * (mean.count / ((mean.count + 1) // 2))  # of all passes it is: the odd ones are black there
+        return even, (mean.layers[""] * mean.count - even * ((mean.count + 1) // 2)) / (mean.count // 2)
+
+    def _noise_to_reach(self, stop):
+        noise = super()._noise_to_reach(stop)
+        mean, = self.means.values()
+        if self.measure is None or noise is None:
+            return noise
+        if mean.count & (mean.count - 1) == 0:
+            first, second = self.halves
+            self._ratio = self.measure(self.rgb, 0.5 * (first - second)) / max(self.noise, 1e-30)
+        return self._ratio * self.noise
 
 
 @contextmanager
 def _undisturbed(mi):
-    """Around one call of Mitsuba, which turns an interruption into an error of its own and announces it on standard output.
+    """Around calls of Mitsuba, which would announce an interruption on standard output.
 
-    SIGINT and SIGTERM are kept until the call ends and handed on then; scalar variants still stop at once.  Python's collector of
-    cycles waits too: freeing Dr.Jit objects of an earlier scene while Mitsuba traces a new one has crashed (seen once in some
-    hundred renders).
+    Python's collector of cycles waits: freeing Dr.Jit objects of an earlier scene while Mitsuba traces a new one has crashed
+    (seen once in some hundred renders).
     """
-    collecting = gc.isenabled()
+    collecting, level = gc.isenabled(), mi.log_level()
     gc.disable()
-    level, kept, usual = mi.log_level(), [], {}
-    if threading.current_thread() is threading.main_thread():
-        usual = {number: signal.signal(number, lambda *arrived: kept.append(arrived))
-                 for number in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(number))}
     mi.set_log_level(mi.LogLevel.Error)
     try:
         yield
     finally:
+        mi.set_log_level(level)
         if collecting:
             gc.enable()
-        mi.set_log_level(level)
-        for number, handler in usual.items():
-            signal.signal(number, handler)
-        for number, frame in kept:
-            usual[number](number, frame)
 
 
 def _colour(image):

@@ -7,11 +7,9 @@ from functools import wraps
 from pathlib import Path
 
 from bakery.errors import AssetError, BakeryError, UsageError
-from renderers import images, inputs
+from renderers import images, inputs, reached
 from renderers.mitsuba import bitmaps, lights, passes, variants
 
-# Share of the scene's own samples.
-QUALITY = {"draft": 1 / 16, "preview": 1 / 4, "final": 1.0}
 # What plugins could not do while a scene was loaded or rendered, newest last.
 faults: list[BakeryError] = []
 
@@ -101,14 +99,13 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     """
     begin = time.monotonic()
     scene_path = Path(scene_path)
-    if quality not in QUALITY:
-        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+    coarser = reached.coarser(quality)
     if not scene_path.is_file():
         raise UsageError(f"{scene_path}: there is no such scene")
     pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters, integrator=True)
     images.refuse_too_large(scene_path, *reversed([int(side) for side in scene.sensors()[0].film().crop_size()]))
-    samples = spp or max(1, round(QUALITY[quality] * scene.sensors()[0].sampler().sample_count()))
+    samples = spp or max(1, round(scene.sensors()[0].sampler().sample_count() / coarser**2))
     try:
         picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
                                 time_limit=time_limit, seed=seed, progress=progress)

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.errors import AssetError, UsageError
+from bakery.grammar import qualities
 from renderers import colour, images
 from renderers.mitsuba import bitmaps, passes, variants
 from renderers.mitsuba import tables as asset_tables
 from renderers.preview import grains, lobe, studio
 from renderers.progress import share
 
-# width in pixels, samples a pixel and wavelength, noise to stop at, seconds after which no pass is begun
-QUALITY = {"draft": (320, 8, 0.10, 30.0), "preview": (576, 32, 0.05, 120.0), "final": (1280, 96, 0.03, 900.0)}
 REDUCED_PATHS, DIFFUSION_LENGTHS, MEAN_FREE_PATHS = 3.0, 4.0, 60.0
 HEAP = 40.0  # mean free paths of a block of packed grains, about a hundred of their radii
 HEAP_SAMPLES, HEAP_CLEAR = 0.5, 0.05  # share of the samples that it gets where less is absorbed in a collision: paths are long
@@ -91,8 +90,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     AssetError : a damaged asset, or one without a medium and grains
     """
     begin = time.monotonic()
-    if quality not in QUALITY:
-        raise UsageError(f"quality {quality!r}: one of {', '.join(QUALITY)} would do")
+    usual = qualities.quality(quality).panel
     images.refuse_name(asset_path)
     pair = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
@@ -104,7 +102,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
         raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
                          "scalar_rgb would do")
     requested = (width, spp, tolerance, time_limit)
-    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, QUALITY[quality]))
+    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, usual))
     if width < 16 or spp < 1:
         raise UsageError(f"width {width}, spp {spp}: at least 16 pixels and 1 sample are needed")
     size = width, width * 5 // 8
@@ -126,7 +124,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
         if denoise:
             first, second = images.filtered(picture.halves, 2 * picture.variance, panel.features())
             pixels = (first + second) / 2
-            noise_shown = images.relative_noise(pixels, ((first - second) / 2) ** 2)
+            noise_shown = images.relative_noise(pixels, (first - second) / 2)
         display = np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip])
         linear = np.concatenate([picture.rgb, colour.decode(panel.strip)])
         done.append((picture, noise_shown, display, linear))

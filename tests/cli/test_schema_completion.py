@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from bakery.cli import COMMANDS
-from bakery.run import QUALITY
+from bakery.grammar.qualities import QUALITIES
 from bakery.store.write import write
 from tests.conftest import ROOT
 from tests.samples import small_asset
@@ -61,7 +61,7 @@ def test_values_are_completed(tmp_path):
     """Formats, qualities, stages, what is in an asset; nothing, and no complaint, where there is no asset to look into."""
     write(tmp_path / "a.h5", small_asset())
     assert complete("bake", "export", str(tmp_path / "a.h5"), "--to", "c") == ["csv"]
-    assert complete("bake", "render", "--quality", "") == complete("bake", "fog.yaml", "--quality", "") == list(QUALITY)
+    assert complete("bake", "render", "--quality", "") == complete("bake", "fog.yaml", "--quality", "") == list(QUALITIES)
     assert complete("bake", "fog.yaml", "--stage", "m") == ["medium", "multiple"]
     assert complete("bake", "query", str(tmp_path / "a.h5"), "medium/s") == [
         "medium/sigma_t", "medium/sigma_s", "medium/sigma_a", "medium/sigma_t_reduced", "medium/sigma_tr"]

@@ -20,9 +20,10 @@ from PIL import Image
 import bakery
 from bakery.draw.files import PREVIEW_OF
 from bakery.errors import AssetError, UsageError
+from bakery.grammar.qualities import QUALITIES
 from renderers.mitsuba import passes
 from renderers.preview import describe, lobe, preview, studio
-from renderers.preview.picture import QUALITY, block_edge
+from renderers.preview.picture import block_edge
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
 SMALL = {"width": 48, "spp": 2}
@@ -103,7 +104,7 @@ def test_more_wavelengths_than_channels(tmp_path, no_strip):
 @pytest.mark.slow
 def test_stops_by_noise_and_by_time(wax, tmp_path, no_strip):
     report = preview(wax, tmp_path / "x.png", width=16, spp=64, tolerance=10.0)
-    assert report["stopped_by"] == "noise" and report["samples"] == 8
+    assert report["stopped_by"] == "noise" and report["samples"] == 16  # four passes
     report = preview(wax, tmp_path / "x.png", width=16, spp=64, tolerance=0.0, time_limit=0.0)
     assert report["stopped_by"] == "time" and report["samples"] == 8
     assert "depends on the machine" in " ".join(describe(report))
@@ -146,7 +147,8 @@ def test_scene_with_the_plugin(wax, tmp_path, monkeypatch):
     assert main([str(tmp_path / "scene.xml"), "-o", str(tmp_path / "x.png"), "--spp", "2"]) == 2  # $spp has no value
     (tmp_path / "scene.xml").write_text((tmp_path / "scene.xml").read_text().replace("$spp", "2"))
     assert main([str(tmp_path / "scene.xml"), "-o", str(tmp_path / "x.png"), "--spp", "2"]) == 0
-    monkeypatch.setitem(QUALITY, "draft", (SMALL["width"], *QUALITY["draft"][1:]))
+    draft = QUALITIES["draft"]
+    monkeypatch.setitem(QUALITIES, "draft", draft._replace(panel=draft.panel._replace(width=SMALL["width"])))
     assert main([str(wax), "-o", str(tmp_path / "y.png"), "--quality", "draft", "--spp", "1"]) == 0
     assert all((tmp_path / f"{name}.{kind}").exists() for name in "xy" for kind in ("png", "exr"))
 

@@ -1,0 +1,63 @@
+"""Qualities: what `draft`, `preview` and `final` mean to a bake, a render and a preview."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from bakery.errors import UsageError
+
+
+class Panel(NamedTuple):
+    """The preview of an asset.
+
+    Attributes
+    ----------
+    width : pixels of a panel
+    samples : a pixel and wavelength, at most
+    noise : at which it stops
+    time : s, after which no pass is begun
+    """
+
+    width: int
+    samples: int
+    noise: float
+    time: float
+
+
+class Quality(NamedTuple):
+    """One quality.
+
+    Attributes
+    ----------
+    words : for people
+    recipe : settings of a bake, measured by `bake trade` (docs/trade.md)
+    coarser : times the noise of a scene; its samples and time over the square of that
+    time : s, after which a render ends whose scene sets no time; None: never
+    panel : of the preview of an asset
+    marker : in pictures of error against time
+    """
+
+    words: str
+    recipe: Mapping[str, str]
+    coarser: float
+    time: float | None
+    panel: Panel
+    marker: str
+
+
+QUALITIES = {
+    "draft": Quality("10 % of all light", {"tolerance": "10%", "measure": "integrated"}, 4.0, 60.0,
+                     Panel(320, 8, 0.10, 30.0), "v"),
+    "preview": Quality("3 % of all light", {"tolerance": "3%", "measure": "integrated"}, 2.0, None,
+                       Panel(576, 32, 0.05, 120.0), "D"),
+    "final": Quality("the recipe or scene as it stands", {}, 1.0, None, Panel(1280, 96, 0.03, 900.0), "s"),
+}
+
+
+def quality(name: str | None) -> Quality:
+    """The quality of that name, `final` if None; UsageError where there is none."""
+    name = "final" if name is None else name
+    if name not in QUALITIES:
+        raise UsageError(f'--quality: found "{name}"; {", ".join(QUALITIES)} would do')
+    return QUALITIES[name]
