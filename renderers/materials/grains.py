@@ -1,0 +1,108 @@
+"""Packed grains, each by itself: they stick out of their region, and hide light wherever they are seen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from bakery.system.compiled import njit
+
+from bakery.kernels import lent
+from renderers.granular import _paths
+from renderers.granular._grains import UNKNOWN, next_surface, scratch
+from renderers.granular.paths import NEVER, Seldom
+from renderers.materials import ENDED, EVENT, REACHED
+from renderers.threads import run
+
+AGAIN = -1  # a path is on a grain, and what is ahead of it is not known
+
+
+class Grains:
+    """Explicit grains of one mesh.
+
+    number : among the materials
+    grains : `renderers.granular._grains.Grains`
+    occupied : (X, Y, Z) uint8, its voxels with surfaces of the scene, or where other materials may be; empty where there are none
+    colours : to_rgb (3, L), to_waves (L, 3)
+    """
+
+    solid, walks, sampled = True, False, True
+
+    def __init__(self, number, grains, occupied, colours):
+        self.number, self.grains, self.occupied, self.colours = number, grains, occupied, colours
+        self._seldom = Seldom(grains)
+
+    def light_chance(self, share):
+        """The loop over grains itself draws where lights are sampled."""
+        self.grains = self._seldom.by(share)
+        return 1.0
+
+    def advance(self, paths, stop):
+        """Between grains nothing is in the way."""
+        return np.full(paths.count, REACHED), ()
+
+    def transmittance(self, states, origin, direction, distance, left_out, share):
+        pass
+
+    def look(self, paths):
+        """Distances (n,) m to the next grain before the first surface of the scene, inf where there is none, and whether paths
+        are inside of a grain (n,)."""
+        distance, within = np.empty(paths.count), np.empty(paths.count, bool)
+        run(look, paths.count, self.grains, self.number, paths, distance, within)
+        return distance, within
+
+    def hides(self, origin, direction, distance, share):
+        """Makes shares (n, L) of light 0 where a grain is within distances (n,) m."""
+        clear = np.empty(share.shape)
+        run(_paths.open_share, len(share), self.grains, origin, direction, distance, clear)
+        share *= clear
+
+    def enter(self, paths, far):
+        """Takes paths from grain to grain; far (n,) m, to the first surface of the scene of those inside of a grain, else inf.
+
+        Returns what they have come to (n,), EVENT, ENDED, AGAIN, or REACHED a surface in a grain, and normals and types of grain.
+        """
+        n = paths.count
+        elsewhere = paths.grains != self.number
+        paths.met[elsewhere], paths.place[elsewhere], paths.grains[:] = UNKNOWN, -1, self.number
+        normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
+        run(_paths.advance, n, self.grains, self.occupied, paths.origin, paths.direction, paths.throughput, paths.states,
+            paths.met, paths.place, far, paths.order, paths.bounces, paths.single, paths.density, np.empty((n, 3)),
+            np.full(n, NEVER), np.zeros(n, bool), normal, kind, status, alive)
+        turned = np.isnan(far)
+        paths.far[turned], paths.left_out[turned], paths.shaded[turned] = np.nan, np.nan, False
+        paths.drawn[turned] = paths.origin[turned]
+        met = np.where(status == _paths.LIGHT, EVENT, np.where(status == _paths.DEAD, ENDED, AGAIN))
+        met[(status == _paths.LEAVES) & ~turned] = REACHED
+        return met, (normal, kind)
+
+    def next_event(self, paths, event, sample, passed, clear, added):
+        """clear : (n,) m, up to which grains of this region are looked for here"""
+        normal, kind = event
+        run(_paths.light, paths.count, self.grains, self.colours, paths.origin, paths.direction, paths.throughput * passed,
+            paths.met, paths.place, normal, kind, sample.direction, clear, *sample[2:5], added)
+
+    def scatter(self, paths, event):
+        alive = np.empty(paths.count, bool)
+        run(_paths.scatter, paths.count, self.grains, paths.origin, paths.direction, paths.throughput, paths.states,
+            paths.bounces, *event, paths.density, paths.single, alive)
+        paths.throughput[~alive] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def look(grains, number, paths, distance, within, begin, end):
+    """Distances (n,) m to the next grain before the first surface, and whether paths are inside of one; see `Grains.look`."""
+    grains, paths = lent(grains), lent(paths)
+    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    met, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = paths.origin[i, k] / grains.unit, paths.direction[i, k]
+        met[0], at[0] = UNKNOWN, -1
+        if paths.grains[i] == number:
+            for k in range(4):
+                met[k] = paths.met[i, k]
+            at[0] = paths.place[i]
+        far = math.inf if math.isnan(paths.far[i]) else paths.far[i] / grains.unit
+        distance[i] = next_surface(grains, p, d, far, met, at, n, room) * grains.unit
+        within[i] = at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0

@@ -1,0 +1,121 @@
+"""Materials of a scene, each as paths meet it, and their places."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery import kernels
+from renderers.granular import material as packed
+from renderers.materials.bodies import Body
+from renderers.materials.grains import Grains
+from renderers.materials.medium import Medium
+from renderers.materials.particles import Particles
+from renderers.translucent import bodies, shells
+from renderers.transport import places
+from renderers.transport.places import BLIND, TURNS, Places, Region
+from renderers.transport.waves import Scene
+
+
+class Material(NamedTuple):
+    """What fills a region.
+
+    region : `renderers.transport.places.Region`
+    content : `renderers.scattering.Scatterer` of a continuous medium or a body, `renderers.discrete.medium.Medium` of particles,
+        `renderers.granular._grains.Grains`
+    kind : medium, particles or grains
+    density : `bakery.kernels.Region` of relative densities, 0 to 1, of a medium that varies; None: it does not
+    body : of a shape of the scene that a medium fills, its `renderers.mitsuba.world.Shape`, with vertices and faces of a solid
+    """
+
+    region: Region
+    content: object
+    kind: str = "medium"
+    density: kernels.Region | None = None
+    body: object = None
+
+
+def in_shape(shape, content, wrong) -> Material:
+    """What fills a shape of the scene; `wrong` is a function of a message -> the exception to raise where that cannot be."""
+    if shape.faces is None:
+        raise wrong(f"{shape.name} is no mesh; a closed mesh would do")
+    try:
+        vertices, faces = kernels.solid(shape.vertices, shape.faces)
+    except ValueError as fault:
+        raise wrong(f"{shape.name} is no closed mesh: {fault}") from None
+    if shape.index is None:
+        raise wrong(f"the BSDF of {shape.name} lets no light in; dielectric, roughdielectric or null would do")
+    region = places.mesh(vertices, faces, BLIND if shape.index == 1.0 else TURNS)
+    return Material(region, content, body=shape._replace(vertices=vertices, faces=faces))
+
+
+def scene_of(world, materials, colours) -> Scene:
+    """What paths go through; materials : list of `Material`, whose positions are their numbers."""
+    where = Places([one.region for one in materials])
+    walked, geometry = _walked(world, materials, where)
+    interactors = []
+    for number, one in enumerate(materials):
+        if one.kind == "particles":
+            interactors.append(Particles(one.content, _holder(where, number) if where.within(number) else None))
+        elif one.kind == "grains":
+            interactors.append(Grains(number, one.content, _occupied(world, one.content, where, number), colours))
+        elif number in walked:
+            blind = [materials[other].region.bounds == BLIND for other in walked]
+            interactors.append(Body(one.content, colours, geometry, blind, _sampled(world, one)))
+        else:
+            interactors.append(Medium(one.content, colours, one.density, _sampled(world, one)))
+    return Scene(world, tuple(interactors), where, colours, any(one.region.bounds == BLIND for one in materials))
+
+
+def _sampled(world, material):
+    """Whether light samples reach events: through a boundary that turns light none does."""
+    return material.region.bounds != TURNS or bool(world.lights_in([material.region.box]))
+
+
+def _holder(where, number):
+    return lambda points, directions: where.find(points, directions)[0] == number
+
+
+class _Crowded(Exception):
+    """A surface that is no mesh reaches into a body."""
+
+
+def _walked(world, materials, where):
+    """Numbers of bodies in which there are no other materials than such bodies, and the triangles in them."""
+    walked, geometry = [number for number, one in enumerate(materials) if one.body is not None], None
+    while walked and geometry is None:
+        alone = [number for number in walked if set(where.within(number)) <= set(walked)]
+        if alone == walked:
+            try:
+                geometry = bodies.laid_out(world, [_laid(materials[number]) for number in walked],
+                                           lambda place, key, message: _Crowded(place))[1]
+            except _Crowded as fault:
+                alone = [number for place, number in enumerate(walked) if place != fault.args[0]]
+        walked = alone
+    return walked, geometry
+
+
+def _laid(material):
+    """As the layout of triangles takes it."""
+    shape = material.body
+    return bodies.Body(shape.name, shape.vertices, shape.faces, shape.index, shape.smooth, material.content, [], False,
+                       shells.none(len(material.content.sigma_t)))
+
+
+def _occupied(world, grains, where, number):
+    """Voxels (X, Y, Z) uint8 of grains on the way through which paths look around: there are surfaces or other materials."""
+    aggregate = grains.aggregate
+    occupied = packed.occupied_by(world, aggregate, grains.unit)
+    others = where.within(number)
+    if not others and not where.around_of(number):
+        return occupied
+    if occupied.size == 0:
+        occupied = np.zeros(aggregate.voxels.shape, np.uint8)
+    if where.around_of(number):
+        occupied[kernels.depth_in_mesh(aggregate) <= 0] = 1
+    for other in others:
+        low, high = (where.regions[other].box / grains.unit - aggregate.low) / aggregate.edge
+        first, last = np.maximum(np.floor(low).astype(int), 0), np.floor(high).astype(int) + 1
+        occupied[tuple(slice(a, max(b, 0)) for a, b in zip(first, last))] = 1
+    return occupied

@@ -1,0 +1,41 @@
+"""Pictures of several materials by paths in wavefronts: their passes, as `renderers.progressive` takes them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from renderers.progressive import Part
+from renderers.transport import waves
+
+LAYERS = ("order0", "order1", "order2", "orders")
+_PATHS, _SAMPLES = 1 << 17, 64  # of a pass, at most, where a pixel has several; and of a pixel
+_FIRST = "first"  # layers: shares of a pixel's paths that materials were the first to scatter, three a layer
+
+
+def part(name, scene, seed) -> Part:
+    """Passes of paths through a `renderers.transport.waves.Scene`."""
+    height, width = scene.world.size
+    samples = max(1, min(_SAMPLES, _PATHS // (height * width)))
+    return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
+
+
+def _rendered(scene, size, samples, seed, number):
+    """Layers of a pass."""
+    sums = waves.one_pass(scene, size, number, seed, samples)
+    images = {"": sums.by_order.sum(axis=0)} | dict(zip(LAYERS, sums.by_order))
+    images |= {f"light.{light}": image for light, image in zip(scene.world.light_names, sums.by_light)}
+    shares = np.zeros((-(-len(sums.first) // 3) * 3, sums.first.shape[1]))
+    shares[:len(sums.first)] = sums.first
+    images |= {f"{_FIRST}{k}": np.ascontiguousarray(three.T) for k, three in enumerate(shares.reshape(-1, 3, shares.shape[1]))}
+    return {layer: image.reshape(*size, 3) / samples for layer, image in images.items()}
+
+
+def material_layer(means):
+    """Layer `material` (H, W): the entry in which most of a pixel's paths scattered first, -1 where most did not; of means."""
+    (mean,) = means
+    names = sorted((name for name in mean.layers if name.startswith(_FIRST)), key=lambda name: int(name[len(_FIRST):]))
+    shares = np.concatenate([mean.layers[name] for name in names], axis=-1)
+    none = 1 - shares.sum(axis=-1, keepdims=True)
+    return (np.argmax(np.concatenate([none, shares], axis=-1), axis=-1) - 1).astype(np.float32)

@@ -1,0 +1,81 @@
+"""Paths of a wavefront: the one record of their state, whichever material they are in, passed whole to compiled loops.
+
+A path carries one throughput a wavelength and a random stream of its own.  Materials keep in it what they need from one call to
+the next: which grain a path is on, which particle it has just left.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.granular._grains`)
+
+
+class Paths(NamedTuple):
+    """n paths on their way; arrays are changed in place.
+
+    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) uint64, random streams;  pixel : (n,)
+    order, bounces : (n,) scatterings by materials; these and surfaces
+    drawn, density : (n, 3) m, (n,) 1/sr, where the direction was drawn, and how likely over the chance of a light sample there
+    single : (n,) whether no light sample could have taken the place of the direction
+    shaded : (n,) whether a surface of the scene, or the camera, drew it
+    far : (n,) m, to the first surface of the scene; nan: not known
+    grains : (n,) material whose grain each is on, or -1;  met, place : (n, 4), (n,) sphere and triangle of that grain
+    left_out : (n, 3) m, the particle that each has just left, or nan
+    first : (n,) entry of the material that scattered it first, or -1
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    pixel: np.ndarray
+    order: np.ndarray
+    bounces: np.ndarray
+    drawn: np.ndarray
+    density: np.ndarray
+    single: np.ndarray
+    shaded: np.ndarray
+    far: np.ndarray
+    grains: np.ndarray
+    met: np.ndarray
+    place: np.ndarray
+    left_out: np.ndarray
+    first: np.ndarray
+
+    @classmethod
+    def begun(cls, origin, direction, waves, states, pixel) -> Paths:
+        """Paths of the camera."""
+        n = len(pixel)
+        nothing, unknown = np.full(n, -1), np.full((n, 3), np.nan)
+        return cls(origin=origin, direction=direction, throughput=np.ones((n, waves)), states=states, pixel=pixel,
+                   order=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64), drawn=origin.copy(), density=np.zeros(n),
+                   single=np.ones(n, bool), shaded=np.ones(n, bool), far=np.full(n, np.nan), grains=nothing,
+                   met=np.full((n, 4), UNKNOWN), place=nothing.copy(), left_out=unknown, first=nothing.copy())
+
+    @property
+    def count(self) -> int:
+        """Of paths."""
+        return len(self.pixel)
+
+    def of(self, chosen) -> Paths:
+        """Some of the paths."""
+        return Paths(*(field[chosen] for field in self))
+
+    def off_grains(self):
+        """Where they are no grain is known to be."""
+        self.grains[:], self.place[:], self.met[:] = -1, -1, UNKNOWN
+
+    def away_from_surfaces(self):
+        """They start at no surface of the scene and no grain, and their directions have been drawn where they are."""
+        self.off_grains()
+        self.far[:] = np.nan
+        self.drawn[:] = self.origin
+
+
+def joined(parts) -> Paths:
+    """Paths of several records, of at least one."""
+    filled = [part for part in parts if part.count] or parts[:1]
+    return filled[0] if len(filled) == 1 else Paths(*map(np.concatenate, zip(*filled)))

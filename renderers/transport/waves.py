@@ -1,0 +1,373 @@
+"""Camera paths through every material of a scene and over its surfaces, all of a pass together.
+
+A step takes each path to where its flight ends: an event in the innermost material, the next boundary of a region, a grain or a
+surface.  Materials (`renderers.materials`) fly and scatter in compiled loops; Mitsuba answers once a step for all surfaces, and
+once for the light samples of all events.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers import wavefront
+from renderers.materials import EVENT, REACHED
+from renderers.mitsuba.world import LightSample
+from renderers.threads import run
+from renderers.transport.paths import Paths, joined
+from renderers.transport.places import NOWHERE, Places
+
+ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
+_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8  # where fewer paths than that, and than that share, are left, lights are sampled less
+_ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary itself, or the light's
+# Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each; share that goes on.
+# Glass keeps light without loss, as a ball does into which light has come out of a body that reaches into it
+_FAR, _FAR_IN_GRAINS, _GOES_ON = 64, 1024, 0.95
+SURFACE, BOUNDARY, BLIND, GRAIN = range(4)  # what ends a flight
+
+
+class Colours(NamedTuple):
+    """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
+
+    to_rgb: np.ndarray
+    to_waves: np.ndarray
+
+
+class Scene(NamedTuple):
+    """What paths go through.
+
+    world : `renderers.mitsuba.world.World`
+    materials : interactors (`renderers.materials`), by their entries;  places : `Places` of their regions
+    colours : `Colours`
+    crossed : whether light samples go through boundaries to which light is blind
+    """
+
+    world: object
+    materials: tuple
+    places: Places
+    colours: Colours
+    crossed: bool = False
+
+    @property
+    def solids(self):
+        """Numbers of materials that are grains."""
+        return [number for number, material in enumerate(self.materials) if material.solid]
+
+
+class Ahead(NamedTuple):
+    """What is ahead of n paths.
+
+    material : (n,) number of the innermost one, or NOWHERE
+    stop : (n,) m, to what ends the flight;  cause : (n,) which of SURFACE, BOUNDARY, BLIND, GRAIN it is
+    grains : (n,) the material of that grain, or -1;  within : (n,) whether paths are inside of it
+    """
+
+    material: np.ndarray
+    stop: np.ndarray
+    cause: np.ndarray
+    grains: np.ndarray
+    within: np.ndarray
+
+    def of(self, chosen):
+        """Of some of the paths."""
+        return Ahead(*(field[chosen] for field in self))
+
+
+class Sums:
+    """Light that a pass has brought, linear sRGB.
+
+    by_order : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
+    first : (materials, pixels) paths that each material was the first to scatter
+    many : paths for which a call of Mitsuba's is worth its time
+    """
+
+    def __init__(self, pixels, scene, paths):
+        self.by_order = np.zeros((wavefront.ORDERS, pixels, 3))
+        self.by_light = np.zeros((len(scene.world.light_names), pixels, 3))
+        self.first = np.zeros((len(scene.materials), pixels))
+        self.many = min(_MANY, _SHARE * min(paths, ALL))
+
+    def add(self, paths, light, added):
+        """What paths bring, added (n, 3), from lights (n,)."""
+        wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
+
+    def scattered_by(self, paths, number):
+        """Counts paths that have scattered for the first time."""
+        new = (paths.first < 0) & (paths.order > 0)
+        paths.first[new] = number
+        self.first[number] += np.bincount(paths.pixel[new], minlength=self.first.shape[1])
+
+
+def one_pass(scene, size, number, seed, samples=1) -> Sums:
+    """`samples` camera paths for each pixel of a picture of size (height, width).
+
+    number, seed : of the pass: its random numbers
+    """
+    pixels = size[0] * size[1]
+    begun, total = 0, samples * pixels
+    sums, paths = Sums(pixels, scene, total), _begin(scene, size, 0, 0, number, seed)
+    while begun < total or paths.count:
+        if begun < total and paths.count < ALL // 2:
+            paths = joined([paths, _begin(scene, size, begun, min(begun + ALL, total), number, seed)])
+            begun = min(begun + ALL, total)
+        paths = step(scene, paths, sums)
+    return sums
+
+
+def _begin(scene, size, first, last, number, seed):
+    """Camera paths `first` to `last` of a pass, one for every pixel in turn."""
+    states, offset = np.empty(last - first, np.uint64), np.empty((last - first, 2))
+    wavefront.begin_streams(stream_key(seed, "render.mixed", number), first, states)
+    wavefront.draw(states, offset)
+    pixel = np.arange(first, last) % (size[0] * size[1])
+    origin, direction = scene.world.camera_rays(offset, np.stack([pixel // size[1], pixel % size[1]], axis=1))
+    return Paths.begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
+
+
+def step(scene, paths, sums) -> Paths:
+    """Paths after the ends of their flights, those that go on."""
+    ahead = look(scene, paths)
+    events, reached = [], []
+    for number in np.unique(ahead.material):
+        here = ahead.material == number
+        group, its = paths.of(here), ahead.of(here)
+        if number == NOWHERE:
+            reached.append((group, its))
+            continue
+        material = scene.materials[number]
+        share = 2.0 ** math.floor(math.log2(max(group.count / sums.many, 1e-9)))
+        chance = material.light_chance(min(max(share, _LEAST), 1.0))
+        status, event = _advance(material, group, its)
+        sums.scattered_by(group, number)
+        met = np.flatnonzero(status == EVENT)
+        events.append((material, group.of(met), tuple(values[met] for values in event), chance))
+        there = np.flatnonzero(status == REACHED)
+        reached.append((group.of(there), its.of(there)))
+    paths = joined([group for group, _ in reached])
+    ahead = Ahead(*map(np.concatenate, zip(*(its for _, its in reached))))
+    onward, met, at_surface = _into_grains(scene, paths, ahead, sums)
+    crossing = (ahead.cause == BOUNDARY) | (ahead.cause == BLIND)
+    return joined([*onward, _across(scene, paths.of(crossing), ahead.of(crossing)), at_events(scene, paths, events + met, sums),
+                   at_surfaces(scene, joined([paths.of(ahead.cause == SURFACE), *at_surface]), sums)])
+
+
+def _advance(material, paths, ahead):
+    """As `advance` of a material; what is ahead changes where a body's own loop has found it."""
+    if not material.walks:
+        return material.advance(paths, ahead.stop)
+    status, event, far, blind = material.walk(paths)
+    there = status == REACHED
+    ahead.stop[there], ahead.cause[there] = far[there], np.where(blind, BLIND, SURFACE)[there]
+    return status, event
+
+
+# ---- what is ahead
+
+
+def look(scene, paths) -> Ahead:
+    """What is ahead of paths."""
+    n = paths.count
+    material, stop, blind = scene.places.find(paths.origin, paths.direction)
+    walks = np.array([*(one.walks for one in scene.materials), False])  # the last one is NOWHERE
+    unknown = np.flatnonzero(np.isnan(paths.far) & ~walks[material])
+    paths.far[unknown] = scene.world.trace(paths.origin[unknown], paths.direction[unknown], np.inf)
+    # surfaces that lie in boundaries come first, but for those that are blind ones
+    limit = np.where(blind, stop * _ALMOST, stop + 2 * scene.places.off)
+    surface = ~(limit < paths.far)
+    cause = np.where(surface, SURFACE, np.where(blind, BLIND, BOUNDARY))
+    ahead = Ahead(material, np.where(surface, paths.far, stop), cause, np.full(n, -1), np.zeros(n, bool))
+    for number in scene.solids:
+        _look_for_grains(scene, paths, ahead, number)
+    return ahead
+
+
+def _look_for_grains(scene, paths, ahead, number):
+    """Changes what is ahead of paths where a grain comes first, or is around them; there is none inside of inner materials."""
+    rank = scene.places.rank
+    seen = np.flatnonzero((rank[ahead.material] >= rank[number]) & ~ahead.within)
+    distance, within = scene.materials[number].look(paths.of(seen))
+    nearer = np.flatnonzero(within | (distance < ahead.stop[seen]))
+    at, within = seen[nearer], within[nearer]
+    ahead.stop[at], ahead.cause[at], ahead.grains[at], ahead.within[at] = distance[nearer], GRAIN, number, within
+    ahead.material[at[within]] = NOWHERE
+
+
+def _across(scene, paths, ahead):
+    """Paths beyond the boundaries of regions."""
+    length, blind = ahead.stop + scene.places.off, ahead.cause == BLIND
+    paths.origin[:] += length[:, None] * paths.direction
+    paths.far[:] = np.where(blind, np.nan, paths.far - length)
+    # light samples at surfaces end at any boundary, those at events do not
+    paths.single[:] |= blind & paths.shaded
+    paths.off_grains()
+    return paths
+
+
+def _into_grains(scene, paths, ahead, sums):
+    """Of paths that come to grains: those that go on, events, and those that come to surfaces inside of grains."""
+    onward, events, at_surface = [], [], []
+    for number in np.unique(ahead.grains[ahead.cause == GRAIN]):
+        material, here = scene.materials[number], np.flatnonzero((ahead.cause == GRAIN) & (ahead.grains == number))
+        group = paths.of(here)
+        material.light_chance(min(max(2.0 ** math.floor(math.log2(group.count / sums.many)), _LEAST), 1.0))
+        status, event = material.enter(group, np.where(ahead.within[here], group.far, np.inf))
+        sums.scattered_by(group, number)
+        met = np.flatnonzero(status == EVENT)
+        events.append((material, group.of(met), tuple(values[met] for values in event), 1.0))
+        onward.append(_ended(group.of(status < 0), _FAR_IN_GRAINS))
+        at_surface.append(group.of(status == REACHED))
+    return onward, events, at_surface
+
+
+# ---- light
+
+
+def transmittance(scene, paths, origin, direction, distance, own=None, traced=False):
+    """What of light gets through from origins (n, 3) along directions to distances (n,) m.
+
+    Parameters
+    ----------
+    own : (n,) material of the grain at which each way begins, or -1
+    traced : surfaces of the scene hide light, but for blind boundaries
+
+    Returns
+    -------
+    passed : (n, L)
+    clear : (n,) m, to the first boundary: up to there grains of `own` have not been looked for
+    """
+    n, places = len(origin), scene.places
+    passed, clear, states = np.ones((n, len(scene.colours.to_waves))), np.empty(n), paths.states.copy()
+    left, point, own = np.array(distance, float), np.array(origin, float), np.full(n, -1) if own is None else own
+    active, begun = np.arange(n), True
+    while len(active):
+        here, ways = point[active], direction[active]
+        material, stop, blind = places.find(here, ways)
+        length = np.minimum(stop, left[active])
+        share, streams = passed[active], states[active]
+        if traced:
+            free = np.where(blind | (left[active] <= stop), length * _ALMOST, length + places.off)
+            share[scene.world.trace(here, ways, free) < np.inf] = 0.0
+        for number in np.unique(material):
+            _taken(scene, number, material == number, (streams, here, ways, length, paths.left_out[active]), share)
+        for number in scene.solids:
+            open_to = places.rank[material] >= places.rank[number]
+            if begun:
+                open_to &= own[active] != number
+            some, values = np.flatnonzero(open_to), share[open_to]
+            scene.materials[number].hides(here[some], ways[some], length[some], values)
+            share[some] = values
+        if begun:
+            clear[:], begun = length, False
+        passed[active], states[active] = share, streams
+        point[active] += (length + places.off)[:, None] * ways
+        left[active] -= length + places.off
+        active = active[(left[active] > 0) & share.any(axis=1)]
+    paths.states[:] = states
+    return passed, clear
+
+
+def _taken(scene, number, chosen, ways, share):
+    """Multiplies share (n, L) of those chosen (n,) by what a material leaves of light on its ways; changes their streams."""
+    if number == NOWHERE:
+        return
+    some, values = [one[chosen] for one in ways], share[chosen]
+    scene.materials[number].transmittance(*some, values)
+    ways[0][chosen], share[chosen] = some[0], values
+
+
+def at_events(scene, reached, events, sums) -> Paths:
+    """Paths that go on from events, quadruples of (material, paths, what it needs, chance of a light sample)."""
+    events = [one for one in events if one[1].count]
+    if not events:
+        return reached.of(slice(0, 0))
+    paths, firsts = joined([one[1] for one in events]), np.cumsum([0, *(one[1].count for one in events)])
+    chance = np.concatenate([np.full(one[1].count, one[3]) for one in events])
+    numbers = np.empty((paths.count, 4))
+    wavefront.draw(paths.states, numbers)
+    lit = np.flatnonzero(numbers[:, 3] < chance)
+    sample, bright = _samples(scene, paths, lit, numbers, chance)
+    some = paths.of(bright)
+    own = np.where(np.repeat([one[0].solid for one in events], np.diff(firsts))[bright], some.grains, -1)
+    passed, clear = transmittance(scene, some, some.origin, sample.direction.astype(float), sample.distance, own,
+                                  traced=scene.crossed)
+    paths.states[bright] = some.states
+    onward = []
+    for (material, _, event, share), first, last in zip(events, firsts[:-1], firsts[1:]):
+        group, rows = paths.of(slice(first, last)), np.flatnonzero((bright >= first) & (bright < last))
+        at, added = bright[rows] - first, np.empty((len(rows), 3))
+        sampled = LightSample(*(values[rows] for values in sample))
+        material.next_event(group.of(at), tuple(values[at] for values in event), sampled, passed[rows], clear[rows], added)
+        sums.add(group.of(at), sampled.light, added)
+        group.single[:], group.shaded[:] = share == 0.0, False
+        material.scatter(group, event)
+        if share > 0.0:
+            group.density[:] /= share
+        if not material.solid:
+            group.away_from_surfaces()
+        onward.append(_survivors(group))
+    return joined(onward)
+
+
+def _samples(scene, paths, lit, numbers, chance):
+    """Light samples from events `lit`, over their chances, of those that are bright, and which paths these are."""
+    here = {"hidden": False} if scene.crossed else {}
+    sample = scene.world.lights(paths.origin[lit], numbers[lit], **here)
+    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
+    sample = LightSample(*(values[bright] for values in sample))
+    over = chance[lit[bright]].astype(np.float32)
+    density = np.where(sample.delta, sample.density, sample.density * over)
+    return sample._replace(radiance=sample.radiance / over[:, None], density=density), lit[bright]
+
+
+def at_surfaces(scene, paths, sums) -> Paths:
+    """Paths that go on from surfaces of the scene, after their light has been added."""
+    n, colours = paths.count, scene.colours
+    if n == 0:
+        return paths
+    numbers, added = np.empty((n, 6)), np.empty((n, 3))
+    wavefront.draw(paths.states, numbers)
+    shading = scene.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn)
+    wavefront.emitted(colours, paths.throughput, paths.order, shading.emitted, added)
+    sums.add(paths, shading.source, added)
+    hit = np.flatnonzero(shading.hit)
+    paths = paths.of(hit)
+    paths.left_out[:] = np.nan
+    _next_event(scene, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
+    run(wavefront.reflect, len(hit), colours, paths.throughput, shading.weight[hit])
+    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
+    paths.density[:], paths.single[:], paths.shaded[:] = shading.density[hit], shading.delta[hit], True
+    paths.bounces[:] += 1
+    paths.away_from_surfaces()
+    return _ended(_survivors(paths), _FAR)
+
+
+def _next_event(scene, paths, point, sample, sums):
+    """Adds what light samples send by way of surfaces of the scene."""
+    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
+    some, sample = paths.of(bright), LightSample(*(values[bright] for values in sample))
+    towards, added = sample.direction.astype(float), np.empty((len(bright), 3))
+    passed, _ = transmittance(scene, some, point[bright] + scene.places.off * towards, towards, sample.distance)
+    paths.states[bright] = some.states
+    wavefront.emitted(scene.colours, some.throughput * passed, some.order, sample.radiance, added)
+    sums.add(some, sample.light, added)
+
+
+def _survivors(paths):
+    """Paths that roulette leaves."""
+    alive = np.empty(paths.count, bool)
+    run(wavefront.roulette, paths.count, paths.throughput, paths.states, paths.bounces, alive)
+    return paths.of(alive)
+
+
+def _ended(paths, most):
+    """Without some of the paths of more bounces than `most`."""
+    far = np.flatnonzero(paths.bounces > most)
+    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(paths.count, bool)
+    wavefront.draw(states, numbers)
+    paths.states[far] = states
+    paths.throughput[far] /= _GOES_ON
+    goes[far] = numbers[:, 0] < _GOES_ON
+    return paths.of(goes)
