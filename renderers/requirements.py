@@ -7,9 +7,10 @@ without that module needs the stages `NEEDS` of its module `scene`, with the rec
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from copy import copy
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -119,10 +120,26 @@ class About:
 
     def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None):
         self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
+        self._whole = self
         self.split = budget.of(scene, budget.HALF)
         own = _bodies(scene, recipe) if bodies is None else list(bodies)
         self.guessed = not own
         self.bodies = own or list(range(len(scene.materials)))
+
+    def only(self, bodies: Sequence[int], method: str) -> About:
+        """The same of some of its bodies, rendered by a method."""
+        values = self.scene.values
+        listed = [entry.model_copy(update={"method": method}) if number in bodies else entry
+                  for number, entry in enumerate(values.materials)]
+        part = copy(self)
+        part.scene = dataclasses.replace(self.scene, values=values.model_copy(update={"materials": listed, "method": method}))
+        part.bodies, part._measured = list(bodies), self._measured.setdefault((tuple(bodies), method), {})
+        return part
+
+    @property
+    def entry(self):
+        """Of the scene's `materials`, the first one that the recipe is the material of."""
+        return self.scene.values.materials[self.bodies[0]]
 
     @property
     def tolerance(self) -> float:
@@ -146,17 +163,15 @@ class About:
         said = f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
         return f"{said}: {self.split.why}" if self.split.why else said
 
-    @cached_property
+    @property
     def medium(self):
         """The medium by a draft bake: `wavelength` (L,) um, `sigma_t` (L,) 1/m, `albedo`, `g` (L,)."""
-        return self._medium()
+        return self._whole.measured(_medium)
 
-    @cached_property
+    @property
     def world(self):
         """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
-        from renderers.mitsuba.world import World
-
-        return World.of(self.scene)
+        return self._whole.measured(_world)
 
     @property
     def dark(self) -> bool:
@@ -169,6 +184,16 @@ class About:
         if camera is None:
             raise self.scene.no_camera()
         return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
+
+
+def _medium(about):
+    return about._medium()
+
+
+def _world(about):
+    from renderers.mitsuba.world import World
+
+    return World.of(about.scene)
 
 
 def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: Mapping[str, str] | None = None) -> Required:

@@ -25,7 +25,6 @@ from collections.abc import Iterator
 from collections.abc import Mapping as MappingType
 from collections.abc import Sequence as Sequence_
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -196,13 +195,6 @@ def _rules(section: str):
 
 def _of_renderer(root: Mapping, values: dict, section: str, known: list) -> Iterator[Problem]:
     """What the renderer of a scene says of it."""
-    if find_spec(_package(section)) is None:
-        kinds = " and ".join(dict.fromkeys(entries.KINDS[one.kind] for one in known))
-        methods = ", ".join(dict.fromkeys(one.method for one in known))
-        found = f"found {kinds} by {methods} in {len(known)} entries"
-        yield root.names["materials"].problem(found, "expected one entry of particles, or entries of grains alone or bodies "
-                                                     "alone by one method")
-        return
     rules = _rules(section)
     for i, one in enumerate(known):
         values |= {f"materials[{i}].as": one.kind, f"materials[{i}].method": one.method}
@@ -266,7 +258,7 @@ def _of_plugins(path: Path) -> tuple[str, ...]:
         ElementTree.parse(path)
     except (OSError, ElementTree.ParseError) as error:
         raise UsageError(f"{text.label_of(path)}: cannot be read as a Mitsuba scene: {error}") from None
-    kinds = {f"bakery_{name}": _rules(name).NEEDS for name in (*RENDERERS, *OF_MATERIALS) if find_spec(_package(name))}
+    kinds = {f"bakery_{name}": _rules(name).NEEDS for name in (*RENDERERS, *OF_MATERIALS)}
     found = [stage for file in files_of(path) if file.suffix.lower() == ".xml" for one in integrators(file)
              for stage in kinds.get(one, ())]
     return tuple(dict.fromkeys(found)) or ("medium",)

@@ -46,7 +46,7 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     """
     tolerance = budget.of(job.scene).approximations if tolerance is None else tolerance
     name, (height, width) = job.scene.values.method, world.size
-    angle = _peak_angle(job.scene.values.materials[0], world)
+    angle = peak_angle(job.scene.values.materials[0], world)
     setup = _setup(job, world, angle)
     passes, depth, reasons = _METHODS[name](setup, tolerance, seed)
     lights = world.light_names
@@ -54,10 +54,10 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     parts = tuple(Part(part, _pass(function, world, what, height, width, seed, everywhere, lights))
                   for part, function, what in passes)
     more = _figures(setup, depth) | {"layers": _layers(depth)}
-    return Method(name, parts, [_peak(setup.classes, angle), *reasons], lambda estimate: more)
+    return Method(name, parts, [peak_sentence(setup.classes, angle), *reasons], lambda estimate: more)
 
 
-def _peak_angle(settings, world):
+def peak_angle(settings, world):
     """Within which the forward peak counts as unscattered, rad; 0: nothing does."""
     if settings.method == "explicit" or settings.peak == "keep":
         return 0.0
@@ -155,7 +155,7 @@ def _pass(function, world, what, height, width, seed, depth, lights):
     return one
 
 
-def _peak(classes, angle):
+def peak_sentence(classes, angle):
     if angle == 0:
         return "the forward peak of the phase functions is kept"
     share = 100 * classes.peak

@@ -9,13 +9,13 @@ from bakery import kernels
 _SAME = 1e-6  # relative difference of boxes that count as equal
 
 
-def region_of(scene, group) -> kernels.Region:
-    """The region that the scene says, else the asset's own with its corner at the origin.
+def region_of(scene, group, number=0) -> kernels.Region:
+    """The region that an entry of the scene says, by its number, else the asset's own with its corner at the origin.
 
     Raises UsageError, with the key, where a stored realisation is asked to fill another region than its own, or a file is not
     what it should be.
     """
-    where = scene.values.materials[0].where
+    where, key = scene.values.materials[number].where, f"materials[{number}].where"
     own = _own(group)
     if where is None:
         return own
@@ -27,13 +27,13 @@ def region_of(scene, group) -> kernels.Region:
             return own._replace(lo=lo, hi=hi, centre=own.centre + lo)
         if stored or own.kind != kernels.BOX:
             kind = "its places are stored" if stored else "it is not a whole box"
-            raise scene.wrong("materials[0].where.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} "
+            raise scene.wrong(f"{key}.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} "
                               f"m and {kind}; that box, or an asset with method: procedural, would do")
         return kernels.region_box(lo, hi)
     if stored:
-        raise scene.wrong("materials[0].where", "found a mesh or a grid, but the asset's places are stored; an asset with "
+        raise scene.wrong(key, "found a mesh or a grid, but the asset's places are stored; an asset with "
                           "method: procedural would do, or a recipe whose discrete section has the mesh or the grid")
-    return _of_mesh(scene, where) if hasattr(where, "mesh") else _of_grid(scene, where)
+    return _of_mesh(scene, key, where) if hasattr(where, "mesh") else _of_grid(scene, key, where)
 
 
 def _edges(edges):
@@ -50,31 +50,31 @@ def _own(group):
     return kernels.region_box(zero, box)
 
 
-def _of_mesh(scene, where):
+def _of_mesh(scene, key, where):
     path = scene.file(where.mesh)
     try:
         vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
         return kernels.region_mesh(where.unit * vertices, faces)
     except ValueError as fault:
-        raise scene.wrong("materials[0].where.mesh", fault) from None
+        raise scene.wrong(f"{key}.mesh", fault) from None
 
 
-def _of_grid(scene, where):
+def _of_grid(scene, key, where):
     from renderers import grids
 
-    values, lo, hi = grids.placed(scene, "materials[0].where", where)
+    values, lo, hi = grids.placed(scene, key, where)
     most = float(np.max(values))
     if not most > 0:
-        raise scene.wrong("materials[0].where.grid", "found densities that are 0 everywhere; a cloud would do")
+        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; a cloud would do")
     return kernels.region_grid(lo, hi, np.asarray(values) / most)
 
 
-def check_motion(scene, group, region):
+def check_motion(scene, group, region, number=0):
     """Raises UsageError where stored particles would move out of the mesh or the grid that they were chosen for."""
-    settings = scene.values.materials[0]
+    settings = scene.values.materials[number]
     if "position" in group and region.kind != kernels.BOX and np.any(np.asarray(settings.velocity) * settings.time):
-        raise scene.wrong("materials[0].velocity", "found stored particles of a mesh or a grid that move; particles of a whole "
-                          "box, or an asset with method: procedural, would do")
+        raise scene.wrong(f"materials[{number}].velocity", "found stored particles of a mesh or a grid that move; particles of a "
+                          "whole box, or an asset with method: procedural, would do")
 
 
 def discs_of(group, region, velocity, time):

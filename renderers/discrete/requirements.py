@@ -26,7 +26,7 @@ _EACH = math.sqrt(0.5)  # of the tables' share, for fewer wavelengths and for av
 
 def needs(about) -> list[Need]:
     """Requirements of the stages optics, medium and discrete; see `renderers.requirements`."""
-    settings = about.scene.values.materials[0]
+    settings = about.entry
     if about.recipe.particles is None:
         return [Need("discrete", True, "the renderer reads it")]
     sharp, fewer = about.measured(_sharp), _wavelengths(about)
@@ -60,7 +60,7 @@ def _classes(settings):
 def _sharp(about):
     """Share of the picture's light that particles scatter which are seen one by one in a light narrower than a step of the
     scattering angle; 0 where no light is, 1 where their box is not known."""
-    if about.dark or about.scene.values.materials[0].method == "continuous":
+    if about.dark or about.entry.method == "continuous":
         return 0.0
     box = _box(about)
     angles = about.world.light_angles(about.world.camera.origin if box is None else np.mean(box, axis=0))
@@ -129,7 +129,7 @@ def _apart(about):
 
 def _box(about):
     """Corners (2, 3) m of the box that holds the particles; None where a file does."""
-    where, own = about.scene.values.materials[0].where, about.recipe.discrete and about.recipe.discrete.box
+    where, own = about.entry.where, about.recipe.discrete and about.recipe.discrete.box
     if hasattr(where, "box"):
         return np.array([where.box.lo, where.box.hi])
     return np.array([[0, 0, 0], 1e-6 * np.array(own)]) if own and where is None else None

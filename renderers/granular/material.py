@@ -22,15 +22,18 @@ def meshes_of(scene):
 
     Raises UsageError, with the key, where one is no closed mesh, what is wrong, and where; or where two of them overlap.
     """
-    meshes = []
-    for number, body in enumerate(one.where for one in scene.values.materials):
-        path = scene.file(body.mesh)
-        try:
-            vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-        except ValueError as fault:
-            raise scene.wrong(f"materials[{number}].where.mesh", fault) from None
-        meshes.append((body.unit * vertices, faces))
-    return meshes
+    return [mesh_of(scene, number) for number in range(len(scene.values.materials))]
+
+
+def mesh_of(scene, number):
+    """Vertices (V, 3) m and triangles (F, 3) of the mesh of an entry; UsageError with the key where it is no closed mesh."""
+    where = scene.values.materials[number].where
+    path = scene.file(where.mesh)
+    try:
+        vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
+    except ValueError as fault:
+        raise scene.wrong(f"materials[{number}].where.mesh", fault) from None
+    return where.unit * vertices, faces
 
 
 def overlap(grains, meshes):
@@ -224,3 +227,22 @@ def occupied_by(world, aggregate, unit, others=()):
         if np.all(last >= 0):
             voxels[tuple(slice(max(a, 0), b + 1) for a, b in zip(first, last))] = 1
     return voxels if voxels.any() else np.zeros((0, 0, 0), np.uint8)
+
+
+def reasons_of(asset) -> list[str]:
+    """Sentences about what paths among its grains leave out."""
+    surfaces = [exemplar.surface for exemplar in asset.grains.exemplars.values()]
+    sentences = []
+    if any(surface["type"] == "dielectric" and len(set(surface["index"])) > 1 for surface in surfaces):
+        sentences.append("grains refract all wavelengths as the middle one")
+    if any(surface["type"] != "diffuse" and surface["roughness"] == 0 for surface in surfaces):
+        sentences.append("light reaches smooth grains by chance: lights without extent do not show in them")
+    return sentences
+
+
+def reasons_of_medium(asset) -> list[str]:
+    """Sentences about what the medium that stands for its grains leaves out."""
+    sentences = ["the medium that stands for the grains: no grain is to be seen"]
+    if any(exemplar.surface["type"] != "dielectric" for exemplar in asset.grains.exemplars.values()):
+        sentences.append("packed opaque grains reflect more than a medium, dark ones twice as much (docs/granular.md)")
+    return sentences

@@ -78,7 +78,7 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
             ways = ways[0], medium.Continuous(stands, *around, name in ("ept+vpt+da", "auto"), varied, met_by)
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
-        said += _reasons(asset) if name != "vpt" else _reasons_of_medium(asset)
+        said += material.reasons_of(asset) if name != "vpt" else material.reasons_of_medium(asset)
     switch = None if name in ("ept", "vpt", "teleport") else bundles.Switch(spread)
     return Transport(tuple(bodies), colours, MEDIUM if name == "vpt" else GRAINS, switch), list(dict.fromkeys(said))
 
@@ -113,23 +113,6 @@ def _switches(means) -> dict:
     """Layer `switch` (H, W), grains that paths have met when they switch, on average, 0 where none does; of means of passes."""
     switched = sum(mean.count * mean.layers[SWITCHED].astype(float) for mean in means if SWITCHED in mean.layers)
     return {} if np.ndim(switched) == 0 else {"switch": switched[..., 0] / np.maximum(switched[..., 1], 1e-30)}
-
-
-def _reasons(asset):
-    surfaces = [one.surface for one in asset.grains.exemplars.values()]
-    said = []
-    if any(one["type"] == "dielectric" and len(set(one["index"])) > 1 for one in surfaces):
-        said.append("grains refract all wavelengths as the middle one")
-    if any(one["type"] != "diffuse" and one["roughness"] == 0 for one in surfaces):
-        said.append("light reaches smooth grains by chance: lights without extent do not show in them")
-    return said
-
-
-def _reasons_of_medium(asset):
-    said = ["the medium that stands for the grains: no grain is to be seen"]
-    if any(one.surface["type"] != "dielectric" for one in asset.grains.exemplars.values()):
-        said.append("packed opaque grains reflect more than a medium, dark ones twice as much (docs/granular.md)")
-    return said
 
 
 def _expected(aggregate, vertices, faces):

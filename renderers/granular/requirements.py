@@ -24,7 +24,7 @@ _WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqr
 
 def needs(about) -> list[Need]:
     """Requirements of the stages packing, grains and medium; see `renderers.requirements`."""
-    method = about.scene.values.method
+    method = about.entry.method
     if about.recipe.grains is None:
         return [Need(stage, True, "the renderer reads it") for stage in ("grains", "packing", "medium")]
     triangles, apart = _triangles(about, method)

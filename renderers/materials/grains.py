@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from bakery.system.compiled import njit
 
 from bakery.kernels import lent
+from bakery.system.compiled import njit
 from renderers.granular import _paths
 from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.granular.paths import NEVER, Seldom

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from bakery.system.compiled import njit
 
 from bakery import kernels
 from bakery.kernels import lent, mesh_scratch, relative_density
+from bakery.system.compiled import njit
 from renderers.materials import EVENT, REACHED
 from renderers.mitsuba.world import FAR
 from renderers.scattering import Scatterer, flight, flown, mean_phase, scattered

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from bakery.system.compiled import njit
 
 from bakery.kernels import NO_DISC, lent, mesh_scratch
+from bakery.system.compiled import njit
 from renderers.discrete import _transport
 from renderers.materials import EVENT, REACHED
 from renderers.mitsuba.world import FAR

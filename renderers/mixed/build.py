@@ -12,8 +12,9 @@ from renderers.materials.bodies import Body
 from renderers.materials.grains import Grains
 from renderers.materials.medium import Medium
 from renderers.materials.particles import Particles
+from renderers.mixed import contents
 from renderers.translucent import bodies, shells
-from renderers.transport import places
+from renderers.transport import places, regions
 from renderers.transport.places import BLIND, TURNS, Places, Region
 from renderers.transport.waves import Scene
 
@@ -36,18 +37,27 @@ class Material(NamedTuple):
     body: object = None
 
 
-def in_shape(shape, content, wrong) -> Material:
-    """What fills a shape of the scene; `wrong` is a function of a message -> the exception to raise where that cannot be."""
-    if shape.faces is None:
-        raise wrong(f"{shape.name} is no mesh; a closed mesh would do")
-    try:
-        vertices, faces = kernels.solid(shape.vertices, shape.faces)
-    except ValueError as fault:
-        raise wrong(f"{shape.name} is no closed mesh: {fault}") from None
-    if shape.index is None:
-        raise wrong(f"the BSDF of {shape.name} lets no light in; dielectric, roughdielectric or null would do")
-    region = places.mesh(vertices, faces, BLIND if shape.index == 1.0 else TURNS)
-    return Material(region, content, body=shape._replace(vertices=vertices, faces=faces))
+def material_of(what) -> Material:
+    """Of what an entry is (`renderers.mixed.contents`)."""
+    if isinstance(what, contents.Particles):
+        return Material(Region(what.region, _volume(what.region)), what.medium, "particles")
+    if isinstance(what, contents.Grains):
+        return Material(places.mesh(*what.region, solid=True), what.grains, "grains")
+    if isinstance(what, contents.Body):
+        region = places.mesh(what.vertices, what.faces, BLIND if what.matched else TURNS)
+        return Material(region, what.medium, body=what.shape)
+    if isinstance(what.region, regions.Everywhere):
+        return Material(places.EVERYWHERE, what.scatterer)
+    if isinstance(what.region, regions.Mesh):
+        return Material(places.mesh(*what.region), what.scatterer)
+    density = kernels.region_grid(*what.region) if isinstance(what.region, regions.Grid) else None
+    return Material(places.box(what.region.lo, what.region.hi), what.scatterer, density=density)
+
+
+def _volume(region):
+    """Of a region of particles, m^3: of a mesh to within some voxels, by which it is told what is inside of what."""
+    whole = float(np.prod(region.hi - region.lo))
+    return whole * float(np.mean(region.values)) if region.nodes.size > 1 else whole
 
 
 def scene_of(world, materials, colours) -> Scene:

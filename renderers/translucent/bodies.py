@@ -14,6 +14,7 @@ from renderers.threads import run
 from renderers.translucent import _geometry
 from renderers.translucent._geometry import Geometry
 from renderers.translucent._shells import Shells
+from renderers.translucent.scene import index_fault
 
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
@@ -45,6 +46,31 @@ class Body(NamedTuple):
     def matched(self):
         """Whether light crosses the boundary as if there were none."""
         return self.index == 1.0
+
+
+def solid_shape(shapes, name, index, wrong):
+    """The shape of a name, its vertices and faces those of a closed mesh, wound outward.
+
+    shapes : of `renderers.mitsuba.world.World.shapes`
+    index : refractive index that a scene says, or None
+    wrong : function of (key of the entry, message) -> the exception to raise where no medium can fill it
+    """
+    named = [shape for shape in shapes if shape.name == name]
+    if len(named) != 1:
+        names = ", ".join(sorted(shape.name for shape in shapes)) or "none"
+        raise wrong("where.shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
+    shape = named[0]
+    if shape.faces is None:
+        raise wrong("where.shape", f"{name} is no mesh; a closed mesh would do")
+    try:
+        vertices, faces = kernels.solid(shape.vertices, shape.faces)
+    except ValueError as fault:
+        raise wrong("where.shape", f"{name} is no closed mesh: {fault}") from None
+    if shape.index is None:
+        raise wrong("where.shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
+    if fault := index_fault(name, index, shape.index):
+        raise wrong("boundary.index", fault)
+    return shape._replace(vertices=vertices, faces=faces)
 
 
 def has_tables(asset) -> bool:

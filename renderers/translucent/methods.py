@@ -11,8 +11,8 @@ from renderers import colour
 from renderers.passes import Method
 from renderers.progressive import Part
 from renderers.translucent import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
-from renderers.translucent.bodies import Body, has_tables, holds, laid_out, medium_of, untabled
-from renderers.translucent.scene import READERS, index_fault
+from renderers.translucent.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
+from renderers.translucent.scene import READERS
 from renderers.translucent.thin import WALKS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
@@ -94,21 +94,8 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
 
 def _body(shapes, name, asset, index, wrong, method):
     """The body that a shape is."""
-    found = [shape for shape in shapes if shape.name == name]
-    if len(found) != 1:
-        names = ", ".join(sorted(shape.name for shape in shapes)) or "none"
-        raise wrong("where.shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
-    shape = found[0]
-    if shape.faces is None:
-        raise wrong("where.shape", f"{name} is no mesh; a closed mesh would do")
-    try:
-        vertices, faces = kernels.solid(shape.vertices, shape.faces)
-    except ValueError as fault:
-        raise wrong("where.shape", f"{name} is no closed mesh: {fault}") from None
-    if shape.index is None:
-        raise wrong("where.shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
-    if fault := index_fault(name, index, shape.index):
-        raise wrong("boundary.index", fault)
+    shape = solid_shape(shapes, name, index, wrong)
+    vertices, faces = shape.vertices, shape.faces
     medium = medium_of(asset) if has_tables(asset) else untabled(asset)
     if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), method):
         raise wrong("where.shape", fault)

@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from bakery.system.compiled import njit
 
 from bakery import kernels
 from bakery.kernels import lent, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.system.compiled import njit
 from renderers.threads import run
 
 # What there is of the scene's surfaces at the boundary of a region: none; one that light does not see (`null`); one that turns

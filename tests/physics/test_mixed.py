@@ -7,19 +7,19 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from bakery import kernels
 from renderers.granular.paths import Colours
 from renderers.mitsuba.world import World
 from renderers.mixed import build, passes
 from renderers.mixed.build import Material
-from renderers.translucent.bodies import untabled
+from renderers.mixed.contents import Body
+from renderers.translucent.bodies import solid_shape, untabled
 from renderers.transport import places
 from tests.odds import sigmas
 from tests.physics.particles import hashed, henyey_greenstein, of_depth
 from tests.physics.test_aggregate import tile
-from tests.physics.test_granular_render import GLASS, MATT, STEEL, STONE, Kind, grains
+from tests.physics.test_granular_render import GLASS, MATT, STONE, Kind, grains
 from tests.physics.test_translucent import BOUNDARIES, shape
 from tests.physics.test_transport import asset
 from tests.physics.test_transport_media import BALL, DENSITY, cube, sensor
@@ -56,8 +56,8 @@ def stones(mesh, kinds=(GLASS, MATT), radius=0.4):
 
 
 def body(world, name, albedo, g, free_path):
-    shapes = {one.name: one for one in world.shapes()}
-    return build.in_shape(shapes[name], scatterer(albedo, g, free_path), ValueError)
+    filled, inside = solid_shape(world.shapes(), name, None, lambda key, message: ValueError(message)), scatterer(albedo, g, free_path)
+    return build.material_of(Body(name, filled.vertices, filled.faces, inside, filled.index == 1.0, filled))
 
 
 def averages(world, materials, numbers):

@@ -1,0 +1,144 @@
+"""What the entries of a scene are: where, and what fills them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery import kernels
+from renderers import grids
+from renderers.discrete import place
+from renderers.discrete.medium import classes_of, medium, without_peak
+from renderers.discrete.methods import peak_angle, peak_sentence
+from renderers.granular import local, material
+from renderers.mixed.scene import chosen
+from renderers.scattering import Scatterer
+from renderers.translucent.bodies import solid_shape
+from renderers.transport import regions
+
+
+class Body(NamedTuple):
+    """A shape of the scene that a medium fills, as `renderers.transport.passes.part` takes it.
+
+    vertices, faces : (V, 3) m, (F, 3), closed, outward;  shape : of the world, with those
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    medium: Scatterer
+    matched: bool
+    shape: object
+
+
+class Particles(NamedTuple):
+    """region : `bakery.kernels.Region`;  medium : `renderers.discrete.medium.Medium`"""
+
+    region: kernels.Region
+    medium: object
+
+
+class Grains(NamedTuple):
+    """region : `regions.Mesh`;  grains : `renderers.granular._grains.Grains`"""
+
+    region: regions.Mesh
+    grains: object
+
+
+class Content(NamedTuple):
+    """Of an entry.
+
+    what : `Particles`, `Grains`, `Body`, or of a medium without a boundary `regions.Medium`
+    reasons : sentences about what is approximate
+    """
+
+    what: object
+    reasons: tuple[str, ...] = ()
+
+
+def of(scene, world, asset, spectra, number) -> Content:
+    """Of an entry of a scene, by its number.
+
+    spectra : `renderers.mixed.spectra.Spectra`
+
+    Raises UsageError, with the key, where the entry's shape, mesh, grid or box is not what it should be.
+    """
+    entry = scene.values.materials[number]
+    method = chosen(entry.kind, entry.method)
+    if entry.kind == "particles":
+        return _particles(scene, world, asset, spectra, number, method)
+    if entry.kind == "grains":
+        return _grains(scene, asset, spectra, number, method)
+    whole = spectra.medium(asset, *(np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "phase")))
+    if hasattr(entry.where, "shape"):
+        shape = solid_shape(world.shapes(), entry.where.shape, entry.index,
+                            lambda key, message: scene.wrong(f"materials[{number}].{key}", message))
+        return Content(Body(shape.name, shape.vertices, shape.faces, whole, shape.index == 1.0, shape))
+    return Content(regions.Medium(_region(scene, number), whole, f"materials[{number}]"))
+
+
+# ---- each kind
+
+
+def _particles(scene, world, asset, spectra, number, method):
+    entry, group = scene.values.materials[number], asset.discrete
+    angle = peak_angle(entry, world)
+    classes = without_peak(spectra.classes(asset, classes_of(group)), angle)
+    region = place.region_of(scene, group, number)
+    place.check_motion(scene, group, region, number)
+    discs = place.discs_of(group, region, entry.velocity, entry.time)
+    tabulated, _ = medium(classes, discs, spectra.colours.to_rgb, spectra.colours.to_waves)
+    reasons = (f"materials[{number}]: {peak_sentence(classes, angle)}",)
+    if method == "particles":
+        return Content(Particles(region, tabulated), reasons)
+    if np.any(tabulated.host) and region.kind != kernels.BOX:
+        raise scene.wrong(f"materials[{number}].method", "found continuous, but the host of the particles absorbs light in the "
+                          "whole box, also beside the mesh or the grid; method particles would do")
+    sigma_t = tabulated.sigma_t + tabulated.host
+    albedo = tabulated.albedo[-1] * tabulated.sigma_t / np.maximum(sigma_t, 1e-300)
+    whole = Scatterer(sigma_t, albedo, tabulated.v, tabulated.steps, tabulated.phase[-1], tabulated.cdf[-1])
+    stands = regions.Medium(_of_particles(scene, group, region, number), whole, f"materials[{number}]")
+    return Content(stands, (*reasons, f"materials[{number}]: no particle is told apart"))
+
+
+def _of_particles(scene, group, region, number):
+    """The region of particles for the medium that stands for them."""
+    if region.kind == kernels.BOX:
+        return regions.Box(region.lo, region.hi)
+    if region.kind == kernels.GRID:
+        return regions.Grid(region.lo, region.hi, region.values)
+    if hasattr(scene.values.materials[number].where, "mesh"):
+        return regions.Mesh(*material.mesh_of(scene, number))
+    vertices = np.asarray(group.mesh_vertices, float)
+    return regions.Mesh(vertices + region.lo - vertices.min(axis=0), np.asarray(group.mesh_faces))
+
+
+def _grains(scene, asset, spectra, number, method):
+    vertices, faces = material.mesh_of(scene, number)
+    region = regions.Mesh(vertices, faces)
+    if method == "vpt":
+        values = (np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "theta", "phase"))
+        sigma_t, albedo, phase = material.without_peak(*values)
+        reasons = tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of_medium(asset))
+        return Content(regions.Medium(region, spectra.medium(asset, sigma_t, albedo, phase), f"materials[{number}]"), reasons)
+    varies = local.local_of(scene, number, asset, material.fraction_of(asset), vertices)
+    grains = spectra.grains(asset, material.grains_of(asset, vertices, faces, varies))
+    return Content(Grains(region, grains), tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset)))
+
+
+def _region(scene, number):
+    """Of a medium that no shape of the scene bounds."""
+    where = scene.values.materials[number].where
+    if hasattr(where, "everywhere"):
+        return regions.Everywhere()
+    if hasattr(where, "box"):
+        return regions.Box(np.array(where.box.lo), np.array(where.box.hi))
+    if hasattr(where, "mesh"):
+        return regions.Mesh(*material.mesh_of(scene, number))
+    key = f"materials[{number}].where"
+    values, lo, hi = grids.placed(scene, key, where)
+    most = float(np.max(values))
+    if not most > 0:
+        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; a cloud would do")
+    return regions.Grid(lo, hi, np.asarray(values, float) / most)

@@ -1,0 +1,52 @@
+"""What a scene of several materials may say: the methods of each kind, and what they take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bakery.errors import Problem
+from bakery.grammar import fields
+from bakery.grammar.text import Mapping, Scalar, Sequence, owner
+from renderers.common import node_at
+
+# kind -> methods that may stand beside other materials; the first one is what `auto` is
+METHODS = {"particles": ("particles", "continuous"), "grains": ("ept", "vpt"), "medium": ("paths",), "body": ("paths",)}
+# methods in which a medium stands for particles or grains; the others leave nothing out
+STAND_INS = ("continuous", "vpt")
+NEEDS: tuple[str, ...] = ()  # stages of the asset: those of the entries
+UNUSED = {"film.wavelengths": "none: materials are rendered at the wavelengths of their assets"}  # common keys
+RESUMES = True
+CHOICE = "method", ("auto",)  # the key of the method of all entries, and what it may be
+EXACT, KEPT = ("auto",), ("auto",)  # of `bake trade`: without an error of their own; within a scene's tolerance
+PACE = 5e-4  # s of a core that a pixel takes to a relative variance of 1
+POINTS = ("auto",)
+_UNUSED = {"spread": "no method here switches from grains to their medium", "footprint": "method query is not there",
+           "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
+
+
+def chosen(kind: str, method: str) -> str:
+    """The method that renders an entry."""
+    return METHODS[kind][0] if method == "auto" else method
+
+
+def problems(root: Mapping, values: dict) -> Iterator[Problem]:
+    """What has to hold between keys of the entries."""
+    listed = root.get("materials")
+    for number, entry in enumerate(listed if isinstance(listed, Sequence) else ()):
+        if not isinstance(entry, Mapping):
+            continue
+        key = f"materials[{number}]"
+        kind, method = values[f"{key}.as"], values[f"{key}.method"]
+        if method not in ("auto", *METHODS[kind]):
+            stated = next((at["method"] for at in (entry, root) if isinstance(at.get("method"), Scalar)), None)
+            found, expected = f"found {method} beside other materials", f"expected {fields.one_of(['auto', *METHODS[kind]])}"
+            yield owner(stated or entry).problem(found, expected, key=f"{key}.method")
+        for name, reason in _UNUSED.items():
+            if (node := node_at(root, f"{key}.{name}")) is not None:
+                yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",
+                                          "expected none")
+        if method == "vpt":
+            for name in ("fraction", "mixture"):
+                if name in entry:
+                    yield entry.names[name].problem(f"found {name}, which method vpt does not know beside other materials",
+                                                    "expected it with method: ept")
