@@ -13,7 +13,3 @@ scatter(paths, event)
 `medium` is a continuous medium, also that in a body; `bodies` one inside of a shape, whose paths go on in compiled loops up to
 its boundary; `particles` are discs; `grains` stick out of their region and hide light: they are looked for by themselves.
 """
-
-from __future__ import annotations
-
-REACHED, EVENT, ENDED = range(3)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from renderers.materials import ENDED, EVENT, REACHED
 from renderers.materials.medium import Medium
 from renderers.threads import run
 from renderers.translucent import _walk, shells
+from renderers.transport.paths import ENDED, EVENT, REACHED
 
 _UNLIMITED = 1 << 40  # events between two surfaces
 

@@ -11,8 +11,8 @@ from bakery.system.compiled import njit
 from renderers.granular import _paths
 from renderers.granular._grains import UNKNOWN, next_surface, scratch
 from renderers.granular.paths import NEVER, Seldom
-from renderers.materials import ENDED, EVENT, REACHED
 from renderers.threads import run
+from renderers.transport.paths import ENDED, EVENT, REACHED
 
 AGAIN = -1  # a path is on a grain, and what is ahead of it is not known
 

@@ -9,10 +9,11 @@ import numpy as np
 from bakery import kernels
 from bakery.kernels import lent, mesh_scratch, relative_density
 from bakery.system.compiled import njit
-from renderers.materials import EVENT, REACHED
+from renderers import wavefront
 from renderers.mitsuba.world import FAR
-from renderers.scattering import Scatterer, flight, flown, mean_phase, scattered
+from renderers.scattering import Scatterer, flight, flown, mean_cosines, mean_phase, scattered
 from renderers.threads import run
+from renderers.transport.paths import ENDED, EVENT, REACHED
 from renderers.wavefront import to_rgb, uniform
 
 _EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
@@ -25,13 +26,15 @@ class Medium:
     scatterer : `renderers.scattering.Scatterer`;  colours : to_rgb (3, L), to_waves (L, 3)
     density : `bakery.kernels.Region` of relative densities, 0 to 1, of a medium whose sigma_t is that at 1; None: 1 everywhere
     sampled : whether light samples reach its events
+    extent : middle (3,) m and radius m of the scene, of a medium without end; None of another
     """
 
     solid, walks = False, False
 
-    def __init__(self, scatterer: Scatterer, colours, density=None, sampled=True):
-        self.scatterer, self.colours, self.sampled = scatterer, colours, sampled
+    def __init__(self, scatterer: Scatterer, colours, density=None, sampled=True, extent=None):
+        self.scatterer, self.colours, self.sampled, self._extent = scatterer, colours, sampled, extent
         self._density = density or _EVERYWHERE
+        self._decay = _decay(scatterer)
         self._most = float(np.max(scatterer.sigma_t)) if density is not None else 0.0
 
     def light_chance(self, share):
@@ -42,7 +45,22 @@ class Medium:
         status = np.empty(paths.count, np.int64)
         run(fly, paths.count, self.scatterer, self._density, self._most, paths, stop, status)
         paths.left_out[status == EVENT] = np.nan
+        if self._extent:
+            self._end_far_out(paths, status)
         return status, ()
+
+    def _end_far_out(self, paths, status):
+        """Roulette of paths at events of a medium without end, by their throughput times the share of light that comes back from
+        out there: by diffusion exp(-k (r - R)) R/r.  Changes the throughput, and the status to ENDED."""
+        middle, radius = self._extent
+        far = np.linalg.norm(paths.origin - middle, axis=1)
+        at = np.flatnonzero((status == EVENT) & (far > radius))
+        chance = np.minimum(1.0, paths.throughput[at].max(axis=1) * np.exp(self._decay * (radius - far[at])) * radius / far[at])
+        numbers, states = np.empty((len(at), 1)), paths.states[at]
+        wavefront.draw(states, numbers)
+        paths.states[at] = states
+        paths.throughput[at] /= np.maximum(chance, 1e-300)[:, None]
+        status[at[numbers[:, 0] >= chance]] = ENDED
 
     def transmittance(self, states, origin, direction, distance, left_out, share):
         run(transmit, len(share), self.scatterer, self._density, self._most, states, origin, direction, distance, share)
@@ -52,6 +70,13 @@ class Medium:
 
     def scatter(self, paths, event):
         run(turn, paths.count, self.scatterer, paths)
+
+
+def _decay(scatterer):
+    """How quickly diffuse light decays with distance, 1/m: of the wavelength that gets farthest."""
+    albedo = scatterer.albedo
+    diffuse = np.sqrt(3 * (1 - albedo) * (1 - albedo * mean_cosines(scatterer)))
+    return float(np.min(scatterer.sigma_t * np.minimum(diffuse, 1.0)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

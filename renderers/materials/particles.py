@@ -9,9 +9,9 @@ import numpy as np
 from bakery.kernels import NO_DISC, lent, mesh_scratch
 from bakery.system.compiled import njit
 from renderers.discrete import _transport
-from renderers.materials import EVENT, REACHED
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
+from renderers.transport.paths import EVENT, REACHED
 
 
 class Particles:

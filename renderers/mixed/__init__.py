@@ -32,8 +32,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Notes
     -----
     EXR layers: order0 (light that no material scattered), order1, order2, orders (three times and more; a grain counts once
-    however often light meets its surface), light.NAME (from each light), noise (standard error), material (the entry in which most
-    paths of the pixel first scattered; -1: none).
+    however often light meets its surface), light.NAME (from each light), noise (standard error), material (the entry in which
+    most paths of the pixel first scattered; -1: none).
     """
     from renderers import passes
     from renderers.mixed import methods

@@ -74,8 +74,18 @@ def scene_of(world, materials, colours) -> Scene:
             blind = [materials[other].region.bounds == BLIND for other in walked]
             interactors.append(Body(one.content, colours, geometry, blind, _sampled(world, one)))
         else:
-            interactors.append(Medium(one.content, colours, one.density, _sampled(world, one)))
+            extent = _extent(world, where) if one.region.layout is None else None
+            interactors.append(Medium(one.content, colours, one.density, _sampled(world, one), extent))
     return Scene(world, tuple(interactors), where, colours, any(one.region.bounds == BLIND for one in materials))
+
+
+def _extent(world, where):
+    """Middle (3,) and radius, m, of a ball around all surfaces, regions and the camera."""
+    corners = [region.box for region in where.regions if region.layout is not None]
+    corners += [] if world.box is None else [world.box]
+    corners = np.concatenate([*corners, np.tile(world.camera.origin, (2, 1))])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-30)
 
 
 def _sampled(world, material):

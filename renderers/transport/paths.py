@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+REACHED, EVENT, ENDED = range(3)  # what a material has taken a path to: where it was to go, an event, nowhere
 UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.granular._grains`)
 
 
@@ -61,8 +62,10 @@ class Paths(NamedTuple):
         return len(self.pixel)
 
     def of(self, chosen) -> Paths:
-        """Some of the paths."""
-        return Paths(*(field[chosen] for field in self))
+        """Some of the paths: a mask (n,), numbers of paths or a slice; copies."""
+        # `take` copies whole rows: a third to two thirds of the time of indexing with a mask
+        rows = np.arange(self.count)[chosen]
+        return Paths(*(field.take(rows, axis=0) for field in self))
 
     def off_grains(self):
         """Where they are no grain is known to be."""

@@ -7,22 +7,25 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from bakery import kernels
+from renderers.discrete import walk
+from renderers.granular import material, paths, transport
 from renderers.granular.paths import Colours
 from renderers.mitsuba.world import World
 from renderers.mixed import build, passes
 from renderers.mixed.build import Material
 from renderers.mixed.contents import Body
 from renderers.translucent.bodies import solid_shape, untabled
-from renderers.transport import places
+from renderers.transport import places, regions
 from tests.odds import sigmas
 from tests.physics.particles import hashed, henyey_greenstein, of_depth
 from tests.physics.test_aggregate import tile
-from tests.physics.test_granular_render import GLASS, MATT, STONE, Kind, grains
-from tests.physics.test_translucent import BOUNDARIES, shape
+from tests.physics.test_granular_render import GLASS, MATT, STONE, Kind, grains, through
+from tests.physics.test_translucent import BOUNDARIES, FLOOR, PANEL, shape
 from tests.physics.test_transport import asset
-from tests.physics.test_transport_media import BALL, DENSITY, cube, sensor
+from tests.physics.test_transport_media import BALL, DENSITY, cube, glass_in_fog, matched_in_a_box, on_a_grid, pictures, sensor
 
 COLOURS = Colours(np.eye(3), np.eye(3))
 WHITE = [1.0] * 3
@@ -56,7 +59,8 @@ def stones(mesh, kinds=(GLASS, MATT), radius=0.4):
 
 
 def body(world, name, albedo, g, free_path):
-    filled, inside = solid_shape(world.shapes(), name, None, lambda key, message: ValueError(message)), scatterer(albedo, g, free_path)
+    filled = solid_shape(world.shapes(), name, None, lambda key, message: ValueError(message))
+    inside = scatterer(albedo, g, free_path)
     return build.material_of(Body(name, filled.vertices, filled.faces, inside, filled.index == 1.0, filled))
 
 
@@ -65,7 +69,7 @@ def averages(world, materials, numbers):
     return np.array([part.render(number)[""] for number in numbers])
 
 
-def white(pictures, most=0.004):
+def white(pictures, most):
     found = pictures.mean(axis=(1, 2, 3))
     error = found.std(ddof=1) / len(found)**0.5
     assert error < most and abs(found.mean() - 1) < sigmas(len(found)) * error
@@ -74,7 +78,7 @@ def white(pictures, most=0.004):
 def test_everything_in_a_white_room(tmp_path):
     """Nothing absorbs: particles in fog, around grains, around and beside bodies, a grid, all of which overlap."""
     glass, matched = moved(BALL, 0.6, (-3, 0, 0)), moved(BALL, 0.5, (3, 0, 0))
-    scene = sensor("0, -8, 1", size=16) + WALLS + shape(tmp_path, "glass", glass, BOUNDARIES[1.4]) \
+    scene = sensor("0, -8, 1", size=12) + WALLS + shape(tmp_path, "glass", glass, BOUNDARIES[1.4]) \
         + shape(tmp_path, "matched", matched, BOUNDARIES[1.0])
     (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{scene}</scene>')
     world = World(tmp_path / "scene.xml")
@@ -84,4 +88,53 @@ def test_everything_in_a_white_room(tmp_path):
         stones(moved(BALL, 0.5, (0, 0, 1.5))),
         medium(places.box((-4, -2, 2), (4, 2, 5)), WHITE, 0.8, (0.5,) * 3, kernels.region_grid((-4, -2, 2), (4, 2, 5), DENSITY)),
         body(world, "glass", WHITE, 0.0, (1.0, 1.5, 2.0)),
-        body(world, "matched", WHITE, 0.5, (0.7,) * 3)], range(16)))
+        body(world, "matched", WHITE, 0.5, (0.7,) * 3)], range(8)), 0.008)
+
+
+# ---- the same as other renderers where they can render it
+
+
+def compared(ours, theirs, most=0.01):
+    """Means by colour of passes, within chance, and both known to a share."""
+    means, errors = zip(*((found.mean(axis=(0, 1, 2)), found.mean(axis=(1, 2)).std(axis=0, ddof=1) / len(found)**0.5)
+                          for found in (ours, theirs)))
+    error = np.hypot(*errors)
+    assert np.all(error < most * means[1])
+    assert np.all(abs(means[0] - means[1]) < sigmas(min(len(ours), len(theirs)), comparisons=3) * error)
+
+
+@pytest.mark.parametrize("scene, most", [(matched_in_a_box, 0.01), (glass_in_fog, 0.05), (on_a_grid, 0.01)])
+def test_media_and_bodies_as_the_loop_of_dr_jit(tmp_path, scene, most):
+    """Which is held against Mitsuba's volpathmis in test_transport_media."""
+    xml, entries, *_ = scene(tmp_path)
+    theirs = pictures(tmp_path, xml, entries, range(16))
+    world = World(tmp_path / "scene.xml")
+    filled = [build.material_of(entry) if isinstance(entry, regions.Medium) else of_body(world, entry) for entry in entries]
+    compared(averages(world, filled, range(8)), theirs, most)
+
+
+def of_body(world, entry):
+    (found,) = (one for one in world.shapes() if one.name == entry.name)
+    return build.material_of(Body(entry.name, entry.vertices, entry.faces, entry.medium, entry.matched,
+                                  found._replace(vertices=entry.vertices, faces=entry.faces)))
+
+
+def lit(folder):
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{sensor("0, -8, 1", size=48)}{FLOOR}{PANEL}</scene>')
+    return World(folder / "scene.xml")
+
+
+def test_particles_as_their_own_renderer(tmp_path):
+    world, alone = lit(tmp_path), particles((-4, -4, -4), (4, 4, 4), 0.4, albedo=0.8)
+    theirs = [walk.one_pass(world, walk.Discs(alone.content), world.camera, 48, 48, number, 1, discrete=np.full((48, 48), np.inf),
+                            lights=1)[0].sum(axis=0) for number in range(16)]
+    compared(averages(world, [alone], range(4)), np.array(theirs), 0.02)
+
+
+def test_grains_as_their_own_renderer(tmp_path):
+    world, alone = lit(tmp_path), stones(BALL)
+    around = material.occupied_by(world, alone.content.aggregate, alone.content.unit)
+    alike = through(paths.Explicit(alone.content, around, COLOURS))
+    theirs = [transport.one_pass(world, alike, world.camera, 48, 48, number, 1).by_order.sum(axis=0).reshape(48, 48, 3)
+              for number in range(16)]
+    compared(averages(world, [alone], range(4)), np.array(theirs), 0.02)
