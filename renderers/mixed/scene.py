@@ -8,6 +8,7 @@ from bakery.errors import Problem
 from bakery.grammar import fields
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner
 from renderers.common import node_at
+from renderers.entries import methods
 
 # kind -> methods that may stand beside other materials; the first one is what `auto` is
 METHODS = {"particles": ("particles", "continuous"), "grains": ("ept", "vpt"), "medium": ("paths",), "body": ("paths",)}
@@ -37,7 +38,7 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             continue
         key = f"materials[{number}]"
         kind, method = values[f"{key}.as"], values[f"{key}.method"]
-        if method not in ("auto", *METHODS[kind]):
+        if method in methods(kind) and method not in ("auto", *METHODS[kind]):  # of others all renderers say it
             stated = next((at["method"] for at in (entry, root) if isinstance(at.get("method"), Scalar)), None)
             found, expected = f"found {method} beside other materials", f"expected {fields.one_of(['auto', *METHODS[kind]])}"
             yield owner(stated or entry).problem(found, expected, key=f"{key}.method")

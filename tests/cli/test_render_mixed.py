@@ -1,0 +1,120 @@
+"""`bake render SCENE.yaml` of several materials as a user calls it: report, layers, the same bytes, resuming, what is refused."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from bakery.cli import status_of
+from bakery.physics.shapes.radial import icosphere
+from bakery.store import ply
+from tests.exr import layers
+
+RECIPES = {
+    "mist": 'medium: {albedo: [0.9, 0.8, 0.7], mean_free_path: "[90, 80, 70] cm", phase: {type: hg, g: 0.7}}',
+    "jelly": 'medium: {albedo: [0.9, 0.8, 0.7], mean_free_path: "[3, 2, 1] mm", phase: {type: hg, g: 0.3}}',
+    "drops": """tolerance: 20%
+particles:
+  host: air
+  number_density: 4e5 /m^3
+  components: [{name: drops, material: water, size: {distribution: single, radius: 400 um}}]
+discrete: {count: 2000, box: [20 cm, 20 cm, 20 cm], seed: 3, method: procedural}""",
+    "beads": """tolerance: 20%
+grains:
+  radius: 3 mm
+  components: [{name: bead, shape: {type: sphere}, surface: {type: diffuse, reflectance: [0.7, 0.6, 0.5]}}]
+packing: {fraction: 0.5, count: 60}
+effective_medium: {sigma_t: mean_flight}""",
+}
+SCENE = """\
+bakery_scene: 2
+name: all
+scene: {mitsuba: room.xml, unit: 1 m}
+stop: {samples: 1}
+film: {width: 24, height: 18}
+materials:
+  - {where: everywhere, recipe: mist.yaml}
+  - {where: {box: {lo: [-10, -10, 1] cm, hi: [10, 10, 21] cm}}, recipe: drops.yaml}
+  - {where: {mesh: heap.ply, unit: 1 m}, recipe: beads.yaml}
+  - {where: {shape: jelly}, recipe: jelly.yaml, boundary: {index: 1.35}}
+"""
+XML = """<scene version="3.0.0">
+<sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="0, -0.5, 0.15"
+target="0, 0, 0.03" up="0, 0, 1"/></transform><film type="hdrfilm"/></sensor>
+<shape type="rectangle" id="floor"><bsdf type="diffuse"/></shape>
+<shape type="ply" id="jelly"><string name="filename" value="ball.ply"/><transform name="to_world"><translate x="0.06" y="0.05"
+z="0.031"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.35"/></bsdf></shape>
+<shape type="rectangle" id="panel"><transform name="to_world"><scale value="0.2"/><rotate x="1" angle="180"/><translate z="0.5"/>
+</transform><emitter type="area"><rgb name="radiance" value="3 3 3"/></emitter></shape></scene>"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("mixed")
+    for name, text in RECIPES.items():
+        (made / f"{name}.yaml").write_text(f"bakery: 1\nname: {name}\nwavelengths: rgb\n{text}\n")
+    (made / "all.yaml").write_text(SCENE)
+    (made / "room.xml").write_text(XML)
+    vertices, faces = icosphere(320)
+    (made / "ball.ply").write_bytes(ply.mesh(0.03 * vertices, faces))
+    (made / "heap.ply").write_bytes(ply.mesh(0.03 * vertices + [-0.05, 0, 0.03], faces))
+    return made
+
+
+@pytest.fixture
+def call(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("BAKERY_CACHE", str(folder / "cache"))
+
+    def called(*arguments):
+        status = status_of(["render", "all.yaml", "--json", *arguments])
+        output = capsys.readouterr()
+        return status, json.loads(output.out) if output.out.startswith("{") else None, output.err
+
+    return called
+
+
+def rendered(call, output, *arguments):
+    status, report, error = call("-o", output, *arguments)
+    assert status == 0, error
+    return report, layers(output.replace(".png", ".exr"))
+
+
+def test_report_and_layers(call):
+    report, found = rendered(call, "one.png")
+    entries = [(entry["kind"], entry["method"], entry["bias"]) for entry in report["materials"]]
+    assert entries == [("medium", "paths", 0), ("particles", "particles", 0), ("grains", "ept", 0), ("body", "paths", 0)]
+    assert report["renderer"] == "mixed" and report["bias"] == 0
+    orders = sum(found[f"{name}.G"].astype(float) for name in ("order0", "order1", "order2", "orders"))
+    assert np.allclose(orders, found["G"], rtol=1e-3, atol=1e-6) and np.allclose(found["light.panel.G"], found["G"], atol=1e-5)
+    assert {0, 2, 3} <= set(np.unique(found["material"])), "the entry that most paths of a pixel first scatter in"
+
+
+def test_same_seed_same_bytes_and_resumed(call):
+    first = rendered(call, "first.png", "--set", "stop.samples=128")[1]
+    again = rendered(call, "again.png", "--set", "stop.samples=128")[1]
+    resumed = rendered(call, "again.png", "--set", "stop.samples=128", "--resume")[1]
+    assert all(np.array_equal(first[name], again[name]) for name in first)
+    assert all(np.array_equal(first[name], resumed[name]) for name in first)
+
+
+def test_where_all_is_continuous_one_loop_renders(call):
+    report, found = rendered(call, "loop.png", "--set", "materials[1].method=continuous", "--set", "materials[2].method=vpt")
+    assert [entry["bias"] for entry in report["materials"]] == [0, None, None, 0] and report["bias"] is None
+    assert any("no particle is told apart" in reason for reason in report["materials"][1]["reasons"])
+    assert set(np.unique(found["material"])) <= {-1, 0, 1, 2, 3} and 3 in found["material"]
+
+
+@pytest.mark.parametrize("setting, message", [
+    ("materials[1].method=query", "materials[1].method: found query beside other materials; expected auto, particles or continuous"),
+    ("materials[3].method=dipole", "materials[3].method: found dipole beside other materials; expected auto or paths"),
+    ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their medium beside"),
+    ("materials[3].boundary.tables=none", "found tables, and method paths reads no tables beside other materials"),
+    ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),
+    ("film.wavelengths=rgb", "materials are rendered at the wavelengths of their assets"),
+])
+def test_what_is_refused(call, setting, message):
+    status, _, error = call("--set", setting, "-o", "none.png")
+    assert status == 2 and message in error, error
