@@ -302,7 +302,7 @@ def problems(root: Mapping, values: dict, entries: list[Known]) -> Iterator[Prob
             grids = ("fraction", *(f"mixture.{name}" for name in names_at(entry.get("mixture"))))
             for below in ("where.box", "where", *grids):
                 yield from box_problems(root, values, f"materials[{i}].{below}")
-    yield from _shapes(root, values, len(entries))
+    yield from _places(root, values, len(entries))
 
 
 def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
@@ -336,14 +336,15 @@ def _words(kind: str) -> list[str]:
     return [written[place] for place in PLACES[kind]]
 
 
-def _shapes(root: Mapping, values: dict, count: int) -> Iterator[Problem]:
-    """A shape that two entries fill; shapes without a Mitsuba scene."""
-    named: dict[str, str] = {}
+def _places(root: Mapping, values: dict, count: int) -> Iterator[Problem]:
+    """A shape, or all the rest, that two entries fill; shapes without a Mitsuba scene."""
+    taken: dict[str, str] = {}
     for i in range(count):
-        key = f"materials[{i}].where.shape"
-        name = values.get(key)
-        if name is not None and named.setdefault(name, key) != key:
-            yield node_at(root, key).place.problem(f"found {show(name)}, which is {named[name].removesuffix('.where.shape')} "
-                                                   "already", "expected each shape once")
-    if named and node_at(root, "scene") is None:
+        entry = f"materials[{i}]"
+        shape = values.get(f"{entry}.where.shape")
+        node = node_at(root, f"{entry}.where" if shape is None else f"{entry}.where.shape")
+        name = shape if shape is not None else "everywhere" if _place(node) == "everywhere" else None
+        if name is not None and taken.setdefault(name, entry) != entry:
+            yield owner(node).problem(f"found {show(name)}, which is {taken[name]} already", "expected each place once")
+    if any(values.get(f"materials[{i}].where.shape") is not None for i in range(count)) and node_at(root, "scene") is None:
         yield owner(root).problem("missing", "expected scene: {mitsuba: …}, with the shapes that are bodies", key="scene")

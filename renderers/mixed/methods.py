@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from renderers.mixed import build, contents
 from renderers.mixed import passes as wavefronts
 from renderers.mixed.scene import STAND_INS, chosen
 from renderers.mixed.spectra import BANDS, Spectra
 from renderers.passes import Method
 
+MOST_IN_A_LOOP = 32  # media: more than that go through wavefronts (`renderers.transport.scene.MOST`)
 _MATERIAL = 16  # paths of a pixel that layer `material` is made of where no pass counts them
 
 
@@ -17,6 +20,7 @@ def prepare(job, world, seed) -> Method:
     spectra = Spectra.of(assets)
     found = [contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
     _refuse_overlap(scene, found)
+    _refuse_twins(scene, found)
     reasons = [BANDS] * spectra.bands + [reason for one in found for reason in one.reasons]
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     listed = [{"kind": entry.kind, "method": name, "bias": None if name in STAND_INS else 0.0, "reasons": list(one.reasons),
@@ -25,7 +29,8 @@ def prepare(job, world, seed) -> Method:
     figures = {"materials": listed, "bias": 0.0 if exact else None}
     name = " and ".join(dict.fromkeys(entries))
     what = [one.what for one in found]
-    if not any(isinstance(one, contents.Particles | contents.Grains) for one in what):
+    continuous = not any(isinstance(one, contents.Particles | contents.Grains) for one in what)
+    if continuous and len(what) <= MOST_IN_A_LOOP:
         return _in_one_loop(name, world, what, spectra.colours, seed, reasons, figures)
     room = build.scene_of(world, [build.material_of(one) for one in what], spectra.colours)
     part = wavefronts.part("paths", room, seed)
@@ -42,6 +47,21 @@ def _in_one_loop(name, world, what, colours, seed, reasons, figures):
         return figures | {"layers": {"material": passes.materials(world, what, colours, seed, _MATERIAL).astype("float32")}}
 
     return Method(name, (part,), reasons, after)
+
+
+def _refuse_twins(scene, found):
+    """UsageError where a box, or a grid's, is that of an entry before: which of them is the innermost nobody could say."""
+    boxes: list[tuple[int, np.ndarray]] = []
+    for number, one in enumerate(found):
+        region = getattr(one.what, "region", None)
+        if not hasattr(region, "lo") or hasattr(region, "nodes") and region.nodes.size > 1:
+            continue
+        box = np.array([region.lo, region.hi], float)
+        for other, known in boxes:
+            if np.allclose(box, known, rtol=0, atol=1e-9 * float(np.ptp(known, axis=0).max())):
+                raise scene.wrong(f"materials[{number}].where", f"found the box of materials[{other}], so that neither is inside "
+                                  "of the other; a larger or a smaller one would do")
+        boxes.append((number, box))
 
 
 def _refuse_overlap(scene, found):

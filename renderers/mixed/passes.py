@@ -10,7 +10,7 @@ from renderers.progressive import Part
 from renderers.transport import waves
 
 LAYERS = ("order0", "order1", "order2", "orders")
-_PATHS, _SAMPLES = 1 << 16, 64  # of a pass, at most, where a pixel has several; and of a pixel
+_PATHS, _SAMPLES = 1 << 16, 16  # of a pass, at most, where a pixel has several; and of a pixel
 _FIRST = "first"  # layers: shares of a pixel's paths that materials were the first to scatter, three a layer
 
 
