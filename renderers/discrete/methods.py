@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers import budget, colour
-from renderers.discrete import detail, explicit, place, query, splat, walk
+from renderers.discrete import continuum, detail, explicit, place, query, splat, walk
 from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
 from renderers.passes import Method
 from renderers.progressive import Part
@@ -32,6 +32,7 @@ class Setup(NamedTuple):
     discs: object
     medium: Medium
     order: np.ndarray
+    scene: object
 
 
 def prepare(job, world, seed, tolerance=None) -> Method:
@@ -51,8 +52,8 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     passes, depth, reasons = _METHODS[name](setup, tolerance, seed)
     lights = world.light_names
     everywhere = np.full((height, width), np.inf) if depth is None else depth
-    parts = tuple(Part(part, _pass(function, world, what, height, width, seed, everywhere, lights))
-                  for part, function, what in passes)
+    parts = tuple(each if isinstance(each, Part) else
+                  Part(each[0], _pass(*each[1:], world, height, width, seed, everywhere, lights)) for each in passes)
     more = _figures(setup, depth) | {"layers": _layers(depth)}
     return Method(name, parts, [peak_sentence(setup.classes, angle), *reasons], lambda estimate: more)
 
@@ -76,14 +77,15 @@ def _setup(job, world, angle) -> Setup:
     place.check_motion(job.scene, group, region)
     discs = place.discs_of(group, region, settings.velocity, settings.time)
     tabulated, order = medium(classes, discs, to_rgb, to_waves)
-    return Setup(settings, group, world, region, waves, bands, baked, classes, discs, tabulated, order)
+    return Setup(settings, group, world, region, waves, bands, baked, classes, discs, tabulated, order, job.scene)
 
 
-# ---- each method: its passes (name, function, what it takes), depths of particles, reasons
+# ---- each method: its passes (parts, or name, function, what it takes), depths of particles, reasons
 
 
 def _continuous(setup, tolerance, seed):
-    return [("walk", walk.one_pass, walk.Discs(setup.medium, later=0.0))], np.zeros(setup.world.size), []
+    part = continuum.part(setup, seed) or ("walk", walk.one_pass, walk.Discs(setup.medium, later=0.0))
+    return [part], np.zeros(setup.world.size), []
 
 
 def _particles(setup, tolerance, seed):
@@ -142,7 +144,7 @@ def _explicit(setup, tolerance, seed):
 _METHODS = {"auto": _auto, "particles": _particles, "continuous": _continuous, "query": _query, "explicit": _explicit}
 
 
-def _pass(function, world, what, height, width, seed, depth, lights):
+def _pass(function, what, world, height, width, seed, depth, lights):
     """A pass as `Part` takes it: its number -> layers."""
 
     def one(number):

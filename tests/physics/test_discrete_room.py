@@ -5,16 +5,21 @@ Nothing absorbs, so radiance is 1 everywhere, whatever scatters.  Comparisons go
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from renderers.discrete import explicit, splat, walk
+from bakery import kernels
+from bakery.physics.shapes.radial import icosphere
+from renderers.discrete import continuum, explicit, splat, walk
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import sigmas
-from tests.physics.particles import averaged, hashed, henyey_greenstein, of_depth, passes
+from tests.physics.particles import CUBE, averaged, hashed, henyey_greenstein, of_depth, passes
 
 SIZE, PASSES = (9, 12), 12
+ORDERS = "order0", "order1", "order2", "orders"
 ROOM = """<scene version="3.0.0">
 <shape type="cube"><boolean name="flip_normals" value="true"/>
 <transform name="to_world"><scale value="2"/><translate x="0.5" y="0.5" z="0.5"/></transform>
@@ -33,6 +38,12 @@ def room(folder):
     path = folder / "room.xml"
     path.write_text(ROOM)
     return World(path)
+
+
+class Group(dict):
+    """Datasets of an asset."""
+
+    __getattr__ = dict.__getitem__
 
 
 def picture(world, method, medium, numbers):
@@ -68,3 +79,35 @@ def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
     error = np.hypot(error, other)
     assert error < 0.035 * expected and expected < 0.9
     assert abs(mean - expected) < sigmas(PASSES) * error
+
+
+@pytest.mark.parametrize("where, host", [("box", 0.3), slow("grid", 0.0), slow("mesh", 0.0)])
+def test_the_loop_is_the_walk_through_the_continuous_medium(tmp_path, where, host):
+    """By order and by light: in a host that absorbs light, where more of the particles are in some places, and in a mesh."""
+    world, density, (vertices, faces) = room(tmp_path), np.random.default_rng(1).random((3, 4, 5)), icosphere(80)
+    ball = Group(mesh_vertices=0.5 * vertices + 0.5, mesh_faces=faces)
+    region, group = {"box": (CUBE, Group()), "mesh": (kernels.region_mesh(ball.mesh_vertices, faces), ball),
+                     "grid": (kernels.region_grid(np.zeros(3), np.ones(3), density), Group(density=density))}[where]
+    medium = hashed(of_depth(4.0, 20_000, albedo=0.9, phase=henyey_greenstein(0.6), host=host), region)
+    part = continuum.part(SimpleNamespace(world=world, medium=medium, region=region, group=group,
+                                          settings=SimpleNamespace(where=None)), 0)
+    loop = [part.render(number) for number in range(2 * PASSES)]
+    walked = [walk.one_pass(world, walk.Discs(medium, 0.0), world.camera, *SIZE, number, 0, discrete=np.zeros(SIZE), lights=1)
+              for number in range(4 * PASSES)]
+    (light,) = (f"light.{name}" for name in world.light_names)
+    compared = [([layers[name] for layers in loop], [by_order[order] for by_order, _ in walked])
+                for order, name in enumerate(ORDERS)]
+    compared.append(([layers[light] for layers in loop], [by_light[0] for _, by_light in walked]))
+    whole = np.mean([layers[""] for layers in loop])
+    for ours, theirs in compared:
+        (mean, error), (expected, other) = (averaged(np.mean(pictures, axis=(1, 2, 3))) for pictures in (ours, theirs))
+        error = np.hypot(error, other)
+        assert error < 0.02 * whole
+        assert abs(mean - expected) < sigmas(2 * PASSES, comparisons=len(compared)) * error
+
+
+def test_a_host_that_absorbs_light_in_the_box_of_a_mesh_is_left_to_the_walk(tmp_path):
+    """It absorbs in all of the box, where the medium is in the mesh alone."""
+    region = kernels.region_mesh(*icosphere(80))
+    medium = hashed(of_depth(4.0, 20_000, host=0.3), region)
+    assert continuum.part(SimpleNamespace(medium=medium, region=region), 0) is None
