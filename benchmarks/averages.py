@@ -38,7 +38,7 @@ RGB = (0.610, 0.550, 0.465)
 
 def size(distribution, **given):
     return SimpleNamespace(**(dict(distribution=distribution, radius=None, sigma=None,
-                           variance=None, min=None, max=None, table=None, of=()) | given))
+                           variance=None, min=None, max=None, file=None, of=()) | given))
 
 
 def lognormal(radius, sigma, low=None, high=None):

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import bakery
 from bakery.cli import status_of
-from bakery.export import medium_of, scattering_of
 from bakery.export.blender import cycles_medium
+from bakery.export.medium import medium_of, scattering_of
 from bakery.export.mitsuba import fragments
 from bakery.export.one_lobe import one_lobe
 from bakery.physics.medium.lobe_fits import hg_draine

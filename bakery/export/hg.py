@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from bakery.draw.files import csv_text
-from bakery.export import medium_of, scattering_of
 from bakery.export.fits import LABELS, lobe_fits
+from bakery.export.medium import medium_of, scattering_of
 from bakery.physics.medium.lobe_fits import Fit, fits
 from bakery.physics.medium.lobes import Misfit
 from bakery.store.tree import Group

@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from bakery.export import Scattering, medium_of, scattering_of, without_peak
+from bakery.export.medium import Scattering, medium_of, scattering_of, without_peak
 from bakery.physics.medium.regular import Loss, adaptive_table, loss, regular_table
 from bakery.store.tree import Group
 

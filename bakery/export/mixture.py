@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from bakery.export import Scattering, medium_of, scattering_of, without_peak
+from bakery.export.medium import Scattering, medium_of, scattering_of, without_peak
 from bakery.physics.medium.lobes import Lobes, Misfit, misfit
 from bakery.physics.medium.phase import mean_cosine
 from bakery.store.tree import Group

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from bakery.errors import UsageError
 from bakery.store.container import FORMAT
@@ -19,7 +20,20 @@ HEAD = 1 << 16  # bytes that decide a file's kind
 ASSET, PAGE, DEPFILE = "asset", "HTML page", "depfile"
 
 
-def _text(pattern: str):
+class FileKind(NamedTuple):
+    """A kind of files that is not among `KINDS`.
+
+    Attributes
+    ----------
+    name : for people
+    recognised : function of the first `HEAD` bytes of a file: whether it is one
+    """
+
+    name: str
+    recognised: Callable[[bytes], bool]
+
+
+def begins_as_text(pattern: str):
     """Whether a file begins as text in which a pattern is found."""
     expression = re.compile(pattern.encode(), re.MULTILINE)
     return lambda head: b"\0" not in head and expression.search(head) is not None
@@ -29,36 +43,27 @@ def _text(pattern: str):
 KINDS = {
     ASSET: lambda head: head.startswith(FORMAT.encode() + b" "),
     PAGE: lambda head: head.lower().startswith(b"<!doctype html"),
-    DEPFILE: _text(r"\A[^\n]+: \\\n  [^\n]"),  # as bakery writes it: one file a line
+    DEPFILE: begins_as_text(r"\A[^\n]+: \\\n  [^\n]"),  # as bakery writes it: one file a line
     "PNG picture": lambda head: head.startswith(b"\x89PNG\r\n\x1a\n"),
     "EXR picture": lambda head: head.startswith(b"\x76\x2f\x31\x01"),
-    "SVG drawing": _text(r"<svg\b"),
-    "CSV table": _text(r"\A[^\n]*(,|\]\r?$)"),
-    "JSON file": _text(r"\A\s*[\[{]"),
+    "SVG drawing": begins_as_text(r"<svg\b"),
+    "CSV table": begins_as_text(r"\A[^\n]*(,|\]\r?$)"),
+    "JSON file": begins_as_text(r"\A\s*[\[{]"),
     "PLY file": lambda head: head.startswith(b"ply\n"),
-    "OBJ file": _text(r"^[ov] "),
-    "XYZ file": _text(r"\A\d+\n"),
-    "Mitsuba scene": _text(r"<scene\b"),
-    "pbrt file": _text(r"^MakeNamedMedium "),
-    "MaterialX document": _text(r"<materialx\b"),
-    "USD layer": lambda head: head.startswith(b"#usda "),
-    "Blender script": _text(r"\A# A baked medium for Cycles "),
-    "recipe": _text(r"^bakery\s*:"),
-    "text": _text(r""),
+    "recipe": begins_as_text(r"^bakery\s*:"),
+    "text": begins_as_text(r""),
 }
 _BY_SUFFIX = {".html": PAGE, ".png": "PNG picture", ".exr": "EXR picture", ".svg": "SVG drawing", ".csv": "CSV table",
-              ".json": "JSON file", ".ply": "PLY file", ".obj": "OBJ file", ".xyz": "XYZ file", ".xml": "Mitsuba scene",
-              ".pbrt": "pbrt file", ".mtlx": "MaterialX document", ".usda": "USD layer",
-              ".py": "Blender script", ".yaml": "recipe", ".txt": "text"}
+              ".json": "JSON file", ".ply": "PLY file", ".yaml": "recipe", ".txt": "text"}
 
 
-def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str]], inputs: Iterable[str | os.PathLike] = (),
+def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], inputs: Iterable[str | os.PathLike] = (),
                   overwrite: bool = False) -> None:
     """UsageError unless each output may be written.
 
     Parameters
     ----------
-    outputs : paths, each with the kind of file that goes there (a key of `KINDS`)
+    outputs : paths, each with the kind of file that goes there: a key of `KINDS`, or a `FileKind`
     inputs : every file that the command reads
     overwrite : replace files of other kinds; inputs never are
     """
@@ -74,15 +79,17 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str]], inputs: Iter
             if same_file(path, other):
                 raise UsageError(f"{shown}: two outputs of this call would be this one file; give each its own name")
         if not overwrite and not _may_replace(path, kind):
-            article = "an" if kind[0] in "aeHSX" else "a"
-            raise UsageError(f"{shown}: a file stands there that is not {article} {kind}, so it is not replaced; "
+            name = kind if isinstance(kind, str) else kind.name
+            article = "an" if name[0] in "aeHSX" else "a"
+            raise UsageError(f"{shown}: a file stands there that is not {article} {name}, so it is not replaced; "
                              "name another output, or say --overwrite")
         before.append(path)
 
 
-def by_suffix(paths: Iterable[str | os.PathLike]) -> list[tuple[str | os.PathLike, str]]:
-    """Paths with the kinds that their endings stand for: of files whose names bakery chooses."""
-    return [(path, _BY_SUFFIX[Path(path).suffix.lower()]) for path in paths]
+def by_suffix(paths: Iterable[str | os.PathLike], own: Mapping[str, FileKind] | None = None):
+    """Paths with the kinds that their endings stand for, those of `own` first: of files whose names bakery chooses."""
+    kinds = _BY_SUFFIX | dict(own or {})
+    return [(path, kinds[Path(path).suffix.lower()]) for path in paths]
 
 
 def same_file(a: str | os.PathLike, b: str | os.PathLike) -> bool:
@@ -95,7 +102,7 @@ def same_file(a: str | os.PathLike, b: str | os.PathLike) -> bool:
         return False  # one of them is not there
 
 
-def _may_replace(path: str | os.PathLike, kind: str) -> bool:
+def _may_replace(path: str | os.PathLike, kind: str | FileKind) -> bool:
     """Whether nothing is there, nothing is in it, or it is of this kind."""
     try:
         with open(path, "rb") as file:
@@ -104,4 +111,4 @@ def _may_replace(path: str | os.PathLike, kind: str) -> bool:
         return True
     except OSError:
         return False  # what cannot be looked at is not ours to replace
-    return not head or KINDS[kind](head)
+    return not head or (KINDS[kind] if isinstance(kind, str) else kind.recognised)(head)

@@ -369,7 +369,7 @@ def test_lobes_load_in_stock_mitsuba():
 
 
 def test_the_published_fit_is_for_water_in_air():
-    from bakery.cli.export import _water_in_air
+    from bakery.export.formats.hg import _water_in_air
 
     found = {path.stem: _water_in_air(path.read_text()) for path in (ROOT / "recipes").glob("*.yaml")}
     assert sorted(name for name, water in found.items() if water) == ["clouds", "drizzle", "drizzle_particles", "fog", "fog_glow",

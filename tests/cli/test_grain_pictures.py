@@ -11,7 +11,7 @@ import pytest
 import bakery
 from bakery.draw import _meshes
 from bakery.draw.picture import drawn
-from bakery.export import scattering_of
+from bakery.export.medium import scattering_of
 from bakery.physics.medium.phase import integral, mean_cosine
 from bakery.physics.shapes.build import build
 from bakery.physics.shapes.files import triangles

@@ -8,6 +8,7 @@ import pytest
 
 import bakery
 from bakery.errors import UsageError
+from bakery.export.formats import exporters
 from bakery.store.outputs import KINDS, check_outputs
 from bakery.store.write import write
 from tests.conftest import DROPS, MILK
@@ -150,15 +151,17 @@ def test_each_kind_is_told_from_the_others(tmp_path):
                 "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "pbrt file": b"# fog\nMakeNamedMedium \"fog\"\n",
                 "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n",
                 "Blender script": b"# A baked medium for Cycles in Blender 5.\n", "text": b"whatever"}
-    assert examples.keys() == KINDS.keys()
+    declared = {kind.name: kind for exporter in exporters().values() for kind in exporter.kinds.values()}
+    kinds = dict(zip(KINDS, KINDS)) | declared
+    assert examples.keys() == kinds.keys()
     for kind, data in examples.items():
         (tmp_path / "file").write_bytes(data)
-        for other in KINDS:
+        for other, asked in kinds.items():
             if other == kind:
-                check_outputs([(tmp_path / "file", other)])
+                check_outputs([(tmp_path / "file", asked)])
             elif other not in ("text", "JSON file", "CSV table", "OBJ file"):
                 with pytest.raises(UsageError, match="that is not an? " + other):
-                    check_outputs([(tmp_path / "file", other)])
+                    check_outputs([(tmp_path / "file", asked)])
     for data in (NOTES.encode(), MILK.encode(), b"\0\1"):
         (tmp_path / "file").write_bytes(data)
         for kind in ("asset", "HTML page", "depfile", "PNG picture", "EXR picture", "SVG drawing", "JSON file", "PLY file"):

@@ -19,7 +19,7 @@ ANGLES = np.radians([0, 10, 60, 90, 140, 180])
 
 
 def size(distribution, **given):
-    values = dict(radius=None, sigma=None, variance=None, min=None, max=None, table=None, of=())
+    values = dict(radius=None, sigma=None, variance=None, min=None, max=None, file=None, of=())
     return SimpleNamespace(distribution=distribution, **(values | given))
 
 

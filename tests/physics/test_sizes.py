@@ -17,7 +17,7 @@ K = 2 * math.pi / np.array([0.61, 0.465])
 
 
 def size(distribution, **given):
-    values = dict(radius=None, sigma=None, variance=None, min=None, max=None, table=None, of=())
+    values = dict(radius=None, sigma=None, variance=None, min=None, max=None, file=None, of=())
     return SimpleNamespace(distribution=distribution, **(values | given))
 
 
@@ -64,7 +64,7 @@ def test_upper_tail_keeps_its_digits():
 
 
 def test_table_is_linear_between_rows_and_integrated_exactly():
-    p = population(size("table", table=(np.array([1.0, 3.0]), np.array([0.0, 5.0]))))
+    p = population(size("table", file=(np.array([1.0, 3.0]), np.array([0.0, 5.0]))))
     # dn/dr = (r - 1)/2 on [1, 3]
     assert p.moment(0) == pytest.approx(1, rel=1e-15)
     assert p.moment(1) == pytest.approx((27 - 1) / 6 - (9 - 1) / 4, rel=1e-14)
@@ -94,7 +94,7 @@ def test_sigma_one_is_a_single_size():
     (size("single", radius=1.0, max=0.5), "between min"),
     (size("gamma", radius=1.0, variance=0.5), "0.5"),
     (size("lognormal", radius=1.0, sigma=0.9), "sigma"),
-    (size("table", table=(np.array([1.0, 2.0]), np.array([0.0, 0.0]))), "zero"),
+    (size("table", file=(np.array([1.0, 2.0]), np.array([0.0, 0.0]))), "zero"),
 ])
 def test_impossible_distributions_are_refused(s, words):
     with pytest.raises(ValueError, match=words):
@@ -105,7 +105,7 @@ SIZES = [
     size("lognormal", radius=5.0, sigma=1.5, min=0.1, max=60.0), size("lognormal", radius=0.02, sigma=3.0),
     size("lognormal", radius=5.0, sigma=1.0001), size("lognormal", radius=5.0, sigma=1.5, min=4.0, max=6.0),
     size("gamma", radius=5.0, variance=0.1), size("gamma", radius=5.0, variance=0.45), size("gamma", radius=5.0, variance=1e-8),
-    size("table", table=(np.array([0.0, 1.0, 1.0001, 5.0]), np.array([0.0, 0.0, 1.0, 0.0]))),
+    size("table", file=(np.array([0.0, 1.0, 1.0001, 5.0]), np.array([0.0, 0.0, 1.0, 0.0]))),
     size("mixture", of=((0.995, size("lognormal", radius=5.0, sigma=1.5)), (0.005, size("single", radius=50.0))),
          min=1.0, max=60.0),
     size("single", radius=1e-9),

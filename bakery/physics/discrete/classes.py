@@ -16,7 +16,7 @@ import numpy as np
 
 from bakery.physics.averages import Component, Rays, averages, expected
 from bakery.physics.medium import phase
-from bakery.physics.sizes.distributions import Part, Population, Single
+from bakery.physics.sizes.distributions import Part, Population
 
 MOST = 64  # classes of all components together
 RATIO = 1.25  # of the edges of a class
@@ -78,7 +78,7 @@ def classes(population: Population, most: int = MOST, exactly: int | None = None
 
 def _edges(population, most, exactly):
     """Edges of the classes, um; (2,) equal ones for a single size."""
-    single = sorted({part.law.radius for part in population.parts if isinstance(part.law, Single)})
+    single = sorted({part.law.radius for part in population.parts if part.law.discrete})
     if population.single and len(single) <= (exactly or most):
         middle = [math.sqrt(a * b) for a, b in zip(single, single[1:])]
         return np.array([single[0], *middle, single[-1]])
@@ -108,7 +108,7 @@ def _cut(population, low, high, first, last):
     parts = []
     for part in population.parts:
         lower, upper = max(part.lower, low), min(part.upper, high)
-        if isinstance(part.law, Single):
+        if part.law.discrete:
             share = part.share if low <= part.law.radius < high else 0.0
         elif lower < upper:
             share = part.share * part.law.moment(0, lower, upper) / part.law.moment(0, part.lower, part.upper)

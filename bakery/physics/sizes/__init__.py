@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from bakery.physics.sizes.distributions import Gamma, Lognormal, Population, Single, Table, population
+from bakery.physics.sizes.distributions import MIXTURE, Part, Population, laws, population
+from bakery.physics.sizes.gamma import Gamma
+from bakery.physics.sizes.lognormal import Lognormal
 from bakery.physics.sizes.nodes import Nodes, tails
+from bakery.physics.sizes.single import Single
+from bakery.physics.sizes.table import Table
 
-__all__ = ["Gamma", "Lognormal", "Nodes", "Population", "Single", "Table", "population", "tails"]
+__all__ = ["MIXTURE", "Gamma", "Lognormal", "Nodes", "Part", "Population", "Single", "Table", "laws", "population", "tails"]

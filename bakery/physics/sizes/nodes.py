@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.sizes.distributions import Part, Population, Single
+from bakery.physics.sizes.distributions import Part, Population
 
 LAST_NODES = 2**18  # nodes of a part at the last level; in a mixture the finest part may have four times as many
 _FIRST_STEP = 4.0  # step in size parameter, at the sizes that scatter most, of the first level: a coarser one is useless
@@ -62,10 +62,10 @@ class Nodes:
 
     def __init__(self, population: Population, wavenumber, tolerance: float, count: int | None = None, coarse: bool = False):
         k = np.atleast_1d(np.asarray(wavenumber, float))
-        single = [part for part in population.parts if isinstance(part.law, Single)]
+        single = [part for part in population.parts if part.law.discrete]
         self._fixed = (np.array([part.law.radius for part in single], float), np.array([part.share for part in single], float))
         self.wavenumber = float(k.max())
-        self._parts = [part for part in population.parts if not isinstance(part.law, Single)]
+        self._parts = [part for part in population.parts if not part.law.discrete]
         self.counted = count is not None
         self._maps, self.first = [], []  # `first`: nodes of each part's first level
         # (size parameter at the shortest wavelength, relative width) of each part, weighted by r^2.5
@@ -127,8 +127,8 @@ class Nodes:
 def _rule(part: Part, grid: _Map, i, count):
     s, rho = grid.at(i / count)
     r = np.clip(np.exp(s), part.lower, part.upper)
-    if hasattr(part.law, "radius") and isinstance(part.law.radius, tuple):
-        r = np.clip(r, part.law.radius[0], part.law.radius[-1])
+    if part.law.bends:
+        r = np.clip(r, part.law.bends[0], part.law.bends[-1])
     number = part.share / part.law.moment(0, part.lower, part.upper)
     weight = number * part.law.density(r) * r / rho / count
     weight[(i == 0) | (i == count)] *= 0.5
@@ -176,9 +176,8 @@ def _prepare(part: Part, k, tolerance):
 
 def _fine(part: Part, low, high, count=4097):
     s = np.linspace(low, high, count)
-    rows = getattr(part.law, "radius", 0.0)
-    if isinstance(rows, tuple):
-        rows = np.log(np.array([r for r in rows if r > 0]))
+    if part.law.bends:
+        rows = np.log(np.array([r for r in part.law.bends if r > 0]))
         s = np.union1d(s, rows[(rows > low) & (rows < high)])
     return s
 
@@ -186,8 +185,8 @@ def _fine(part: Part, low, high, count=4097):
 def _number(part: Part, s):
     """dn/dlnr on the grid."""
     r = np.exp(s)
-    if isinstance(getattr(part.law, "radius", 0.0), tuple):
-        r = np.clip(r, part.law.radius[0], part.law.radius[-1])
+    if part.law.bends:
+        r = np.clip(r, part.law.bends[0], part.law.bends[-1])
     return part.law.density(r) * r
 
 

@@ -2,18 +2,22 @@
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
 import math
+from functools import partial, reduce
+from operator import or_
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import Field, Tag
+from pydantic import Field, Tag, create_model
 
-from bakery.grammar import tables
+from bakery.grammar import tables, units
 from bakery.grammar.fields import AUTO, ComponentName, Flag, GeometricDeviation, Length, Path, Share, number, whole, word
 from bakery.grammar.section import HostOf, MaterialOf, Section, given, pick
 from bakery.grammar.text import Mapping, Node, Sequence, mappings
-from bakery.grammar.units import DENSITY, FRACTION
+from bakery.grammar.units import DENSITY
 from bakery.grammar.values import Index, Values
+from bakery.physics.sizes import MIXTURE, Part, laws, tails
+from bakery.physics.sizes.law import COLUMNS, DEVIATION, FRACTION, LENGTH, NUMBER, Law
 from bakery.stages.declaration import RecipeSection
 
 if TYPE_CHECKING:
@@ -27,70 +31,39 @@ class _Cut(Section):
     max: Length | None = Field(None, description="Largest radius: the density is cut there and renormalised.")
 
 
-class SingleSize(Section):
-    distribution: word("single") = Field(description="All particles have one radius.")
-    radius: Length = Field(description="Radius, such as 5 um.")
-
-
-class LognormalSize(_Cut):
-    distribution: word("lognormal") = Field(description="ln r is normally distributed.")
-    radius: Length = Field(description="Geometric mean (= median) radius by number.")
-    sigma: GeometricDeviation = Field(description="Geometric standard deviation, above 1.")
-
-
-class GammaSize(_Cut):
-    distribution: word("gamma") = Field(description="Gamma distribution of Hansen and Travis.")
-    radius: Length = Field(description="Effective radius <r^3>/<r^2>.")
-    variance: number(FRACTION, least=1e-6, below=1 / 3) = Field(description="Effective variance, below 1/3.")
-
-
-class TableSize(_Cut):
-    distribution: word("table") = Field(description="Number density from a CSV file.")
-    file: Path = Field(description="CSV file with the columns radius_um and dn/dr (any scale).")
-
-
 class _Part(Section):
     share: Share = Field(description="Share of the particle number; shares add up to 1.")
 
 
-class SinglePart(_Part, SingleSize):
-    pass
+# what a key's value is -> its kind in a recipe
+_KINDS = {LENGTH: lambda **_: Length, DEVIATION: lambda **_: GeometricDeviation, FRACTION: partial(number, units.FRACTION),
+          NUMBER: number, COLUMNS: lambda **_: Path}
 
 
-class LognormalPart(_Part, LognormalSize):
-    pass
+def _section(law: type[Law]) -> type[Section]:
+    """The keys of a law's size."""
+    keys = {name: (_KINDS[key.kind](**key.bounds), Field(description=key.words)) for name, key in law.keys.items()}
+    return create_model(f"{law.name.capitalize()}Size", __base__=_Cut if law.cut else Section, __module__=__name__,
+                        distribution=(word(law.name), Field(description=law.words)), **keys)
 
 
-class GammaPart(_Part, GammaSize):
-    pass
+def _one_of(sections: dict[str, type[Section]]):
+    """The size that its distribution names."""
+    kinds = [Annotated[section, Tag(name)] for name, section in sections.items()]
+    return Annotated[reduce(or_, kinds), pick("distribution", tuple(sections))]
 
 
-class TablePart(_Part, TableSize):
-    pass
-
-
-Part = Annotated[
-    Annotated[SinglePart, Tag("single")]
-    | Annotated[LognormalPart, Tag("lognormal")]
-    | Annotated[GammaPart, Tag("gamma")]
-    | Annotated[TablePart, Tag("table")],
-    pick("distribution", ("single", "lognormal", "gamma", "table")),
-]
+_SIZES = {name: _section(law) for name, law in laws().items()}
+_PARTS = {name: create_model(f"{name.capitalize()}Part", __base__=(_Part, section), __module__=__name__)
+          for name, section in _SIZES.items()}
 
 
 class MixtureSize(_Cut):
-    distribution: word("mixture") = Field(description="Sum of several distributions.")
-    of: list[Part] = Field(min_length=1, max_length=256, description="The distributions, each with its share.")
+    distribution: word(MIXTURE) = Field(description="Sum of several distributions.")
+    of: list[_one_of(_PARTS)] = Field(min_length=1, max_length=256, description="The distributions, each with its share.")
 
 
-Size = Annotated[
-    Annotated[SingleSize, Tag("single")]
-    | Annotated[LognormalSize, Tag("lognormal")]
-    | Annotated[GammaSize, Tag("gamma")]
-    | Annotated[TableSize, Tag("table")]
-    | Annotated[MixtureSize, Tag("mixture")],
-    pick("distribution", ("single", "lognormal", "gamma", "table", "mixture")),
-]
+Size = _one_of(_SIZES | {MIXTURE: MixtureSize})
 
 
 class Component(Section):
@@ -105,7 +78,9 @@ class Particles(Section):
 
     host: HostOf = Field("air", description="What the spheres float in: a material, {n}, or {file}.")
     number_density: number(DENSITY, above=0, most=1e30) | None = Field(None, description="Spheres per volume, such as 1e8 /m^3.")
-    volume_fraction: number(FRACTION, above=0, below=1) | None = Field(None, description="Volume of the spheres per volume.")
+    volume_fraction: number(units.FRACTION, above=0, below=1) | None = Field(
+        None, description="Volume of the spheres per volume."
+    )
     components: list[Component] = Field(min_length=1, max_length=256, description="The kinds of particles.")
 
 
@@ -154,9 +129,10 @@ def _size(checker: "Checker", size: Mapping, host: Index | None, low: float | No
         if checker.value(size, name) is not None:
             _size_parameter(checker, size[name], f"{name} of {checker.value(size, name):g} um", checker.value(size, name), host)
     distribution = checker.value(size, "distribution")
+    law = laws().get(distribution)
     inner_low = max((v for v in (low, smallest) if v is not None), default=None)
     inner_high = min((v for v in (high, largest) if v is not None), default=None)
-    if distribution == "mixture":
+    if distribution == MIXTURE:
         of = size.get("of")
         parts = list(mappings(*of)) if isinstance(of, Sequence) else []
         for part in parts:
@@ -164,9 +140,12 @@ def _size(checker: "Checker", size: Mapping, host: Index | None, low: float | No
         if parts and len(parts) == len(of):
             checker.shares(of, "share", parts, None)
         return
-    if distribution == "table":
-        _size_table(checker, size, host, inner_low, inner_high)
-    elif radius is not None and (
+    columns = [name for name, key in law.keys.items() if key.kind == COLUMNS] if law else []
+    for name in columns:
+        _size_table(checker, size, name, host, inner_low, inner_high)
+    if columns or law is None:
+        return
+    if radius is not None and (
         inner_low is not None and radius < inner_low or inner_high is not None and radius > inner_high
     ):
         bounds = " to ".join("…" if v is None else f"{v:g}" for v in (inner_low, inner_high))
@@ -176,23 +155,19 @@ def _size(checker: "Checker", size: Mapping, host: Index | None, low: float | No
             "expected it between them",
         )
     elif inner_high is None:
-        _tail(checker, size, distribution, radius, host)
+        _tail(checker, size, law, host)
 
 
-def _tail(checker: "Checker", size: Mapping, distribution: str | None, radius: float | None, host: Index | None) -> None:
+def _tail(checker: "Checker", size: Mapping, law: type[Law], host: Index | None) -> None:
     """The largest spheres of a distribution without `max` that count at the recipe's tolerance."""
-    width, tolerance = {"lognormal": "sigma", "gamma": "variance"}.get(distribution, ""), checker.values.get("tolerance", 0.01)
-    value = checker.value(size, width)
-    if value is None or radius is None or tolerance is None or host is None or checker.wavelength is None:
+    width, tolerance = law.widened_by, checker.values.get("tolerance", 0.01)
+    values = {name: checker.value(size, name) for name in law.keys}
+    if not width or None in values.values() or tolerance is None or host is None or checker.wavelength is None:
         return
-    from bakery.physics.sizes import Gamma, Lognormal, tails
-    from bakery.physics.sizes.distributions import Part
-
     k = 2 * math.pi * host.n / np.array(checker.wavelength)
-    if radius * k.max() > LARGEST:
+    if values.get("radius", 0.0) * k.max() > LARGEST:
         return  # said of the radius
-    law = (Lognormal if distribution == "lognormal" else Gamma)(radius, value)
-    largest = tails(Part(law, 1.0), k, tolerance)[1]
+    largest = tails(Part(law(**values), 1.0), k, tolerance)[1]
     if largest * k.max() > LARGEST:
         cut = math.floor(LARGEST / k.max())
         checker.report(
@@ -203,22 +178,22 @@ def _tail(checker: "Checker", size: Mapping, distribution: str | None, radius: f
         )
 
 
-def _size_table(checker: "Checker", size: Mapping, host: Index | None, low: float | None, high: float | None) -> None:
-    columns = checker.table(size.get("file"), tables.SIZES)
+def _size_table(checker: "Checker", size: Mapping, key: str, host: Index | None, low: float | None, high: float | None) -> None:
+    columns = checker.table(size.get(key), tables.SIZES)
     if columns is None:
         return
     radius, density = columns
     if not density.max() > 0:
-        checker.report(size["file"], "found a density that is zero everywhere", "expected a positive density")
+        checker.report(size[key], "found a density that is zero everywhere", "expected a positive density")
         return
     used = np.flatnonzero(density > 0)
     first, last = radius[max(used[0] - 1, 0)], radius[min(used[-1] + 1, len(radius) - 1)]
     if low is not None and last <= low or high is not None and first >= high:
         checker.report(
-            size["file"], f"found densities from {first:g} to {last:g} um, all outside of min and max", "expected an overlap"
+            size[key], f"found densities from {first:g} to {last:g} um, all outside of min and max", "expected an overlap"
         )
     for value in (radius[radius > 0][0], last if high is None else min(last, high)):
-        _size_parameter(checker, size["file"], f"radius of {value:g} um in the table", float(value), host)
+        _size_parameter(checker, size[key], f"radius of {value:g} um in the table", float(value), host)
 
 
 def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, host: Index | None) -> None:
@@ -250,10 +225,9 @@ def check_phase(checker: "Checker", section: Mapping) -> None:
 
 
 def sizes(size: Values) -> SimpleNamespace:
-    """A size as `bakery.physics.sizes.population` takes it: lengths in um; what its distribution does not have is None."""
-    known = vars(size)
-    values = {name: known.get(name) for name in ("distribution", "radius", "sigma", "variance", "min", "max")}
-    return SimpleNamespace(**values, table=known.get("file"), of=tuple((part.share, sizes(part)) for part in known.get("of", ())))
+    """A size as `bakery.physics.sizes.population` takes it: lengths in um; without a cut `min` and `max` are None."""
+    known = {"min": None, "max": None} | vars(size)
+    return SimpleNamespace(**known | {"of": tuple((part.share, sizes(part)) for part in known.get("of", ()))})
 
 
 PARTICLES = RecipeSection("particles", Particles, "Suspended spheres: fog, dust, bubbles.", check_particles, scatters=True)

@@ -1,0 +1,28 @@
+"""All formats, in the order of the help."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+
+from bakery.export.declaration import Exporter
+
+EXPORTERS = (
+    "bakery.export.formats.csv:EXPORTER",
+    "bakery.export.formats.mitsuba:EXPORTER",
+    "bakery.export.formats.hg:EXPORTER",
+    "bakery.export.formats.pbrt:EXPORTER",
+    "bakery.export.formats.materialx:EXPORTER",
+    "bakery.export.formats.usd:EXPORTER",
+    "bakery.export.formats.blender:EXPORTER",
+    "bakery.export.formats.ply:EXPORTER",
+    "bakery.export.formats.obj:EXPORTER",
+    "bakery.export.formats.xyz:EXPORTER",
+)
+
+
+@cache
+def exporters() -> dict[str, Exporter]:
+    """Every declared format by its name."""
+    places = (place.partition(":") for place in EXPORTERS)
+    return {exporter.name: exporter for exporter in (getattr(import_module(module), name) for module, _, name in places)}

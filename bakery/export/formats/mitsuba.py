@@ -1,0 +1,51 @@
+"""A medium for stock Mitsuba 3."""
+
+from __future__ import annotations
+
+import math
+
+from bakery.export.declaration import Exporter, Job, Option, Written
+from bakery.store.outputs import FileKind, begins_as_text
+
+EACH = Option("--each-wavelength", "one file a wavelength, instead of one in colour with a mean table.")
+
+
+def write(job: Job) -> Written:
+    from bakery.export.mitsuba import fragments
+    from bakery.system.terminal import table
+
+    asset, stem, each = job.asset, job.stem, job.settings.get(EACH.name, False)
+    parts = fragments(asset.tree, job.medium_name, job.colour.band_matrix(asset.wavelength), each)
+    lines: list = []
+    for part in parts:
+        head = [("  lost against the asset", "mean error", "largest error", "error of g", "forward peak cut")]
+        rows = [("  by the regular grid", *_loss(part.resampling))]
+        rows += [(f"  by that and one table, at {um:g} um", *_loss(loss)) for um, loss in part.colour.items()]
+        lines.append([f"  phase function: {part.values} values over cos theta", *table(head + rows)])
+    if any(part.delta for part in parts):
+        lines.append(f"unscattered (delta) transmission of grains, up to {100 * max(part.delta for part in parts):.3g} % of what "
+                     "they scatter, is taken out of sigma_t and phase function: the same medium.")
+    if any(part.peak for part in parts):
+        largest = max(parts, key=lambda part: part.peak)
+        lines.append(f"forward peak: up to {100 * largest.peak:.3g} % of the scattered light is deflected by less than "
+                     f"{math.degrees(largest.within):.3g} deg, which no table of this length resolves; it counts as "
+                     "unscattered, and sigma_t is smaller by it.  The errors above are of the rest.")
+    lines += ["mean error: |difference| over the sphere; half of it is the share of the light that goes to another angle.",
+              "forward peak cut: of the angles where the phase function is above half of its forward value."]
+    useless = [f"{stem}{part.name}.xml: nearly useless: {part.useless()}" for part in parts if part.useless()]
+    files = {f"{stem}{part.name}.xml": part.xml for part in parts}
+    if not each:
+        useless += job.unreached_bands(next(iter(files)))
+    return Written(files, [part.as_dict() for part in parts], lines, useless)
+
+
+def _loss(loss) -> tuple[str, ...]:
+    return (f"{200 * loss.misdirected:.2g} %", f"{100 * loss.largest:.2g} % at {math.degrees(loss.largest_at):.3g} deg",
+            f"{loss.g:+.1e}", f"{100 * loss.peak:.2g} % of {math.degrees(loss.peak_angle):.3g} deg")
+
+
+EXPORTER = Exporter(
+    "mitsuba", "a medium for stock Mitsuba 3 (XML)", "Mitsuba 3, stock", ("medium",),
+    "coefficients in RGB, one table of the phase function for all wavelengths (`--each-wavelength`: one each)",
+    "differences of the phase function between wavelengths; of narrow forward peaks the deflection", write, (EACH,),
+    kinds={".xml": FileKind("Mitsuba scene", begins_as_text(r"<scene\b"))})

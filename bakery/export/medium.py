@@ -1,0 +1,84 @@
+"""A medium as other software takes it: without what leaves a collision in its old direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bakery.errors import AssetError
+from bakery.store.tree import Dataset, Group
+
+
+def medium_of(root: Group, name: str) -> Group:
+    """The group that a renderer needs; AssetError, naming the asset, where there is none."""
+    medium = root.members.get("medium")
+    if not isinstance(medium, Group):
+        raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles`, "
+                         "`grains` or `medium`")
+    return medium
+
+
+@dataclass(frozen=True)
+class Scattering:
+    """A medium as other software takes it: light that leaves a collision in its old direction counts as unscattered.
+
+    Attributes
+    ----------
+    sigma_t, sigma_s : (L,) 1/m
+    theta, phase : (A,) rad, (L, A) 1/sr, linear in cos theta between the angles, integrating to 1
+    delta : (L,) 1, forward delta, the share of the asset's scattered light that was taken out; exact
+    peak : (L,) 1, share of what is then scattered that was taken out by `without_peak`, an approximation
+    within : rad, largest deflection in that peak
+    """
+
+    sigma_t: np.ndarray
+    sigma_s: np.ndarray
+    theta: np.ndarray
+    phase: np.ndarray
+    delta: np.ndarray
+    peak: np.ndarray
+    within: float = 0.0
+
+    @property
+    def albedo(self) -> np.ndarray:
+        """(L,) sigma_s / sigma_t, 0 where there is nothing."""
+        return np.divide(self.sigma_s, self.sigma_t, out=np.zeros_like(self.sigma_t), where=self.sigma_t > 0)
+
+
+def scattering_of(medium: Group) -> Scattering:
+    """A medium without its forward delta, which the tables of packed grains hold as a peak at their first angle.
+
+    Exact, see `bakery.physics.medium.similarity.without_delta`.  No regular grid resolves that peak.
+    """
+    from bakery.physics.medium.similarity import without_delta
+
+    sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
+    share = medium.members.get("forward_delta")
+    if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
+        return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t))
+    delta = np.clip(share.data, 0.0, 1.0)
+    sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, theta, phase, delta)
+    return Scattering(sigma_t, sigma_s, theta, phase, delta, np.zeros_like(sigma_t))
+
+
+def without_peak(medium: Scattering, end: int) -> Scattering:
+    """A medium whose forward peak counts as unscattered: what exceeds the value at an angle, at smaller angles.
+
+    Parameters
+    ----------
+    medium : without such a cut
+    end : index of that angle in `theta`; 0 changes nothing
+
+    Notes
+    -----
+    An approximation, unlike `scattering_of`: that light is deflected, by less than the angle, and is no longer.  The cap is flat,
+    so that what remains is continuous and no smaller than it was at larger angles.
+    """
+    from bakery.physics.medium.phase import integral, normalised
+
+    rest = medium.phase.copy()
+    rest[:, :end] = np.minimum(rest[:, :end], rest[:, end:end + 1])
+    peak = np.clip(1 - integral(medium.theta, rest), 0.0, 1.0)
+    return replace(medium, sigma_t=medium.sigma_t - peak * medium.sigma_s, sigma_s=(1 - peak) * medium.sigma_s,
+                   phase=normalised(medium.theta, rest)[0], peak=peak, within=float(medium.theta[end]))

@@ -1,0 +1,72 @@
+"""What a distribution of radii declares: recipes, their schema and messages, docs and quadrature read it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+NARROW = 1e-9  # relative width below which sizes cannot be distinguished: phases change by < 1e-3 even at x = 1e6
+# what the value of a key is: um; a geometric standard deviation; a share, also in %; a number; path of a file of radii (um) and
+# densities, two arrays when it is read
+LENGTH, DEVIATION, FRACTION, NUMBER, COLUMNS = "length", "deviation", "fraction", "number", "columns"
+
+
+class Key(NamedTuple):
+    """A key of a recipe's size.
+
+    Attributes
+    ----------
+    words : what it is
+    kind : one of those above
+    bounds : `least`, `most`, `above`, `below`, of fractions and numbers
+    """
+
+    words: str
+    kind: str = LENGTH
+    bounds: Mapping[str, float] = {}
+
+
+class Law:
+    """A distribution of radii, one particle over its whole range; classes are frozen dataclasses, with fields as they like.
+
+    Attributes
+    ----------
+    name : as recipes name it
+    words : for people
+    keys : of a recipe's size, by their names
+    cut : whether `min` and `max` may cut it
+    discrete : whether all particles have one radius, its `radius`, and there is no density
+    widened_by : key of which a smaller value would make the tail of large radii shorter; "" where there is none
+    bends : radii (um) between which its density is smooth, ascending; () where it is everywhere
+    """
+
+    name: ClassVar[str]
+    words: ClassVar[str]
+    keys: ClassVar[Mapping[str, Key]]
+    cut: ClassVar[bool] = True
+    discrete: ClassVar[bool] = False
+    widened_by: ClassVar[str] = ""
+    bends: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, size: Any) -> Law:
+        """The law of a recipe's size, which has its keys as attributes; ValueError where a value is out of range.
+
+        Where it is so narrow that sizes cannot be distinguished, a law of one size.
+        """
+        if "radius" in cls.keys and not 0 < size.radius < math.inf:
+            raise ValueError(f"radius {size.radius:g} um; a radius is above 0")
+        return cls(**{name: getattr(size, name) for name in cls.keys})
+
+    def density(self, r):
+        """dn/dr, 1/um, at r (R,) um."""
+        raise NotImplementedError
+
+    def moment(self, power, lower=0.0, upper=math.inf):
+        """Integral of r^power dn from `lower` to `upper`, um^power."""
+        raise NotImplementedError
+
+    def reach(self):
+        """Radii outside which neither the number nor the r^6-weighted density is visible to double precision."""
+        raise NotImplementedError
