@@ -76,8 +76,8 @@ def register(name, inside) -> None:
 
 def _picture(inside, scene, sensor, seed, samples):
     """(H, W, 3) linear sRGB, the mean of `samples` a pixel, and nothing below 0, as in the pictures of scenes."""
+    from renderers.means import Mean
     from renderers.mitsuba.world import World
-    from renderers.progressive import Mean
 
     picture = 0.0
     for part in inside.parts(World(scene, inside.unit, sensor=sensor), seed):

@@ -14,9 +14,9 @@ import bakery
 from benchmarks.sizes import sized
 from renderers import colour, discrete
 from renderers.discrete import methods
+from renderers.means import Mean
 from renderers.mitsuba import bitmaps
 from renderers.mitsuba.world import World
-from renderers.progressive import Mean
 from renderers.running import Render
 
 EDGE = 0.1  # m, of the cube

@@ -19,28 +19,29 @@ def part(setup, seed):
     from renderers.transport import passes
     from renderers.transport.regions import Medium
 
-    entry = Medium(_region(setup), _scatterer(setup.medium), "particles")
+    entry = Medium(region_of(setup.scene, 0, setup.region, setup.group), scatterer_of(setup.medium), "particles")
     return passes.part("paths", setup.world, [entry], setup.medium, seed, by_light=True)
 
 
-def _scatterer(medium):
-    """What all classes and the host are together; the last class is their sum."""
+def scatterer_of(medium) -> Scatterer:
+    """What all classes of a `renderers.discrete.medium.Medium` and the host are together; the last class is their sum."""
     sigma_t = medium.sigma_t + medium.host
     albedo = medium.albedo[-1] * medium.sigma_t / np.maximum(sigma_t, 1e-300)
     return Scatterer(sigma_t, albedo, medium.v, medium.steps, medium.phase[-1], medium.cdf[-1])
 
 
-def _region(setup):
+def region_of(scene, number, region, group):
+    """Where particles of an entry are, by its number, for the loop; region, group : of `place.region_of`."""
     from renderers.transport.regions import Box, Grid, Mesh
 
-    region, group, where = setup.region, setup.group, setup.settings.where
+    where = scene.values.materials[number].where
     if region.kind == kernels.BOX:
         return Box(region.lo, region.hi)
-    assets = where is None or hasattr(where, "box")  # which moves the asset's own
-    if "density" in group if assets else hasattr(where, "grid"):
+    own = where is None or hasattr(where, "box")  # which moves the asset's own
+    if "density" in group if own else hasattr(where, "grid"):
         return Grid(region.lo, region.hi, region.values)
-    if assets:
+    if own:
         return Mesh(np.asarray(group.mesh_vertices, float) + region.lo - np.min(group.mesh_vertices, axis=0), group.mesh_faces)
-    path = setup.scene.file(where.mesh)
+    path = scene.file(where.mesh)
     vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
     return Mesh(where.unit * vertices, faces)

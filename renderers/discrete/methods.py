@@ -10,8 +10,8 @@ import numpy as np
 from renderers import budget, colour
 from renderers.discrete import continuum, detail, explicit, place, query, splat, walk
 from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
+from renderers.engine import Part
 from renderers.passes import Method
-from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _HALF = 0.5

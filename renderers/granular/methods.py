@@ -7,12 +7,12 @@ import numpy as np
 from bakery import kernels
 from renderers import budget
 from renderers.budget import percent
+from renderers.engine import Part
 from renderers.granular import bundles, choice, local, material, medium, paths, teleport, transport
 from renderers.granular.choice import Choice
 from renderers.granular.scene import STATED
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.passes import Method
-from renderers.progressive import Part
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")

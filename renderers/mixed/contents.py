@@ -8,7 +8,7 @@ import numpy as np
 
 from bakery import kernels
 from renderers import grids
-from renderers.discrete import place
+from renderers.discrete import continuum, place
 from renderers.discrete.medium import classes_of, medium, without_peak
 from renderers.discrete.methods import peak_angle, peak_sentence
 from renderers.granular import local, material
@@ -95,23 +95,9 @@ def _particles(scene, world, asset, spectra, number, method):
     if np.any(tabulated.host) and region.kind != kernels.BOX:
         raise scene.wrong(f"materials[{number}].method", "found continuous, but the host of the particles absorbs light in the "
                           "whole box, also beside the mesh or the grid; method particles would do")
-    sigma_t = tabulated.sigma_t + tabulated.host
-    albedo = tabulated.albedo[-1] * tabulated.sigma_t / np.maximum(sigma_t, 1e-300)
-    whole = Scatterer(sigma_t, albedo, tabulated.v, tabulated.steps, tabulated.phase[-1], tabulated.cdf[-1])
-    stands = regions.Medium(_of_particles(scene, group, region, number), whole, f"materials[{number}]")
+    stands = regions.Medium(continuum.region_of(scene, number, region, group), continuum.scatterer_of(tabulated),
+                            f"materials[{number}]")
     return Content(stands, (*reasons, f"materials[{number}]: no particle is told apart"))
-
-
-def _of_particles(scene, group, region, number):
-    """The region of particles for the medium that stands for them."""
-    if region.kind == kernels.BOX:
-        return regions.Box(region.lo, region.hi)
-    if region.kind == kernels.GRID:
-        return regions.Grid(region.lo, region.hi, region.values)
-    if hasattr(scene.values.materials[number].where, "mesh"):
-        return regions.Mesh(*material.mesh_of(scene, number))
-    vertices = np.asarray(group.mesh_vertices, float)
-    return regions.Mesh(vertices + region.lo - vertices.min(axis=0), np.asarray(group.mesh_faces))
 
 
 def _grains(scene, asset, spectra, number, method):

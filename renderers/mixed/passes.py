@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from renderers.progressive import Part
+from renderers.engine import Part
 from renderers.transport import waves
 
 LAYERS = ("order0", "order1", "order2", "orders")

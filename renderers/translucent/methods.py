@@ -8,8 +8,8 @@ import numpy as np
 
 from bakery import kernels
 from renderers import colour
+from renderers.engine import Part
 from renderers.passes import Method
-from renderers.progressive import Part
 from renderers.translucent import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
 from renderers.translucent.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
 from renderers.translucent.scene import READERS

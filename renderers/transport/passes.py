@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.progressive import Part
+from renderers.engine import Part
 from renderers.transport import loop
 from renderers.transport.scene import Scene
 from renderers.wavefront import ORDERS

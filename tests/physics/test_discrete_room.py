@@ -89,8 +89,8 @@ def test_the_loop_is_the_walk_through_the_continuous_medium(tmp_path, where, hos
     region, group = {"box": (CUBE, Group()), "mesh": (kernels.region_mesh(ball.mesh_vertices, faces), ball),
                      "grid": (kernels.region_grid(np.zeros(3), np.ones(3), density), Group(density=density))}[where]
     medium = hashed(of_depth(4.0, 20_000, albedo=0.9, phase=henyey_greenstein(0.6), host=host), region)
-    part = continuum.part(SimpleNamespace(world=world, medium=medium, region=region, group=group,
-                                          settings=SimpleNamespace(where=None)), 0)
+    scene = SimpleNamespace(values=SimpleNamespace(materials=[SimpleNamespace(where=None)]))
+    part = continuum.part(SimpleNamespace(world=world, medium=medium, region=region, group=group, scene=scene), 0)
     loop = [part.render(number) for number in range(2 * PASSES)]
     walked = [walk.one_pass(world, walk.Discs(medium, 0.0), world.camera, *SIZE, number, 0, discrete=np.zeros(SIZE), lights=1)
               for number in range(4 * PASSES)]

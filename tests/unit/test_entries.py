@@ -113,13 +113,6 @@ def test_what_does_not_fit_together(load):
     assert "this version takes no noise out" in fault(load, sand, more="denoise: auto\n")
 
 
-def test_a_list_without_a_renderer(load, monkeypatch):
-    """Understood, and refused with its kinds and methods."""
-    monkeypatch.setitem(scene.OF_MATERIALS, "mixed", "renderers.nowhere")
-    found = fault(load, "where: everywhere, asset: milk.h5", f"{BOX}, asset: drops.h5, method: continuous")
-    assert "s.yaml:4: materials: found a medium and particles by auto, continuous in 2 entries; expected one entry of" in found
-
-
 def test_methods_to_compare_set_all_entries(load, tmp_path):
     """A key of entries in each of them; a method beside those that are compared is refused."""
     sand = f"{MESH}, asset: sand.h5, method: ept"

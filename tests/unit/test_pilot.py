@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from renderers import pilot
-from renderers.progressive import Stop
+from renderers.engine import Stop
 
 
 def part(seconds, noise, passes=4, samples=2):
