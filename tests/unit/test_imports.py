@@ -57,7 +57,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "passes": {"budget", "images", "mitsuba", "progressive", "running"},
           "integrator": {"means", "mitsuba"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
-          "transport": {"mitsuba", "progressive", "scattering", "solids", "threads", "wavefront"}, "solids": set(),
+          "transport": {"engine", "mitsuba", "scattering", "solids", "threads", "wavefront"}, "solids": set(),
           "comparison": {"assets", "entries", "images", "pace", "progressive", "reached", "scene"}}
 # what makes one scene of several materials stands on the renderers of each
 OF_SEVERAL = {"materials": {"discrete", "granular", "translucent"},
