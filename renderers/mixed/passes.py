@@ -10,14 +10,14 @@ from renderers.engine import Part
 from renderers.transport import waves
 
 LAYERS = ("order0", "order1", "order2", "orders")
-_PATHS, _SAMPLES = 1 << 16, 16  # of a pass, at most, where a pixel has several; and of a pixel
+_PATHS, _SAMPLES = 1 << 17, 16  # of a pass, at most, where a pixel has several; and of a pixel
 _FIRST = "first"  # layers: shares of a pixel's paths that materials were the first to scatter, three a layer
 
 
 def part(name, scene, seed) -> Part:
     """Passes of paths through a `renderers.transport.waves.Scene`."""
     height, width = scene.world.size
-    samples = max(1, min(_SAMPLES, _PATHS // (height * width)))
+    samples = max(1, min(_SAMPLES, round(_PATHS / (height * width))))
     return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
 
 
