@@ -34,23 +34,22 @@ class Spheres:
 
     def collide(self, paths, far):
         """As `walk.Discs.collide`; `place` is the centre of the sphere."""
-        n = len(paths)
+        n = paths.count
         kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_meet, n, self.medium.discs, paths.origin, paths.direction, far, kind, distance, place)
+        run(_meet, n, self.medium.discs, paths, far, kind, distance, place)
         return kind, distance, place
 
     def scattered(self, world, paths, kind, place, by_order, by_light):
         """As `walk.Discs.scattered`; no light is sampled here."""
-        n = len(paths)
-        run(_pass, n, self.medium.discs.largest, self.index, self.absorption, kind, place, paths.origin, paths.direction,
-            paths.weight, paths.states)
-        paths.density, paths.single, paths.seen = np.zeros(n), np.ones(n, bool), np.zeros(n, bool)
-        return paths
+        n = paths.count
+        run(_pass, n, self.medium.discs.largest, self.index, self.absorption, kind, place, paths)
+        return paths._replace(density=np.zeros(n), single=np.ones(n, bool), seen=np.zeros(n, bool))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _meet(discs, origin, direction, far, kind, distance, place, begin, end):
+def _meet(discs, paths, far, kind, distance, place, begin, end):
     discs, room = lent(discs), mesh_scratch()
+    origin, direction = paths.origin, paths.direction
     for i in range(begin, end):
         # a sphere that the ray has just left lies behind it: the foot of its centre counts no more
         kind[i], distance[i], _, place[i, 0], place[i, 1], place[i, 2] = first_disc(
@@ -59,8 +58,9 @@ def _meet(discs, origin, direction, far, kind, distance, place, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pass(square, index, absorption, kind, place, origin, direction, weight, states, begin, end):
-    """Rays meet a sphere, are reflected or go through it; origin, direction and weight become those of what leaves."""
+def _pass(square, index, absorption, kind, place, paths, begin, end):
+    """Paths meet a sphere, are reflected or go through it; they become those that leave."""
+    origin, direction, weight, states = paths.origin, paths.direction, paths.throughput, paths.states
     for i in range(begin, end):
         r, eta = math.sqrt(square[kind[i]]), index[kind[i]]
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]

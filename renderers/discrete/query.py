@@ -9,6 +9,7 @@ mean over realisations is not the continuous medium's: docs/discrete.md measures
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,43 +31,47 @@ from renderers.threads import run
 _IN_SPHERE = 4096  # particles of one query at most
 
 
+class Cylinder(NamedTuple):
+    """extinction, scattering : (K, L) m^2, of the classes;  radius : m, r_c"""
+
+    extinction: np.ndarray
+    scattering: np.ndarray
+    radius: float
+
+
 class Query:
     """How the paper's queries attenuate and scatter.
 
     medium : `Medium` whose discs have radii r_p + r_c
-    extinction, scattering : (K, L) m^2;  radius : m, r_c
+    cylinder : `Cylinder`
     later : m, 0: between surfaces and lights the mean medium attenuates
     """
 
     later, eye = 0.0, None
 
     def __init__(self, medium, extinction, scattering, radius):
-        self.medium, self.radius = medium, float(radius)
-        self.extinction, self.scattering = extinction, scattering
+        self.medium, self.cylinder = medium, Cylinder(extinction, scattering, float(radius))
 
     def collide(self, paths, far):
         """A distance from the mean medium; weights hold Eq. 18 over the density of that choice."""
-        n = len(paths)
+        n = paths.count
         kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_distance, n, self.medium, self.extinction, self.radius, paths.origin, paths.direction, far, paths.weight,
-            paths.states, kind, distance, place)
+        run(_distance, n, self.medium, self.cylinder, paths, far, kind, distance, place)
         return kind, distance, place
 
     def scattered(self, world, paths, kind, place, by_order, by_light):
         """Scattering by the particles of the query sphere, and light from a lamp by way of them."""
-        n = len(paths)
+        n = paths.count
         numbers = np.empty((n, 3))
         wavefront.draw(paths.states, numbers)
-        run(_scatter, n, self.medium, self.extinction, self.scattering, self.radius, place, paths.direction, paths.weight,
-            paths.states, paths.density, paths.order, *world.lights(place, numbers), paths.pixel, by_order, by_light)
-        paths.origin, paths.left_out = place, np.full((n, 3), np.nan)
-        paths.single, paths.seen = np.zeros(n, bool), np.zeros(n, bool)
-        return paths
+        run(_scatter, n, self.medium, self.cylinder, place, paths, world.lights(place, numbers), by_order, by_light)
+        return paths._replace(origin=place, left_out=np.full((n, 3), np.nan), single=np.zeros(n, bool), seen=np.zeros(n, bool))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transmittance(medium, extinction, radius, ox, oy, oz, dx, dy, dz, far, passed, room):
+def _transmittance(medium, cylinder, ray, far, passed, room):
     """Eq. 18: exp(-sum of C_ext / A) over the particles that touch the cylinder."""
+    ox, oy, oz, dx, dy, dz = ray
     passed[:] = 0.0
     t = 0.0
     while True:
@@ -74,34 +79,38 @@ def _transmittance(medium, extinction, radius, ox, oy, oz, dx, dy, dz, far, pass
         if kind == NO_DISC:
             break
         for w in range(len(passed)):
-            passed[w] += extinction[kind, w]
+            passed[w] += cylinder.extinction[kind, w]
     for w in range(len(passed)):
-        passed[w] = math.exp(-passed[w] / (math.pi * radius * radius))
+        passed[w] = math.exp(-passed[w] / (math.pi * cylinder.radius * cylinder.radius))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _distance(medium, extinction, radius, origin, direction, far, weight, states, kind, distance, place, begin, end):
+def _distance(medium, cylinder, paths, far, kind, distance, place, begin, end):
+    weight = paths.throughput
     room, passed = mesh_scratch(), np.empty(weight.shape[1])
     region, most = medium.discs.region, medium.sigma_t.max()
     for i in range(begin, end):
-        ox, oy, oz, dx, dy, dz = origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2]
-        near, leave = _transport.through_box(region, ox, oy, oz, dx, dy, dz, 0.0, far[i])
-        t = near - math.log1p(-wavefront.uniform(states, i)) / most if most > 0 else np.inf
+        ray = _transport.ray_of(paths.origin, paths.direction, i)
+        near, leave = _transport.through_box(region, ray, 0.0, far[i])
+        t = near - math.log1p(-wavefront.uniform(paths.states, i)) / most if most > 0 else np.inf
         if near < leave and t < leave:
             chance, kind[i], distance[i] = most * math.exp(-most * (t - near)), 0, t
         else:
             t, kind[i], distance[i] = far[i], NO_DISC, far[i]
             chance = math.exp(-most * (leave - near)) if near < leave else 1.0
-        place[i, 0], place[i, 1], place[i, 2] = ox + distance[i] * dx, oy + distance[i] * dy, oz + distance[i] * dz
-        _transmittance(medium, extinction, radius, ox, oy, oz, dx, dy, dz, t, passed, room)
+        for k in range(3):
+            place[i, k] = ray[k] + distance[i] * ray[3 + k]
+        _transmittance(medium, cylinder, ray, t, passed, room)
         for w in range(len(passed)):
             weight[i, w] *= passed[w] / chance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _in_sphere(medium, radius, x, y, z, kinds, place, kind, identity, room):
+def _in_sphere(medium, radius, centre, kinds, scratch):
     """Classes of the particles in the query sphere, into kinds; how many."""
     discs, n = medium.discs, 0
+    x, y, z = centre
+    place, kind, identity, room = scratch
     for level in range(len(discs.reach)):
         bounds, low, high = disc_cells(discs, level), np.empty(3, np.int64), np.empty(3, np.int64)
         for axis, at in enumerate((x, y, z)):
@@ -132,16 +141,17 @@ def _value(medium, scattering, kinds, n, v, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _scatter(medium, extinction, scattering, radius, place, direction, weight, states, density, order, lit, distance, radiance,
-             light_density, single, index, pixel, by_order, by_light, begin, end):
+def _scatter(medium, cylinder, place, paths, sample, by_order, by_light, begin, end):
+    direction, weight, states, density = paths.direction, paths.throughput, paths.states, paths.density
+    lit, radiance, scattering, radius = sample.direction, sample.radiance, cylinder.scattering, cylinder.radius
     room, waves = mesh_scratch(), weight.shape[1]
     values, passed, added = np.empty(waves), np.empty(waves), np.empty(3)
-    kinds, places, kind = np.empty(_IN_SPHERE, np.int64), np.empty((64, 3)), np.empty(64, np.int64)
-    identity = np.empty(64, np.uint64)
+    kinds = np.empty(_IN_SPHERE, np.int64)
+    scratch = np.empty((64, 3)), np.empty(64, np.int64), np.empty(64, np.uint64), room
     volume = 4 / 3 * math.pi * radius**3
     for i in range(begin, end):
         x, y, z = place[i, 0], place[i, 1], place[i, 2]
-        n = _in_sphere(medium, radius, x, y, z, kinds, places, kind, identity, room)
+        n = _in_sphere(medium, radius, (x, y, z), kinds, scratch)
         total = 0.0
         for p in range(n):
             total += scattering[kinds[p], 0]
@@ -153,13 +163,13 @@ def _scatter(medium, extinction, scattering, radius, place, direction, weight, s
         if radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0:
             u, v, w = lx - direction[i, 0], ly - direction[i, 1], lz - direction[i, 2]
             _value(medium, scattering, kinds, n, min(0.5 * (u * u + v * v + w * w), 2.0), values)
-            balance = 1.0 if single[i] else light_density[i] / (light_density[i] + values[0] / total)
-            _transmittance(medium, extinction, radius, x, y, z, lx, ly, lz, distance[i], passed, room)
-            _transport.absorbed(medium, x, y, z, lx, ly, lz, distance[i], passed)
+            balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + values[0] / total)
+            _transmittance(medium, cylinder, (x, y, z, lx, ly, lz), sample.distance[i], passed, room)
+            _transport.absorbed(medium, (x, y, z, lx, ly, lz), sample.distance[i], passed)
             for w in range(waves):
                 values[w] *= weight[i, w] * passed[w] * balance / volume
             wavefront.to_rgb(medium, values, radiance[i], added)
-            wavefront.add(added, min(order[i], wavefront.ORDERS - 1), index[i], pixel[i], by_order, by_light)
+            wavefront.add(added, min(paths.order[i], wavefront.ORDERS - 1), sample.light[i], paths.pixel[i], by_order, by_light)
         chosen, one = wavefront.uniform(states, i) * total, 0
         while one < n - 1 and chosen >= scattering[kinds[one], 0]:
             chosen -= scattering[kinds[one], 0]

@@ -120,8 +120,8 @@ def _shared_depth(medium, eye, seen, middle, towards, distance, depth, scratch):
         product += apart * parting
         growth += parting * parting
     # squared distance of the two ways: square + 2 product s + growth s^2
-    begin, end = through_box(medium.discs.region, middle[0], middle[1], middle[2], towards[0], towards[1], towards[2], 0.0,
-                             min(length, distance))
+    ray = middle[0], middle[1], middle[2], towards[0], towards[1], towards[2]
+    begin, end = through_box(medium.discs.region, ray, 0.0, min(length, distance))
     reach, nearest = medium.overlap.reach, begin
     if growth > 0:
         nearest = -product / growth

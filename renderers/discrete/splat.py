@@ -17,6 +17,7 @@ from bakery.kernels import BOX, disc_cells, discs_of_cell, hashed, mesh_scratch,
 from bakery.system.compiled import njit
 from renderers import wavefront
 from renderers.discrete import _transport, shadow
+from renderers.discrete._transport import Events
 from renderers.threads import run
 
 CHUNK = 1 << 17  # particles at a time
@@ -65,16 +66,42 @@ def one_pass(world, what, camera, height, width, number, seed, *, discrete, ligh
     -------
     by_order : (ORDERS, H, W, 3), of which only order 1 is filled;  by_light : (lights, H, W, 3) linear sRGB
     """
-    medium, how = what
+    how = what[1]
     pixels = height * width
     by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     view = View(camera, height, width)
     share = np.array([number % how.shares, how.shares, stream_key(seed, "render.blocks")], np.uint64)
-    for serial, chunk in enumerate(_particles(medium.discs, view, discrete, share)):
-        _add(world, medium, how, view, *chunk, discrete, (seed, number, serial), by_order, by_light)
+    for serial, chunk in enumerate(_particles(what[0].discs, view, discrete, share)):
+        _add(world, what, view, chunk, discrete, (seed, number, serial), by_order, by_light)
     by_order[1] *= how.shares  # the others stay untouched, and take no memory
     by_light *= how.shares
     return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+
+
+class Chunk(NamedTuple):
+    """Particles: place (n, 3) m, class kind (n,), identity (n,) uint64."""
+
+    place: np.ndarray
+    kind: np.ndarray
+    identity: np.ndarray
+
+
+class Pencils(NamedTuple):
+    """Of the camera, n of them.
+
+    direction : (n, 3) unit;  far : (n,) m, to the disc;  throughput : (n, L);  pixel : (n,), -1 where it meets none
+    states : (n,) uint64, random streams
+    """
+
+    direction: np.ndarray
+    far: np.ndarray
+    throughput: np.ndarray
+    pixel: np.ndarray
+    states: np.ndarray
+
+    def of(self, chosen):
+        """Some of them."""
+        return Pencils(*(field[chosen] for field in self))
 
 
 class View:
@@ -82,6 +109,7 @@ class View:
 
     origin, axis : (3,);  inverse : (3, 3), turns a direction into s (1, column, row);  area : of a pixel at unit distance
     sides : (4, 3) normals of the sides of the pyramid of view, inwards
+    frame : what `_aim` takes of it
     """
 
     def __init__(self, camera, height, width):
@@ -91,6 +119,7 @@ class View:
         across = np.cross(camera.right, camera.down)
         self.area = float(np.linalg.norm(across))
         self.axis = across / self.area * np.sign(across @ camera.corner)
+        self.frame = self.origin, self.inverse, self.axis, self.area, height, width
         corners = [camera.corner + i * width * camera.right + j * height * camera.down
                    for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
         normals = np.array([np.cross(a, b) for a, b in zip(corners, [*corners[1:], corners[0]])])
@@ -103,7 +132,7 @@ def _particles(discs, view, discrete, share):
 
     share : (3,) uint64, which of the shares, how many there are, and the key by which blocks belong to them, one for all passes
 
-    Yields place (n, 3) m, class (n,) and identity (n,).
+    Yields `Chunk`.
     """
     for level in range(len(discs.reach)):
         bounds, farthest = disc_cells(discs, level), float(discrete.max())
@@ -116,7 +145,7 @@ def _particles(discs, view, discrete, share):
             place, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
             filled = _gather(discs, level, blocks, edge, state, bounds, place, kind, identity)
             if filled:
-                yield place[:filled], kind[:filled], identity[:filled]
+                yield Chunk(place[:filled], kind[:filled], identity[:filled])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -176,59 +205,62 @@ def _gather(discs, level, blocks, edge, state, bounds, place, kind, identity):
     return filled
 
 
-def _add(world, medium, how, view, place, kind, identity, discrete, streams, by_order, by_light):
+def _add(world, what, view, chunk, discrete, streams, by_order, by_light):
     """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
-    n = len(kind)
+    (medium, how), n = what, len(chunk.kind)
     seed, number, serial = streams
-    own, states, pencils = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
-    wavefront.draw(identity ^ stream_key(seed, "render.aims"), own)  # the same in all passes
+    own, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
+    wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), own)  # the same in all passes
     wavefront.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
-    run(_pencils, n, medium, view.origin, view.area, view.axis, place, kind, pencils)
-    who = np.repeat(np.arange(n), pencils)
-    place, kind, own, m = place[who], kind[who], own[who], len(who)
+    run(_pencils, n, medium, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
+    who = np.repeat(np.arange(n), pencils_of)
+    place, kind, own, m = chunk.place[who], chunk.kind[who], own[who], len(who)
     # a stream for each pencil: those of one particle go apart at their first number
-    part = np.arange(m) - np.repeat(np.cumsum(pencils) - pencils, pencils)
+    part = np.arange(m) - np.repeat(np.cumsum(pencils_of) - pencils_of, pencils_of)
     states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
     # pencils of one particle and of all passes spread over its disc evenly
-    aims = (own[:, :2] + (number // how.shares * pencils[who] + part)[:, None] * _EVENLY) % 1.0
-    direction, far, weight, pixel = np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64)
-    run(_aim, m, medium, view.origin, view.inverse, view.area, view.axis, view.height, view.width, discrete.reshape(-1), place,
-        kind, pencils[who], aims, direction, far, weight, pixel)
-    kept = np.flatnonzero(pixel >= 0)
+    aims = (own[:, :2] + (number // how.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
+    pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)
+    run(_aim, m, medium, view.frame, discrete.reshape(-1), (place, kind, pencils_of[who]), aims, pencils)
+    kept = np.flatnonzero(pencils.pixel >= 0)
     if len(kept):
-        kept = kept[~np.isfinite(world.trace(np.tile(view.origin, (len(kept), 1)), direction[kept], far[kept]))]
-    place, kind, own, states, direction, far, weight, pixel = (
-        values[kept] for values in (place, kind, own, states, direction, far, weight, pixel))
-    chances = _chances(medium, how, view, direction, far, own[:, 2:])
+        far = world.trace(np.tile(view.origin, (len(kept), 1)), pencils.direction[kept], pencils.far[kept])
+        kept = kept[~np.isfinite(far)]
+    place, kind, own, pencils = place[kept], kind[kept], own[kept], pencils.of(kept)
+    chances = _chances(medium, how, view, pencils, own[:, 2:])
     seen = np.empty(len(kept), bool)
-    run(_visible, len(kept), medium, view.origin, direction, far, place, chances[0], weight, seen)
-    place, kind, states, direction, far, weight, pixel, chance = (
-        values[seen] for values in (place, kind, states, direction, far, weight, pixel, chances[1]))
-    m = len(pixel)
+    run(_visible, len(kept), medium, view.origin, pencils, place, chances[0], seen)
+    events = Events(kind[seen], place[seen], np.empty(0))
+    _light(world, what, view, events, pencils.of(seen), chances[1][seen], by_order[1], by_light)
+
+
+def _light(world, what, view, events, pencils, chance, picture, by_light):
+    """Adds what lights send by way of particles that are seen to the picture (pixels, 3), and by light."""
+    (medium, how), m = what, len(pencils.pixel)
     if not m:
         return
-    weight /= how.samples
+    pencils.throughput[:] /= how.samples
     for _ in range(how.samples):
         numbers = np.empty((m, 3))
-        wavefront.draw(states, numbers)
-        sample = world.lights(place, numbers)
+        wavefront.draw(pencils.states, numbers)
+        sample = world.lights(events.place, numbers)
         added = np.zeros((m, 3))
-        together = np.ones(weight.shape)
+        together = np.ones(pencils.throughput.shape)
         if np.isfinite(chance).any():
-            pencil_ends = view.origin + far[:, None] * direction
-            together = shadow.factors(medium, view.origin, pencil_ends, sample.direction.astype(float), sample.distance,
-                                      place - pencil_ends)
-        run(_transport.light_alone, m, medium, kind, place, direction, weight, states, chance, together, *sample, added)
-        _sum(added, pixel, sample.light, by_order[1], by_light)
+            ends = view.origin + pencils.far[:, None] * pencils.direction
+            together = shadow.factors(medium, view.origin, ends, sample.direction.astype(float), sample.distance,
+                                      events.place - ends)
+        run(_transport.light_alone, m, medium, events, pencils, chance, together, sample, added)
+        _sum(added, pencils.pixel, sample.light, picture, by_light)
 
 
-def _chances(medium, how, view, direction, far, own):
+def _chances(medium, how, view, pencils, own):
     """Numbers (2, n) in [0, 1) by which pencils, and light to them, are hidden; nan where discs hide them."""
     if not how.drawn or medium.discs.region.kind != BOX:
-        return np.full((2, len(far)), np.nan)
+        return np.full((2, len(own)), np.nan)
     area = medium.discs.square.max(axis=1) * math.pi
     typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
-    pixel = far**2 * view.area * (direction @ view.axis) ** 3
+    pixel = pencils.far**2 * view.area * (pencils.direction @ view.axis) ** 3
     return np.ascontiguousarray(np.where(pixel > _TOGETHER * typical, own.T, np.nan))
 
 
@@ -263,9 +295,14 @@ def _pencils(medium, origin, area, axis, place, kind, pencils, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, kind, pencils, aims, direction, far, weight,
-         pixel, begin, end):
-    """A pencil in the cone of each particle: direction, distance, weights over the solid angle of its pixel; pixel -1: none."""
+def _aim(medium, frame, discrete, particles, aims, pencils, begin, end):
+    """A pencil in the cone of each particle: direction, distance, weights over the solid angle of its pixel; pixel -1: none.
+
+    particles : place (n, 3) m, class (n,), and how many pencils each of them gets (n,)
+    """
+    origin, inverse, axis, area, height, width = frame
+    place, kind, shares = particles
+    weight, pixel = pencils.throughput, pencils.pixel
     for i in range(begin, end):
         x, y, z = place[i, 0] - origin[0], place[i, 1] - origin[1], place[i, 2] - origin[2]
         distance, v = _cone(medium, kind[i], x, y, z)
@@ -289,27 +326,27 @@ def _aim(medium, origin, inverse, area, axis, height, width, discrete, place, ki
         if t >= discrete[to]:
             continue
         d2 = distance * distance * chosen * (2 - chosen)
-        share = 2 * math.pi * v / (area * ahead**3 * pencils[i])
+        share = 2 * math.pi * v / (area * ahead**3 * shares[i])
         open = False
         for w in range(weight.shape[1]):
             weight[i, w] = share if d2 < medium.discs.square[kind[i], w] else 0.0
             open = open or weight[i, w] > 0
         if open:
-            pixel[i], far[i] = to, t
-            direction[i, 0], direction[i, 1], direction[i, 2] = dx, dy, dz
+            pixel[i], pencils.far[i] = to, t
+            pencils.direction[i, 0], pencils.direction[i, 1], pencils.direction[i, 2] = dx, dy, dz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _visible(medium, origin, direction, far, place, chance, weight, seen, begin, end):
+def _visible(medium, origin, pencils, place, chance, seen, begin, end):
     """What others' discs, or chance, leave of pencils: weights become 0 where they are stopped; seen: whether any is left."""
+    direction, weight, far = pencils.direction, pencils.throughput, pencils.far
     room, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
     for i in range(begin, end):
-        _transport.absorbed(medium, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1], direction[i, 2], far[i],
-                            weight[i])
+        ray = origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1], direction[i, 2]
+        _transport.absorbed(medium, ray, far[i], weight[i])
         if chance[i] >= 0:
             seen[i] = False
-            column = _transport.in_box(medium.discs.region, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
-                                       direction[i, 2], far[i])
+            column = _transport.in_box(medium.discs.region, ray, far[i])
             for w in range(len(open)):
                 if chance[i] >= math.exp(-medium.others * medium.sigma_t[w] * column):
                     weight[i, w] = 0.0

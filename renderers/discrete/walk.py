@@ -6,13 +6,14 @@ for particles, Mitsuba for surfaces and lights.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery.kernels import NO_DISC, stream_key
 from renderers import wavefront
 from renderers.discrete import _transport, shadow
+from renderers.discrete._transport import Events, Guide
 from renderers.mitsuba.world import FAR, LightSample
 from renderers.threads import run
 
@@ -25,11 +26,10 @@ _SPREAD = np.array([sum((i >> bit & 1) << 3 * bit for bit in range(4)) for i in 
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 
 
-@dataclass
-class Paths:
+class Paths(NamedTuple):
     """Camera paths on their way, n of them.
 
-    origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,) random streams;  pixel : (n,)
+    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams;  pixel : (n,)
     left_out : (n, 3) m, the particle that the ray starts at, or nan
     density : (n,) 1/sr, with which the direction was drawn;  single : (n,) whether light sampling cannot take it
     order : (n,) scatterings by particles so far;  bounces : (n,) these and surfaces
@@ -40,7 +40,7 @@ class Paths:
 
     origin: np.ndarray
     direction: np.ndarray
-    weight: np.ndarray
+    throughput: np.ndarray
     states: np.ndarray
     pixel: np.ndarray
     left_out: np.ndarray
@@ -54,9 +54,11 @@ class Paths:
 
     def of(self, chosen):
         """Some of the paths."""
-        return Paths(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return Paths(*(field[chosen] for field in self))
 
-    def __len__(self):
+    @property
+    def count(self):
+        """Of paths."""
         return len(self.pixel)
 
 
@@ -75,15 +77,14 @@ class Discs:
 
     def collide(self, paths, far):
         """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
-        n = len(paths)
+        n = paths.count
         kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, paths.origin, paths.direction, far, paths.discrete, paths.left_out, paths.weight,
-            paths.states, kind, distance, place)
+        run(_transport.collide, n, self.medium, paths, far, paths.discrete, kind, distance, place)
         return kind, distance, place
 
     def scattered(self, world, paths, kind, place, by_order, by_light):
         """Paths that go on from a scattering, after light from there has been added."""
-        n, medium = len(paths), self.medium
+        n, medium = paths.count, self.medium
         particle = kind < len(medium.albedo) - 1
         first = (paths.bounces == 0) & particle & self.splatted
         numbers = np.empty((n, 6 if self.eye is None else 8))
@@ -91,18 +92,17 @@ class Discs:
         # two places on lights, in one call: one to connect to, and one whose direction guides the path
         both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
         sample, other = (LightSample(*(values[part] for values in both)) for part in (slice(n), slice(n, None)))
-        guide, guided = other.direction.astype(float), (other.radiance > 0).any(axis=1) & (other.delta | (other.density > _SMALL))
+        guide = Guide(other.direction.astype(float),
+                      (other.radiance > 0).any(axis=1) & (other.delta | (other.density > _SMALL)))
         added = np.empty((n, 3))
         together = _together(self, (paths.bounces == 0) & ~particle, place, sample.direction, sample.distance, numbers[:, 6:])
-        run(_transport.light, n, medium, kind, place, paths.direction, paths.weight, paths.states, paths.discrete,
-            np.where(first, -1, paths.order), guide, guided, together, *sample, added)
+        sample.radiance[first] = 0.0
+        run(_transport.light, n, medium, Events(kind, place, paths.discrete), paths, guide, together, sample, added)
         wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
-        paths.origin, paths.left_out = place, place.copy()
-        paths.single, paths.seen = np.zeros(n, bool), first
+        paths = paths._replace(origin=place, left_out=place.copy(), single=np.zeros(n, bool), seen=first)
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
-        run(_transport.scatter, len(paths), medium, kind[copies], paths.direction, paths.weight, paths.states, guide[copies],
-            guided[copies], paths.density)
+        run(_transport.scatter, paths.count, medium, kind[copies], paths, Guide(*(values[copies] for values in guide)))
         return paths
 
 
@@ -126,9 +126,9 @@ def _split(paths, copies):
     for step in range(1, _SPLIT):
         part[step:][copies[step:] == copies[:-step]] = step
     split = paths.of(copies)
-    split.weight /= shares[:, None]
+    split.throughput[:] /= shares[:, None]
     split.ways[:] = 1
-    split.states += part * np.uint64(0xD1B54A32D192ED03)
+    split.states[:] += part * np.uint64(0xD1B54A32D192ED03)
     return split
 
 
@@ -152,7 +152,7 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     for first in range(0, pixels, ALL):
         paths = _begin(method.medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
-        while len(paths):
+        while paths.count:
             paths = _bounce(world, method, paths, by_order, by_light)
     return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
 
@@ -173,15 +173,15 @@ def _begin(medium, camera, width, pixel, number, seed, discrete):
 
 def _bounce(world, method, paths, by_order, by_light):
     """Paths after their next scattering or surface, those that go on."""
-    far = world.trace(paths.origin, paths.direction, np.full(len(paths), np.inf))
+    far = world.trace(paths.origin, paths.direction, np.full(paths.count, np.inf))
     kind, distance, place = method.collide(paths, far)
     met = kind != NO_DISC
-    run(_transport.absorb, len(paths), method.medium, paths.origin, paths.direction, np.where(met, distance, far), paths.weight)
+    run(_transport.absorb, paths.count, method.medium, paths, np.where(met, distance, far))
     parts = [_among_particles(world, method, paths.of(met), kind[met], place[met], by_order, by_light),
              _at_surfaces(world, method, paths.of(~met), by_order, by_light)]
-    together = Paths(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Paths)))
-    alive = np.empty(len(together), bool)
-    run(wavefront.roulette, len(together), together.weight, together.states, together.bounces, alive)
+    together = Paths(*map(np.concatenate, zip(*parts)))
+    alive = np.empty(together.count, bool)
+    run(wavefront.roulette, together.count, together.throughput, together.states, together.bounces, alive)
     chosen = np.flatnonzero(alive)
     region = method.medium.discs.region
     return together.of(chosen[_coherent(region.lo, region.hi, together.origin[chosen], together.direction[chosen])])
@@ -200,24 +200,24 @@ def _coherent(lo, hi, origin, direction):
 
 
 def _among_particles(world, method, paths, kind, place, by_order, by_light):
-    if not len(paths):
+    if not paths.count:
         return paths
-    paths.order += 1
+    paths.order[:] += 1
     paths.discrete[:] = method.later
     paths = method.scattered(world, paths, kind, place, by_order, by_light)
-    paths.bounces += 1
+    paths.bounces[:] += 1
     return paths
 
 
 def _at_surfaces(world, method, paths, by_order, by_light):
-    n, medium = len(paths), method.medium
+    n, medium = paths.count, method.medium
     if n == 0:
         return paths
     numbers = np.empty((n, 6 if method.eye is None else 8))
     wavefront.draw(paths.states, numbers)
     shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
     added = np.empty((n, 3))
-    arriving = paths.weight
+    arriving = paths.throughput
     if method.eye is not None:
         # what light sampling finds from the same places counts as much
         far = np.where(shading.hit, np.sqrt(((shading.point - paths.origin) ** 2).sum(axis=1)), FAR)
@@ -228,16 +228,15 @@ def _at_surfaces(world, method, paths, by_order, by_light):
     wavefront.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
-    paths.bounces += 1
+    paths.bounces[:] += 1
     paths.ways[:] = 1
     paths.discrete[:] = method.later
     sample = LightSample(*(values[hit] for values in shading.light))
     together = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
-    run(_transport.light, m, medium, np.full(m, NO_DISC), shading.point[hit], paths.direction, paths.weight, paths.states,
-        paths.discrete, paths.order, paths.direction, np.zeros(m, bool), together, *sample, added)
+    events = Events(np.full(m, NO_DISC), shading.point[hit], paths.discrete)
+    run(_transport.light, m, medium, events, paths, Guide(paths.direction, np.zeros(m, bool)), together, sample, added)
     wavefront.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
-    run(wavefront.reflect, m, medium, paths.weight, shading.weight[hit])
-    paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
-    paths.left_out = np.full((m, 3), np.nan)
-    paths.density, paths.single, paths.seen = shading.density[hit].astype(float), shading.delta[hit], np.zeros(m, bool)
-    return paths
+    run(wavefront.reflect, m, medium, paths.throughput, shading.weight[hit])
+    return paths._replace(origin=shading.origin[hit], direction=shading.direction[hit].astype(float),
+                          left_out=np.full((m, 3), np.nan), density=shading.density[hit].astype(float),
+                          single=shading.delta[hit], seen=np.zeros(m, bool))

@@ -9,6 +9,7 @@ import numpy as np
 from bakery.kernels import NO_DISC, lent, mesh_scratch
 from bakery.system.compiled import njit
 from renderers.discrete import _transport
+from renderers.discrete._transport import Events, Guide
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
 from renderers.transport.paths import EVENT, REACHED
@@ -33,12 +34,11 @@ class Particles:
     def advance(self, paths, stop):
         n = paths.count
         kind, distance, centre = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, paths.origin, paths.direction, stop, np.full(n, np.inf), paths.left_out,
-            paths.throughput, paths.states, kind, distance, centre)
+        run(_transport.collide, n, self.medium, paths, stop, np.full(n, np.inf), kind, distance, centre)
         met = np.flatnonzero(kind != NO_DISC)
         length = np.minimum(stop, FAR)
         length[met] = distance[met]
-        run(_transport.absorb, n, self.medium, paths.origin, paths.direction, length, paths.throughput)
+        run(_transport.absorb, n, self.medium, paths, length)
         place = centre[met]
         if self._holds is not None and len(met):
             # a disc that reaches out of another material stops the ray where the ray is
@@ -56,13 +56,15 @@ class Particles:
     def next_event(self, paths, event, sample, passed, clear, added):
         n = paths.count
         # a distance of 0: what is on the way is known already
-        run(_transport.light, n, self.medium, *event, paths.origin, paths.direction, paths.throughput, paths.states,
-            np.full(n, np.inf), paths.order, paths.direction, np.zeros(n, bool), passed, sample.direction, np.zeros(n),
-            *sample[2:], added)
+        run(_transport.light, n, self.medium, Events(*event, paths.origin, np.full(n, np.inf)), paths, _no_guide(paths), passed,
+            sample._replace(distance=np.zeros(n)), added)
 
     def scatter(self, paths, event):
-        run(_transport.scatter, paths.count, self.medium, *event, paths.direction, paths.throughput, paths.states,
-            paths.direction, np.zeros(paths.count, bool), paths.density)
+        run(_transport.scatter, paths.count, self.medium, *event, paths, _no_guide(paths))
+
+
+def _no_guide(paths):
+    return Guide(paths.direction, np.zeros(paths.count, bool))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -70,10 +72,9 @@ def transmit(medium, states, origin, direction, distance, left_out, share, begin
     """Multiplies share (n, L) by 0 or 1, what discs leave of light on ways (n,) m, and by what their host absorbs."""
     medium = lent(medium)
     room, waves = mesh_scratch(), share.shape[1]
-    passed, clear = np.empty(waves), np.empty(waves, np.uint8)
+    passed, scratch = np.empty(waves), (np.empty(waves, np.uint8), room)
     for i in range(begin, end):
-        _transport.transmit(medium, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2],
-                            distance[i], math.inf, left_out[i, 0], left_out[i, 1], left_out[i, 2], states, i, passed, clear,
-                            room)
+        ray, particle = _transport.ray_of(origin, direction, i), (left_out[i, 0], left_out[i, 1], left_out[i, 2])
+        _transport.transmit(medium, ray, distance[i], math.inf, particle, states, i, passed, scratch)
         for w in range(waves):
             share[i, w] *= passed[w]

@@ -7,6 +7,7 @@ seeds.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,6 +20,17 @@ from tests.conftest import slow
 from tests.odds import SIGMAS, sigmas
 from tests.physics import particles
 from tests.physics.particles import averaged
+
+
+class Rays(NamedTuple):
+    """What loops over particles take of paths."""
+
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    left_out: np.ndarray
+    density: np.ndarray
 
 
 def leaving(medium, number, discrete, seed=1):
@@ -37,14 +49,16 @@ def leaving(medium, number, discrete, seed=1):
         n = len(origin)
         kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
         far, depth = np.full(n, np.inf), np.full(n, np.inf if discrete else 0.0)
-        _transport.collide(medium, origin, direction, far, depth, left_out, weight, states, kind, distance, place, 0, n)
+        paths = Rays(origin, direction, weight, states, left_out, np.empty(n))
+        _transport.collide(medium, paths, far, depth, kind, distance, place, 0, n)
         out = kind == NO_DISC
         ways.append(_face(origin[out], direction[out], inside[out]))
         weights.append(weight[out])
         met = ~out
         kind, origin, direction, weight, states = kind[met], place[met], direction[met], weight[met], states[met]
         nobody = np.zeros(len(kind), bool)
-        _transport.scatter(medium, kind, direction, weight, states, direction, nobody, np.empty(len(kind)), 0, len(kind))
+        paths = Rays(origin, direction, weight, states, origin, np.empty(len(kind)))
+        _transport.scatter(medium, kind, paths, _transport.Guide(direction, nobody), 0, len(kind))
         particle = (kind < len(medium.albedo) - 1)[:, None]
         left_out, inside = np.where(particle, origin, np.nan), np.ones(len(kind), bool)
         assert ((origin >= 0) & (origin <= 1)).all() and len(ways) < 10_000
@@ -149,6 +163,6 @@ def straight(medium, discrete, seed):
     wavefront.begin_streams(stream_key(seed, "render.walk", 1), 0, states)
     kind = np.empty(n, np.int64)
     down, depth = np.tile([0.0, 0.0, -1.0], (n, 1)), np.full(n, np.inf if discrete else 0.0)
-    _transport.collide(medium, origin, down, np.full(n, np.inf), depth, np.full((n, 3), np.nan), np.ones((n, 1)), states, kind,
-                       np.empty(n), np.empty((n, 3)), 0, n)
+    paths = Rays(origin, down, np.ones((n, 1)), states, np.full((n, 3), np.nan), np.empty(n))
+    _transport.collide(medium, paths, np.full(n, np.inf), depth, kind, np.empty(n), np.empty((n, 3)), 0, n)
     return np.mean(kind == NO_DISC)
