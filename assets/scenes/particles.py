@@ -11,7 +11,7 @@ from pathlib import Path
 from random import Random
 
 HERE = Path(__file__).parent
-FRAME = """<!-- {what}  Written by particles.py.  Lengths in m, z is up. -->
+FRAME = """<!-- {what}  Written by {program}.  Lengths in m, z is up. -->
 <scene version="3.0.0">
 <integrator type="path"/>
 <sensor type="perspective">
@@ -34,8 +34,10 @@ def _light(shines, weight):
 
 
 class Scene:
+    program = "particles.py"
+
     def __init__(self, what, size, fov, origin, target, **colours):
-        self.frame = {"what": what, "size": size, "fov": fov, "origin": text(origin), "target": text(target)}
+        self.frame = {"what": what, "program": self.program, "size": size, "fov": fov, "origin": text(origin), "target": text(target)}
         self.parts = [f'<bsdf type="twosided" id="{name}"> <bsdf type="diffuse"> <rgb name="reflectance" value="{text(colour)}"/>'
                       ' </bsdf> </bsdf>' for name, colour in colours.items()]
 
