@@ -164,8 +164,7 @@ def _filtered(picture, features):
     import mitsuba_oidn
 
     guides = {} if features is None else {"albedo": _single(features.albedo), "normal": _single(features.normal)}
-    image = np.array(mitsuba_oidn.denoise(_single(picture), **guides, hdr=True, device=_processor()), float)
-    return np.where(np.isfinite(image), image, picture)
+    return np.array(mitsuba_oidn.denoise(_single(picture), **guides, hdr=True, device=_processor()), float)
 
 
 _devices: list = []  # the processor's, once
@@ -197,4 +196,4 @@ def _held(seen, filtered, variance):
         usual = uniform_filter(variance, (_AROUND, _AROUND, 1), mode="nearest")
         allowed = _ALLOWED * np.sqrt(np.maximum(variance, usual))
         lowest, highest = np.maximum(lowest, seen - allowed), np.minimum(highest, seen + allowed)
-    return np.clip(filtered, lowest, highest)
+    return np.clip(np.where(np.isfinite(filtered), filtered, seen), lowest, highest)

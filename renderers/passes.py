@@ -6,12 +6,13 @@ Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 from renderers import budget, denoise, images, reached
 from renderers.budget import percent
-from renderers.means import student
+from renderers.means import student, tiled
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.progressive import Estimate, Part, Stop, fingerprint, made_of
@@ -97,7 +98,11 @@ def _variance(mean):
 
 def _shared(estimate) -> str:
     """That pixels share their noise, which a filter takes for picture, in words; "" where they do not."""
-    if estimate.noise is None or estimate.noise_region <= reached.SHARED * estimate.noise:
+    if estimate.noise is None:
+        return ""
+    grey = estimate.rgb[..., 0]
+    independent = math.sqrt(tiled(grey).size / grey.size) * student([1.0], [min(mean.count for mean in estimate.means.values())])
+    if estimate.noise_region <= (reached.SHARED + independent) * estimate.noise:
         return ""
     return (f"pixels share it, so that it looks like the picture (means of regions have a noise of "
             f"{percent(estimate.noise_region)}, pixels {percent(estimate.noise)})")
