@@ -51,6 +51,7 @@ STREAMS = {
     "render.translucent": Stream(0x7274726E, ("pass",)),
     "render.paths": Stream(0x72707468, ("pass",)),
     "render.materials": Stream(0x726D6174, ("sample",)),
+    "render.features": Stream(0x72666561, ()),
     "render.entries": Stream(0x72656E74, ("pass",)),
     "render.lamps": Stream(0x726C6D70, ("pass",)),
     "render.chains": Stream(0x7263686E, ("pass",)),

@@ -18,7 +18,7 @@ from zlib import crc32
 import bakery
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
-from renderers import assets, entries, images, scene
+from renderers import assets, denoise, entries, images, scene
 from renderers.pace import Pace, Paced
 from renderers.progressive import fingerprint, made_of
 from renderers.reached import coarser, limit
@@ -115,7 +115,7 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
             raise UsageError(f"found {name} twice; each method once would do")
     # a filter has no passes: with the same noise in what it filters its methods compare best
     seeds = [(seed or 0) + _place(name, own[name][key], known) if rules.RESUMES else seed for name in names]
-    loaded = [scene.load(path, {**settings, **own[name]}) for name in names]
+    loaded = [denoise.without(scene.load(path, {**settings, **own[name]})) for name in names]
     return [Job(name, each, tuple(Path(folder, stem + suffix) for suffix in (".png", ".exr")), own_seed)
             for name, stem, each, own_seed in zip(names, stems, loaded, seeds)]
 

@@ -40,6 +40,7 @@ FILES = ("asset", "recipe", "where.mesh", "where.grid", "fraction.grid", "mixtur
 KINDS = {"particles": "particles", "grains": "grains", "medium": "a medium", "body": "a body"}  # kind -> in a sentence
 # kind -> the package that declares its methods and stages; a medium has neither of its own
 PACKAGES = {"particles": "renderers.discrete", "grains": "renderers.granular", "body": "renderers.translucent"}
+DENOISE = ("auto", "yes", "no")
 BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of a body
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
@@ -187,18 +188,12 @@ Entry = create_model("Entry", __base__=_Entry, **{"as": (leaf(_kind, {"enum": li
     None, description="What it is, where several kinds would do.")), "__doc__": "A material: where it is, of what, and how."})
 
 
-def _denoise(node):
-    if scalar(node, "no").text != "no":
-        raise Wrong(f"found {show(node.text)}", "expected no: this version takes no noise out of pictures")
-    return "no"
-
-
 class SceneFile(Every):
     """A scene of materials."""
 
     materials: Annotated[list[Entry], Field(min_length=1, max_length=MOST)] = Field(description="What is there, and where.")
     method: fields.Text | None = Field(None, description="Of all materials that say none of their own.")
-    denoise: leaf(_denoise, {"const": "no"}) = Field("no", description="Whether noise is taken out of the picture.")
+    denoise: word(*DENOISE) = Field("auto", description="Whether noise is taken out of the PNG; auto: at draft and preview.")
 
 
 def methods(kind: str) -> tuple[str, ...]:

@@ -6,10 +6,13 @@ Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from renderers import budget, images
+from renderers import budget, denoise, images, reached
+from renderers.budget import percent
+from renderers.means import student, tiled
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.progressive import Estimate, Part, Stop, fingerprint, made_of
@@ -27,6 +30,8 @@ class Method(NamedTuple):
     after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer;
         further reasons
     approximations : error of the method as it was measured in this scene; None: what the renderer states
+    features : what gives the `renderers.denoise.Features` of the scene; None: nothing does
+    apart : names of parts whose detail looks like noise: they are not filtered
     """
 
     name: str
@@ -34,6 +39,8 @@ class Method(NamedTuple):
     reasons: list[str]
     after: Callable[[Estimate], dict]
     approximations: float | None = None
+    features: Callable[[], denoise.Features | None] | None = None
+    apart: tuple[str, ...] = ()
 
 
 def render(prepare, path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
@@ -64,4 +71,38 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     after = method.after(estimate)
-    return estimate.finish(job, method=method.name, reasons=[*reasons, *after.pop("reasons", ())], **after)
+    denoised, remarks = (None, []) if world.dark else _denoised(scene.values, quality, method, estimate)
+    job.part_over("denoising")
+    return estimate.finish(job, method=method.name, reasons=[*reasons, *after.pop("reasons", ()), *remarks], denoised=denoised,
+                           **after)
+
+
+def _denoised(values, quality, method, estimate):
+    """The picture without its noise, or None where that stays, and sentences."""
+    if not all(mean.count for mean in estimate.means.values()):
+        return None, []  # interrupted before there was a picture
+    filters, sentences = denoise.chosen(values, quality, _shared(estimate))
+    if not filters:
+        return None, sentences
+    if method.features is None and set(estimate.means) <= set(method.apart):
+        return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
+    parts = {name: (mean.layers[""], _variance(mean)) for name, mean in estimate.means.items()}
+    made = denoise.denoised(parts, [name for name in parts if name in method.apart], method.features and method.features())
+    return made, [*sentences, denoise.sentence(made.figures)]
+
+
+def _variance(mean):
+    """(H, W, 3) as far as so few passes tell it; None after one."""
+    return None if mean.variance is None else mean.variance[..., :3] * student([1.0], [mean.count]) ** 2
+
+
+def _shared(estimate) -> str:
+    """That pixels share their noise, which a filter takes for picture, in words; "" where they do not."""
+    if estimate.noise is None:
+        return ""
+    grey = estimate.rgb[..., 0]
+    independent = math.sqrt(tiled(grey).size / grey.size) * student([1.0], [min(mean.count for mean in estimate.means.values())])
+    if estimate.noise_region <= (reached.SHARED + independent) * estimate.noise:
+        return ""
+    return (f"pixels share it, so that it looks like the picture (means of regions have a noise of "
+            f"{percent(estimate.noise_region)}, pixels {percent(estimate.noise)})")

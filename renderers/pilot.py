@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bakery.system import resources
-from renderers import budget, reached
+from renderers import budget, denoise, reached
 from renderers.engine import TRUSTED, Stop
 from renderers.pace import shared_out
 
@@ -128,7 +128,7 @@ def _drawn(scene, size, stop, options, picture_path) -> _Pilot:
     values = scene.values
     stop = values.stop.model_copy(update={"noise": 0.0, "time": None, "samples": None} | stop)
     film = values.film.model_copy(update=dict(zip(("width", "height"), size)))
-    small = dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film}))
+    small = denoise.without(dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film})))
     return _Pilot(import_module(scene.renderer).render(small, picture_path, **options), size[0] * size[1])
 
 

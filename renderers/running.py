@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 import bakery
-from renderers import assets, images, reached, scene
+from renderers import assets, denoise, images, reached, scene
 from renderers.budget import percent
 from renderers.mitsuba import bitmaps
 from renderers.progress import share
@@ -55,6 +55,7 @@ class Render:
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         refuse_too_large(self.scene)
+        denoise.refuse_absent(self.scene)
         self.pair = images.output_pair(output or self.scene.picture, self.scene.inputs, overwrite)
         self.scene = assets.baked(self.scene)
         opened = {path: bakery.open(path) for path in dict.fromkeys(self.scene.assets)}
@@ -71,7 +72,8 @@ class Render:
         """The progress of a part that takes the whole from `begin` to `end`; None where nobody asks."""
         return share(self._progress, begin, end)
 
-    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(), **more) -> dict:
+    def finish(self, rgb, *, method, layers=None, text=None, samples=None, noise=None, bias=None, reasons=(), denoised=None,
+               **more) -> dict:
         """Writes the pictures, the PNG as the scene's `display` says, and reports.
 
         Parameters
@@ -83,6 +85,7 @@ class Render:
         samples : a pixel
         noise, bias : 1, relative to the mean; None where the method has none, or states none
         reasons : texts, why this method, and what is left out
+        denoised : `renderers.denoise.Denoised`, which the PNG shows and the EXR holds besides; None where there is none
         more : what this renderer says besides; `unreached`, sentences of `renderers.reached.unreached`, of which the scene's
             values and quality decide what they are; `materials`, where methods mix
 
@@ -90,12 +93,16 @@ class Render:
         -------
         report : dict with `renderer` (its section), `method`, `scene`, `asset`, `files`, `size`, `mean` (linear, a channel),
             `samples`, `noise`, `bias`, `measure` (what its tolerance is of), `materials` (of each entry
-            `kind`, `method`, `bias`, `reasons`, `pilot`), `reasons`, `missed` (sentences: what was asked for and not reached, []
+            `kind`, `method`, `bias`, `reasons`, `pilot`), `denoised` (whether the PNG has its noise taken out), `denoising` (how:
+            `renderers.denoise.Denoised.figures`, or None), `reasons`, `missed` (sentences: what was asked for and not reached, []
             where all was), `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
         missed, remarks = reached.verdict(self.scene.values, self._quality, more.pop("unreached", ()), bias)
-        display, words = images.shown(rgb, **dict(self.scene.values.display))
-        bitmaps.write(self.pair, display, rgb_layers("", rgb) | (layers or {}), text)
+        layers, text, shown = layers or {}, text or {}, rgb
+        if denoised is not None:
+            layers, text, shown = layers | denoised.channels, text | denoised.text, denoised.rgb
+        display, words = images.shown(shown, **dict(self.scene.values.display))
+        bitmaps.write(self.pair, display, rgb_layers("", rgb) | layers, text)
         self.part_over("write")
         if self._progress:
             self._progress(1.0)
@@ -103,7 +110,8 @@ class Render:
                 "asset": ", ".join(dict.fromkeys(asset.path for asset in self.assets)),
                 "files": [str(path) for path in self.pair], "size": [rgb.shape[1], rgb.shape[0]],
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
-                "measure": self.scene.values.measure,
+                "measure": self.scene.values.measure, "denoised": denoised is not None,
+                "denoising": None if denoised is None else denoised.figures,
                 "materials": self._materials(method, bias, [*reasons, *remarks]),
                 "reasons": [*reasons, *remarks], "missed": list(missed), "tone_curve": words,
                 "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more

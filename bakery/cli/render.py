@@ -31,12 +31,14 @@ from bakery.grammar.qualities import QUALITIES
 @click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")
+@click.option("--denoise/--no-denoise", default=None, help="Take the noise out of a scene's PNG, or not.  "
+              "[default: as the scene says; else at draft and preview]")
 @click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
 @at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, resume, place, overwrite, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, denoise, resume, place, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
     A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
@@ -63,10 +65,15 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
         raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
     if place and suffix in (".yaml", ".yml", ".xml"):
         raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
+    if denoise is not None:
+        if suffix not in (".yaml", ".yml"):
+            raise UsageError(f"--{'' if denoise else 'no-'}denoise: {source} is no scene (.yaml); leave the option out")
+        values["denoise"] = "yes" if denoise else "no"
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
         from renderers import assets, images, running, scene
+        from renderers.denoise import refuse_absent
 
         path = scene.load(path, values)
         renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
@@ -77,6 +84,7 @@ def command(source, output, quality, variant, seed, settings, resume, place, ove
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             running.refuse_too_large(path)
+            refuse_absent(path)
             prepared = assets.baked
     elif suffix == ".xml":
         import renderers.granular.plugin

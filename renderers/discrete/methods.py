@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.kernels import BOX
 from renderers import budget, colour
 from renderers.discrete import continuum, detail, explicit, place, query, splat, walk
 from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
@@ -55,7 +56,21 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     parts = tuple(each if isinstance(each, Part) else
                   Part(each[0], _pass(*each[1:], world, height, width, seed, everywhere, lights)) for each in passes)
     more = _figures(setup, depth) | {"layers": _layers(depth)}
-    return Method(name, parts, [peak_sentence(setup.classes, angle), *reasons], lambda estimate: more)
+    return Method(name, parts, [peak_sentence(setup.classes, angle), *reasons], lambda estimate: more,
+                  features=None if name in _SINGLE else lambda: _features(setup, seed),
+                  apart=("walk",) if name in _SINGLE else ("splat",))
+
+
+def _features(setup, seed):
+    """What the camera sees, with the particles as a medium: those that are seen as such are in no filter."""
+    from renderers.scattering import scatterer
+    from renderers.transport import features, regions
+
+    region, medium = setup.region, setup.medium
+    # where it scatters light to plays no role
+    haze = scatterer(medium.sigma_t, medium.albedo[-1], np.array([0.0, math.pi]), np.ones((len(medium.sigma_t), 2)))
+    where = regions.Box(region.lo, region.hi) if region.kind == BOX else regions.Grid(region.lo, region.hi, region.values)
+    return features.first_hits(setup.world, [regions.Medium(where, haze)], medium, seed)
 
 
 def peak_angle(settings, world):
@@ -142,6 +157,8 @@ def _explicit(setup, tolerance, seed):
 
 
 _METHODS = {"auto": _auto, "particles": _particles, "continuous": _continuous, "query": _query, "explicit": _explicit}
+
+_SINGLE = ("query", "explicit")  # methods that show particles in all of their light
 
 
 def _pass(function, what, world, height, width, seed, depth, lights):

@@ -59,7 +59,14 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
 
-    return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if name == "auto" else None)
+    return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if name == "auto" else None,
+                  lambda: _features(world, how, assets, meshes, seed), (kinds[0][0],) if how.technique == GRAINS else ())
+
+
+def _features(*scene):
+    from renderers.granular import features
+
+    return features.first_hits(*scene)
 
 
 def transport_of(name, world, assets, meshes, grains, spread=4.0):

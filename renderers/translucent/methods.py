@@ -53,7 +53,14 @@ def prepare(job, world, seed) -> Method:
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
         return {"bias": bias, "left_out": sentences} | unlit
 
-    return Method(name, made, [*reasons, *sentences], after)
+    return Method(name, made, [*reasons, *sentences], after, features=lambda: features_of(how, seed))
+
+
+def features_of(how, seed):
+    """What the camera sees, `renderers.denoise.Features`; None of more bodies than a loop keeps apart."""
+    from renderers.transport import features
+
+    return features.first_hits(how.world, how.bodies, how.colours, seed) if len(how.bodies) <= _MOST else None
 
 
 def of(how, name, boundary, seed):

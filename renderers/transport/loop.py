@@ -75,7 +75,7 @@ def trace(scene, key, pixels, lanes, samples, by_light):
     by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
     """
     samples = dr.opaque(mi.UInt32, samples)
-    lane, pixel, path = _begun(scene, key, pixels, lanes)
+    lane, pixel, path = begin(scene, key, pixels, lanes)
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
     of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
 
@@ -94,7 +94,7 @@ def trace(scene, key, pixels, lanes, samples, by_light):
 
 def first_media(scene, key, pixels, lanes):
     """Media (pixels * lanes,) int32 in which a path of each lane first scatters, -1 for none; parameters as of `trace`."""
-    *_, path = _begun(scene, key, pixels, lanes)
+    *_, path = begin(scene, key, pixels, lanes)
 
     def step(path, number):
         path, event = advance(scene, path)
@@ -106,7 +106,7 @@ def first_media(scene, key, pixels, lanes):
     return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
 
 
-def _begun(scene, key, pixels, lanes):
+def begin(scene, key, pixels, lanes):
     """Lanes, their pixels, and their first paths."""
     # as variables: a number would be part of the kernel, and another one another kernel
     *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))

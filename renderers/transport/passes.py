@@ -61,21 +61,21 @@ def materials(world, entries, colours, seed, samples=16):
     scene, (height, width) = Scene(world, entries, colours), world.size
     numbers = np.empty((samples, height * width), int)
     for sample in range(samples):
-        key = _halves(stream_key(seed, "render.materials", sample))
+        key = halves(stream_key(seed, "render.materials", sample))
         numbers[sample] = np.asarray(loop.first_media(scene, key, height * width, 1))
     counts = np.array([(numbers == number).sum(axis=0) for number in range(len(entries))])
     entry = np.array(scene.entries)[counts.argmax(axis=0)]
     return np.where(counts.any(axis=0), entry, -1).reshape(height, width)
 
 
-def _halves(key):
+def halves(key):
     """Of a key of 64 bits."""
     return int(key) & 0xFFFFFFFF, int(key) >> 32
 
 
 def _rendered(scene, size, samples, seed, lights, number):
     """Layers of a pass."""
-    together, key = min(samples, _TOGETHER), _halves(stream_key(seed, "render.paths", number))
+    together, key = min(samples, _TOGETHER), halves(stream_key(seed, "render.paths", number))
     sums, of_lights = loop.trace(scene(), key, size[0] * size[1], samples // together, together, len(lights) > 0)
     dr.eval(sums, of_lights)  # all of them by one kernel
     channels = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)

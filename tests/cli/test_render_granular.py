@@ -313,3 +313,29 @@ def test_what_the_integrator_refuses(call, place, old, new, said):
 def test_the_integrator_needs_arrays(call, place):
     status, _, err = call("render", mitsuba_scene(place), "-o", place / "x.png", "--variant", "scalar_rgb")
     assert status and "variant scalar_rgb; one that works on arrays of colours would do" in err
+
+
+def test_what_the_camera_sees_of_grains(place):
+    """Their normals: a radius against them lies the middle of a sphere, the same for all pixels of it; and where grains show."""
+    from renderers.granular import features, material, methods
+    from renderers.mitsuba.world import World
+    from renderers.running import Render
+
+    job = Render(place / "s.yaml", place / "a.png")
+    world = World.of(job.scene)
+    meshes = material.meshes_of(job.scene)
+    grains = [material.grains_of(job.assets[0], *meshes[0])]
+    how, _ = methods.transport_of("ept", world, job.assets, meshes, grains)
+    body, normal, distance = features._at(world, how, np.array([0.5, 0.5]))
+    met = body >= 0
+    towards = world.camera.rays(*world.size)
+    middle = world.camera.origin + np.where(met, distance, 0)[..., None] * towards - how.bodies[0].radius * normal
+    aggregate, unit = grains[0].aggregate, grains[0].unit
+    apart = middle[met][:, None] / unit - aggregate.centers
+    apart -= aggregate.cell * np.round(apart / aggregate.cell)
+    off = np.linalg.norm(apart, axis=2).min(axis=1)
+    assert met.mean() > 0.2 and np.median(off) < 1e-2 and np.mean(off < 0.1) > 0.95  # rays beside each other may part at an edge
+    found = features.first_hits(world, how, job.assets, meshes, 0)
+    assert (found.detail[met] > 0).all() and (found.detail <= 1).all() and not found.detail[0].any()
+    assert np.allclose(found.albedo[0], [0.5, 0.4, 0.3], atol=1e-5) or np.isinf(found.distance[0]).any()
+    assert np.isfinite(found.albedo).all() and (abs(found.normal) <= 1 + 1e-6).all()

@@ -110,7 +110,8 @@ def test_what_does_not_fit_together(load):
     assert "asset: found asset beside materials" in fault(load, sand, more="asset: sand.h5\n")
     assert fault(load, sand, more="asset: sand.h5\n").count("found") == 1
     assert "at least 1" in fault(load, sand, settings={"materials": "[]"})
-    assert "this version takes no noise out" in fault(load, sand, more="denoise: auto\n")
+    assert 'denoise: found "often"; expected auto, yes or no' in fault(load, sand, more="denoise: often\n")
+    assert load(sand).values.denoise == "auto" and load(sand, more="denoise: no\n").values.denoise == "no"
 
 
 def test_methods_to_compare_set_all_entries(load, tmp_path):

@@ -50,15 +50,16 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "engine", "images", "inputs", "reached"},
-          "reached": {"budget"}, "running": {"assets", "budget", "images", "mitsuba", "progress", "reached", "scene"},
+          "reached": {"budget"}, "denoise": {"budget", "colour"},
+          "running": {"assets", "budget", "denoise", "images", "mitsuba", "progress", "reached", "scene"},
           "means": {"colour"}, "engine": {"colour", "means", "reached"}, "signed": {"budget", "colour", "running"},
-          "pilot": {"budget", "engine", "mitsuba", "pace", "progressive", "reached"},
+          "pilot": {"budget", "denoise", "engine", "mitsuba", "pace", "progressive", "reached"},
           "progressive": {"budget", "colour", "engine", "means", "mitsuba", "running", "signed"},
-          "passes": {"budget", "images", "mitsuba", "progressive", "running"},
+          "passes": {"budget", "denoise", "images", "means", "mitsuba", "progressive", "reached", "running"},
           "integrator": {"means", "mitsuba"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
-          "transport": {"engine", "mitsuba", "scattering", "solids", "threads", "wavefront"}, "solids": set(),
-          "comparison": {"assets", "entries", "images", "pace", "progressive", "reached", "scene"}}
+          "transport": {"denoise", "engine", "mitsuba", "scattering", "solids", "threads", "wavefront"}, "solids": set(),
+          "comparison": {"assets", "denoise", "entries", "images", "pace", "progressive", "reached", "scene"}}
 # what makes one scene of several materials stands on the renderers of each
 OF_SEVERAL = {"materials": {"discrete", "granular", "translucent"},
               "mixed": {"discrete", "granular", "materials", "translucent"}}

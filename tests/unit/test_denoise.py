@@ -1,0 +1,198 @@
+"""Pictures without their noise: what a filter may change, when it runs, and what pixels show of a scene."""
+
+from __future__ import annotations
+
+import types
+
+import numpy as np
+import pytest
+
+from bakery.errors import UsageError
+from renderers import denoise, engine
+from renderers.denoise import Features, denoised
+
+HAS = pytest.mark.skipif(not denoise.available(), reason="mitsuba-oidn is not installed")
+SHAPE = (24, 32, 3)
+
+
+@pytest.fixture
+def any_filter(monkeypatch):
+    """In place of the network any function, with or without the package."""
+    monkeypatch.setattr(denoise, "_version", lambda: "of the test")
+
+    def put(function):
+        monkeypatch.setattr(denoise, "_filtered", lambda picture, features: function(picture))
+
+    return put
+
+
+def noisy(scatter=0.3, word=0):
+    """A picture with a gradient, and its variance."""
+    level = np.broadcast_to(np.linspace(0.5, 2, SHAPE[1])[None, :, None], SHAPE)
+    picture = level * (1 + scatter * np.random.default_rng(word).standard_normal(SHAPE))
+    return level, np.maximum(picture, 0), (scatter * level) ** 2
+
+
+def scene_saying(word):
+    return types.SimpleNamespace(values=types.SimpleNamespace(denoise=word),
+                                 wrong=lambda key, message: UsageError(f"s.yaml:3: {key}: {message}"))
+
+
+# ---- when
+
+
+@pytest.mark.parametrize("word, quality, filters", [
+    ("auto", None, False), ("auto", "final", False), ("auto", "preview", True), ("auto", "draft", True),
+    ("yes", None, True), ("no", "draft", False)])
+def test_when_the_noise_is_taken_out(monkeypatch, word, quality, filters):
+    monkeypatch.setattr(denoise, "available", lambda: True)
+    assert denoise.chosen(scene_saying(word).values, quality, "") == (filters, [])
+
+
+def test_without_the_package(monkeypatch):
+    """A draft keeps its noise and says so; who asks for it is told before any work."""
+    monkeypatch.setattr(denoise, "find_spec", lambda name: None)
+    filters, (said,) = denoise.chosen(scene_saying("auto").values, "draft", "")
+    assert not filters and "mitsuba-oidn" in said and ".[denoise]" in said
+    with pytest.raises(UsageError, match=r"s.yaml:3: denoise: found yes.*mitsuba-oidn is not there.*\.\[denoise\].*auto"):
+        denoise.refuse_absent(scene_saying("yes"))
+    denoise.refuse_absent(scene_saying("auto"))
+    denoise.refuse_absent(types.SimpleNamespace(values=object()))  # fog has no such key
+
+
+def test_noise_that_pixels_share_is_left(monkeypatch):
+    """But where somebody asks for it."""
+    monkeypatch.setattr(denoise, "available", lambda: True)
+    filters, (said,) = denoise.chosen(scene_saying("auto").values, "draft", "pixels share it")
+    assert not filters and "pixels share it" in said and "denoise: yes" in said
+    assert denoise.chosen(scene_saying("yes").values, None, "pixels share it")[0]
+
+
+# ---- what a filter may change
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 0.0, -5.0, 1e30])
+def test_nothing_a_filter_gives_gets_far(any_filter, wrong):
+    """Within two standard errors, and between the least and the most of what is near."""
+    any_filter(lambda picture: np.full_like(picture, wrong))
+    _, picture, variance = noisy()
+    found = denoised({"walk": (picture, variance)}).rgb
+    assert np.isfinite(found).all() and (found >= 0).all()
+    assert (found <= picture.max()).all() and (found >= picture.min()).all()
+    assert (abs(found - picture) <= 2.001 * np.sqrt(variance.max())).all()
+
+
+def test_light_that_is_known_stays(any_filter):
+    """A lamp, on which all passes agree, far from noise: a network made a flame a third brighter."""
+    any_filter(lambda picture: 1.4 * picture)
+    _, picture, variance = noisy()
+    picture[4:16, 4:16], variance[:, :22] = 1e5, 0.0
+    found = denoised({"walk": (picture, variance)}).rgb
+    assert np.array_equal(found[:, :18], picture[:, :18]) and not np.array_equal(found[:, 22:], picture[:, 22:])
+
+
+def test_what_is_kept_apart_is_not_smeared(any_filter):
+    """Glints to the last bit on top of the rest; with `detail`, in those pixels alone."""
+    any_filter(lambda picture: np.full_like(picture, picture.mean()))
+    _, picture, variance = noisy()
+    glints = np.zeros(SHAPE)
+    glints[3::5, 2::7] = 40.0
+    parts = {"walk": (picture, variance), "splat": (glints, variance)}
+    rest = denoised({"walk": (picture, variance)}).rgb
+    found = denoised(parts, ["splat"])
+    assert np.array_equal(found.rgb, rest + glints) and found.figures["apart"] == ["splat"]
+    detail = np.zeros(SHAPE[:2])
+    detail[:, :16] = 1.0
+    some = Features(*np.zeros((2, *SHAPE)), np.ones(SHAPE[:2]), detail)
+    mixed = denoised(parts, ["splat"], some).rgb
+    assert np.array_equal(mixed[:, :16], (rest + glints)[:, :16]) and np.array_equal(mixed[:, 16:], denoised(parts).rgb[:, 16:])
+    assert np.array_equal(denoised(parts, ["walk", "splat"]).rgb, picture + glints)
+    assert "splat" in denoise.sentence(found.figures)
+
+
+def test_a_black_picture_stays_black(any_filter):
+    any_filter(lambda picture: picture + 1)
+    black = denoised({"walk": (np.zeros(SHAPE), np.zeros(SHAPE))})
+    assert not black.rgb.any() and black.figures["mean_change"] == 0.0
+
+
+def test_the_change_of_the_mean_is_stated(any_filter):
+    any_filter(lambda picture: 0.9 * picture)
+    _, picture, variance = noisy()
+    found = denoised({"walk": (picture, variance)}, features=Features(*np.ones((2, *SHAPE)), np.full(SHAPE[:2], np.inf)))
+    assert found.figures["mean_change"] == pytest.approx(found.rgb.sum() / picture.sum() - 1, abs=0.01) and \
+        -0.101 < found.figures["mean_change"] < -0.05
+    assert {"denoised.R", "albedo.G", "normal.Z", "distance.Z"} <= found.channels.keys()
+    assert "of the test" in found.text[denoise.TEXT]
+
+
+@HAS
+def test_the_network_takes_white_noise_out():
+    """A quarter of the error at most (0.22), the same at any level of light, and the same bits again."""
+    import renderers.mitsuba  # noqa: F401
+
+    level, picture, variance = noisy()
+    found = denoised({"walk": (picture, variance)})
+    assert np.std(found.rgb - level) < 0.25 * np.std(picture - level) and abs(found.figures["mean_change"]) < 0.02
+    assert np.array_equal(denoised({"walk": (picture, variance)}).rgb, found.rgb)
+    for scale in (1e-20, 1e6):
+        scaled = denoised({"walk": (scale * picture, scale**2 * variance)}).rgb
+        assert np.allclose(scaled, scale * found.rgb, rtol=1e-3, atol=0)
+    assert denoised({"walk": (picture[:1, :1], None)}).rgb.shape == (1, 1, 3)
+
+
+# ---- what pixels show
+
+SCENE = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="0, -4, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
+<film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="12"/></film></sensor>
+<shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate x="1" angle="90"/><translate y="2"/></transform>
+  <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.8 0.2 0.1"/></bsdf></bsdf></shape>
+<shape type="cube"><transform name="to_world"><scale value="0.5, 0.1, 3"/><translate x="-0.8"/></transform>
+  <bsdf type="dielectric"/></shape>
+<shape type="cube" id="wax"><transform name="to_world"><scale value="0.5, 0.5, 3"/><translate x="0.8"/></transform>
+  <bsdf type="{boundary}"/></shape></scene>"""
+
+
+@pytest.mark.parametrize("boundary", ["dielectric", "null"])
+def test_first_hits(tmp_path, boundary):
+    """A wall, the wall through a pane, and a body that lets nothing through, whose boundary gives the normal."""
+    from renderers.mitsuba.world import World
+    from renderers.scattering import scatterer
+    from renderers.transport import features
+
+    (tmp_path / "s.xml").write_text(SCENE.format(boundary=boundary))
+    world = World(tmp_path / "s.xml", 0.1)
+    shape = next(shape for shape in world.shapes() if shape.name == "wax")
+    medium = scatterer(np.full(3, 1e5), np.array([0.9, 0.6, 0.3]), np.array([0, np.pi]), np.full((3, 2), 1 / (4 * np.pi)))
+    body = types.SimpleNamespace(name="wax", vertices=shape.vertices, faces=shape.faces, medium=medium,
+                                 matched=boundary == "null")
+    found = features.first_hits(world, [body], types.SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3)), 0)
+    wall, pane, wax = (found.albedo[6, column] for column in (12, 7, 17))
+    assert np.allclose(wall, [0.8, 0.2, 0.1], atol=1e-5) and np.allclose(pane, wall, atol=1e-5)
+    assert np.allclose(wax, [0.9, 0.6, 0.3], atol=1e-5)
+    for column, distance in ((12, 0.6), (7, 0.6), (17, 0.35)):
+        assert np.allclose(found.normal[6, column], [0, -1, 0], atol=1e-3)
+        assert found.distance[6, column] == pytest.approx(distance, rel=0.05)
+    assert np.array_equal(found.distance, features.first_hits(world, [body], types.SimpleNamespace(
+        to_rgb=np.eye(3), to_waves=np.eye(3)), 0).distance)
+
+
+@pytest.mark.parametrize("size", [(16, 24), (64, 96)])
+@pytest.mark.parametrize("passes", [2, 8])
+def test_shared_noise_is_found(size, passes):
+    """Of 40 pictures none whose pixels are independent, and most whose pixels have a common noise three times their own."""
+    from renderers.passes import _shared
+
+    def found(common, word):
+        def render(index):
+            random = np.random.default_rng([word, index])
+            grey = 5 + common * random.standard_normal() + random.standard_normal((*size, 1))
+            return {"": np.repeat(grey, 3, axis=2)}
+
+        estimate = engine.Passes([engine.Part("walk", render)])
+        estimate.run(engine.Stop(samples=passes))
+        return bool(_shared(estimate))
+
+    assert not any(found(0.0, word) for word in range(40))
+    assert sum(found(3.0, word) for word in range(40)) >= (35 if passes > 2 else 20)
