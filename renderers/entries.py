@@ -196,9 +196,14 @@ class SceneFile(Every):
     denoise: word(*DENOISE) = Field("auto", description="Whether noise is taken out of the PNG; auto: at draft and preview.")
 
 
+def declared(kind: str) -> dict:
+    """`renderers.declaration.SceneMethod` of each method of a kind, by name; {} of a medium, which has no package of its own."""
+    return import_module(f"{PACKAGES[kind]}.declared").methods() if kind in PACKAGES else {}
+
+
 def methods(kind: str) -> tuple[str, ...]:
     """Names of the methods of a kind."""
-    return import_module(f"{PACKAGES[kind]}.scene").CHOICE[1] if kind in PACKAGES else ("auto", "paths")
+    return tuple(declared(kind)) or ("auto", "paths")
 
 
 def stages(kind: str) -> tuple[str, ...]:

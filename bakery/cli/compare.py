@@ -11,12 +11,23 @@ from bakery.cli import offers
 from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of, status_of_missed
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import qualities
+from bakery.system.terminal import say
+
+
+def _print_methods(context, _parameter, asked) -> None:
+    """What methods declare, and no more."""
+    if asked and not context.resilient_parsing:
+        for line in shared.declared_lines():
+            say(line)
+        context.exit()
 
 
 @click.command(name="compare", short_help="render a scene by several methods, and show them beside one another")
 @click.argument("source", type=click.Path(), metavar="SCENE")
-@click.option("--methods", required=True, metavar="A,B,C",
+@click.option("--methods", required=True, metavar="A,B,C", shell_complete=offers.scene_methods,
               help="As the scene's materials take them; METHOD:KEY=VALUE also sets a key beside that of the method.")
+@click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_print_methods,
+              help="Print the methods of each kind of material: which light each brings and leaves out, its error, its keys.")
 @click.option("--reference", metavar="METHOD|FILE.exr", help="What the others are held against.  [default: the first method]")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html",
               help="The page; the pictures lie in a folder of its name beside it.  Default: NAME_compare.html beside the scene.")

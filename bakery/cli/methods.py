@@ -20,6 +20,36 @@ def split(names: str) -> list[str]:
     return found
 
 
+def declared_lines():
+    """What each method of each kind of material declares, for people."""
+    from renderers.entries import KINDS, declared
+
+    for kind in KINDS:
+        for method in declared(kind).values():
+            yield f"{kind}, {method.name}: {method.words}"
+            yield f"  brings: {method.brings}"
+            if method.leaves_out:
+                yield f"  leaves out: {method.leaves_out}"
+            yield f"  error: {_error_text(method)}"
+            if method.candidates:
+                yield f"  chooses from: {', '.join(method.candidates)}"
+            if method.keys:
+                yield f"  takes: {', '.join(method.keys)}"
+
+
+def _error_text(method) -> str:
+    from renderers.budget import percent
+
+    if method.exact:
+        return "none of its own"
+    texts = ["kept within a scene's tolerance"] if method.keeps else []
+    if stated := method.error(TOLERANCE):
+        texts.append(f"up to {percent(stated)} is stated (at a tolerance of {percent(TOLERANCE)})")
+    if method.measured:
+        texts.append("measured in the picture")
+    return "; ".join(texts) or "neither stated nor measured"
+
+
 def page_at(output, loaded, ending: str) -> Path:
     """Where the page goes: `output`, or NAME_ENDING.html beside the scene."""
     page = Path(output) if output else loaded.picture.with_name(f"{loaded.values.name}_{ending}.html")

@@ -24,6 +24,14 @@ def stages(_ctx, _param, incomplete):
     return _items({stage.name: stage.title for stage in all_stages()}, incomplete)
 
 
+def scene_methods(_ctx, _param, incomplete):
+    """Methods of materials, the last of a list of them."""
+    from renderers.entries import KINDS, declared
+
+    before = incomplete[:incomplete.rfind(",") + 1]
+    return _items({before + name: method.words for kind in KINDS for name, method in declared(kind).items()}, incomplete)
+
+
 def starts(_ctx, _param, incomplete):
     """Recipes to start from."""
     from bakery.recipe.starting import starts as known

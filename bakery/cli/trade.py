@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from bakery.cli import offers
 from bakery.cli.options import (
     for_scenes,
     json_option,
@@ -27,7 +28,7 @@ from bakery.errors import Interrupted, UsageError
 @click.option("-o", "--output", type=click.Path(), metavar="DIR|FILE.html",
               help="Folder of a recipe's results, page of a scene.  Default: RECIPE.trade, NAME_trade.html beside the scene.")
 @recipe_options
-@click.option("--methods", metavar="A,B,C",
+@click.option("--methods", metavar="A,B,C", shell_complete=offers.scene_methods,
               help="Of a scene: points in place of those that its renderer names, as `bake compare` takes them.")
 @click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
               help="Of a scene: another scene of the same picture, for another renderer; repeatable.")

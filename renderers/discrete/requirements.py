@@ -9,6 +9,7 @@ import numpy as np
 from renderers import colour
 from renderers.budget import as_much, percent
 from renderers.discrete import seen
+from renderers.discrete.declared import methods
 from renderers.requirements import Knob, Need
 
 _RGB = (0.610, 0.550, 0.465)  # um, what `wavelengths: rgb` means
@@ -50,8 +51,8 @@ def needs(about) -> list[Need]:
 
 def _classes(settings):
     """The continuous medium is the sum over the classes, however many."""
-    if settings.method == "continuous":
-        yield Knob("discrete.classes", 1, "1", "method continuous reads their sum")
+    if methods()[settings.method].continuous:
+        yield Knob("discrete.classes", 1, "1", f"method {settings.method} reads their sum")
 
 
 # ---- light
@@ -60,7 +61,7 @@ def _classes(settings):
 def _sharp(about):
     """Share of the picture's light that particles scatter which are seen one by one in a light narrower than a step of the
     scattering angle; 0 where no light is, 1 where their box is not known."""
-    if about.dark or about.entry.method == "continuous":
+    if about.dark or methods()[about.entry.method].continuous:
         return 0.0
     box = _box(about)
     angles = about.world.light_angles(about.world.camera.origin if box is None else np.mean(box, axis=0))

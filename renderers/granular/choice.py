@@ -17,7 +17,7 @@ from renderers import colour, wavefront
 from renderers.budget import percent
 from renderers.granular import transport
 from renderers.granular.bundles import EDGE
-from renderers.granular.scene import ROOM
+from renderers.granular.declaration import ROOM
 
 # Albedo of grains from which on their medium is tried; glass balls of 0.96 are 1 % too dark in it under a sky, of 0.8 7 %
 _CLEAR = 0.95

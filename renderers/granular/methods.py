@@ -8,9 +8,9 @@ from bakery import kernels
 from renderers import budget
 from renderers.budget import percent
 from renderers.engine import Part
-from renderers.granular import bundles, choice, local, material, medium, paths, teleport, transport
+from renderers.granular import bundles, local, material, medium, transport
 from renderers.granular.choice import Choice
-from renderers.granular.scene import STATED
+from renderers.granular.declared import methods
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.passes import Method
 
@@ -41,14 +41,15 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
     spread, tolerance : as in a scene
     """
+    declared = methods()[name]
     how, reasons = transport_of(name, world, assets, meshes, grains, spread)
     best = Choice(how.switch is not None)
-    if name == "auto":
-        best = choice.chosen(world, assets, meshes, how, tolerance)
+    if declared.measured:
+        best = declared.measured(world, assets, meshes, how, tolerance)
         how = how if best.switches else how._replace(switch=None)
-    elif name in STATED:
-        reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(STATED[name])}")
-    if how.switch is not None and name != "ept+vpt" and any(body.medium.varies for body in how.bodies):
+    elif stated := declared.error(tolerance):
+        reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(stated)}")
+    if how.switch is not None and declared.diffuses and any(body.medium.varies for body in how.bodies):
         reasons.append("no light diffuses in bodies whose fraction or mixture varies")
     number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
@@ -59,7 +60,7 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
 
-    return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if name == "auto" else None,
+    return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if declared.measured else None,
                   lambda: _features(world, how, assets, meshes, seed), (kinds[0][0],) if how.technique == GRAINS else ())
 
 
@@ -71,23 +72,22 @@ def _features(*scene):
 
 def transport_of(name, world, assets, meshes, grains, spread=4.0):
     """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
+    declared = methods()[name]
     colours, said, bodies = material.colours_of(assets[0]), [], []
     reach = [material.radius_of(one) for one in grains]
     for number, (asset, one) in enumerate(zip(assets, grains)):
         others = [(*mesh, reach[other]) for other, mesh in enumerate(meshes) if other != number]
         around = material.occupied_by(world, one.aggregate, one.unit, others), colours
-        if name == "teleport":
-            ways = teleport.Teleports(one, *around), None
-        else:
-            ways = paths.Explicit(one, *around), None
-        if name not in ("ept", "teleport"):
+        ways = declared.grains(one, *around), None
+        if declared.medium:
             stands, varied, met_by = material.medium_of(asset, one)
-            ways = ways[0], medium.Continuous(stands, *around, name in ("ept+vpt+da", "auto"), varied, met_by)
+            ways = ways[0], medium.Continuous(stands, *around, declared.diffuses, varied, met_by)
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
-        said += material.reasons_of(asset) if name != "vpt" else material.reasons_of_medium(asset)
-    switch = None if name in ("ept", "vpt", "teleport") else bundles.Switch(spread)
-    return Transport(tuple(bodies), colours, MEDIUM if name == "vpt" else GRAINS, switch), list(dict.fromkeys(said))
+        said += material.reasons_of_medium(asset) if declared.begins_in_medium else material.reasons_of(asset)
+    switch = bundles.Switch(spread) if declared.switches else None
+    start = MEDIUM if declared.begins_in_medium else GRAINS
+    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *said]))
 
 
 def _pass(world, how, seed, which):

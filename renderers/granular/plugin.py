@@ -32,12 +32,12 @@ import numpy as np
 import bakery
 from bakery.errors import UsageError
 from bakery.store import ply
-from renderers.granular.scene import METHODS, NEEDS
+from renderers.granular.scene import CHOICE, NEEDS
 from renderers.integrator import length_of_one, one_of, register
 
 import mitsuba as mi  # isort: skip
 
-NAME, DEFAULT = "bakery_granular", METHODS[0]
+NAME, METHODS = "bakery_granular", CHOICE[1]
 
 
 class Inside:
@@ -47,7 +47,7 @@ class Inside:
     """
 
     def __init__(self, props):
-        self.method, self.unit = one_of(NAME, props, "method", METHODS, DEFAULT), length_of_one(NAME, props)
+        self.method, self.unit = one_of(NAME, props, "method", METHODS, METHODS[0]), length_of_one(NAME, props)
         asset = props.get("asset", None)
         if asset is None:
             raise UsageError(f'{NAME}: no asset; <string name="asset" value="sand.h5"/> would do')

@@ -8,9 +8,9 @@ import numpy as np
 
 from bakery import kernels
 from renderers.budget import as_much
+from renderers.granular.declared import methods
 from renderers.requirements import Knob, Need
 
-GRAINS_ONLY = ("ept", "teleport")  # methods that trace grains and read no statistics of them
 # Fewest triangles of a grain: at 1,300 the hit probability is 0.1 % off and all else within noise (docs/trade.md)
 _COARSE, _FINE = 1300, 200_000
 # Error of the phase function over that of a picture: it is the statistic that converges last, while albedo and lambda_s, of which
@@ -24,15 +24,15 @@ _WORST, _BEST = 0.5, 4e-4  # 2^28 paths, the most that are followed, leave 6/sqr
 
 def needs(about) -> list[Need]:
     """Requirements of the stages packing, grains and medium; see `renderers.requirements`."""
-    method = about.entry.method
+    method = methods()[about.entry.method]
     if about.recipe.grains is None:
         return [Need(stage, True, "the renderer reads it") for stage in ("grains", "packing", "medium")]
     triangles, apart = _triangles(about, method)
     lacking = ""
     if about.dark:
         statistics, why = _WORST, "nothing in the scene shines: its picture is black"
-    elif method in GRAINS_ONLY:
-        statistics, why = _WORST, f"method {method} traces the grains and reads no statistics of their light"
+    elif not method.medium:
+        statistics, why = _WORST, f"method {method.name} traces the grains and reads no statistics of their light"
     else:
         statistics = float(np.clip(_BETTER * about.tables, _BEST, _WORST))
         why = about.share
@@ -51,7 +51,7 @@ def _walk(about) -> Knob:
 
 
 def _of_medium(method):
-    return "the chance of light samples goes by it" if method in GRAINS_ONLY else "light goes on in it where grains are not seen"
+    return "the chance of light samples goes by it" if not method.medium else "light goes on in it where grains are not seen"
 
 
 # ---- grains
@@ -65,7 +65,7 @@ def _triangles(about, method):
     if all(grain.shape.type == "sphere" for grain in about.recipe.grains.components):
         return (), "grains are exact balls"
     pixels = about.measured(_pixels)
-    if method == "vpt" or about.dark:
+    if method.begins_in_medium or about.dark:
         number, why = _COARSE, "no grain is seen, and statistics are within 0.1 %"
     else:
         number = int(np.clip(2 * 4 * math.pi / math.sqrt(3) * pixels**2, _COARSE, _FINE))

@@ -50,10 +50,12 @@ class Content(NamedTuple):
     """Of an entry.
 
     what : `Particles`, `Grains`, `Body`, or of a medium without a boundary `regions.Medium`
+    stands : `Body` or `regions.Medium`, by which a filter of noise knows the colour of what is seen
     reasons : sentences about what is approximate
     """
 
     what: object
+    stands: object
     reasons: tuple[str, ...] = ()
 
 
@@ -74,8 +76,10 @@ def of(scene, world, asset, spectra, number) -> Content:
     if hasattr(entry.where, "shape"):
         shape = solid_shape(world.shapes(), entry.where.shape, entry.index,
                             lambda key, message: scene.wrong(f"materials[{number}].{key}", message))
-        return Content(Body(shape.name, shape.vertices, shape.faces, whole, shape.index == 1.0, shape))
-    return Content(regions.Medium(_region(scene, number), whole, f"materials[{number}]"))
+        body = Body(shape.name, shape.vertices, shape.faces, whole, shape.index == 1.0, shape)
+        return Content(body, body)
+    medium = regions.Medium(_region(scene, number), whole, f"materials[{number}]")
+    return Content(medium, medium)
 
 
 # ---- each kind
@@ -90,27 +94,28 @@ def _particles(scene, world, asset, spectra, number, method):
     discs = place.discs_of(group, region, entry.velocity, entry.time)
     tabulated, _ = medium(classes, discs, spectra.colours.to_rgb, spectra.colours.to_waves)
     reasons = (f"materials[{number}]: {peak_sentence(classes, angle)}",)
+    stands = regions.Medium(continuum.region_of(scene, number, region, group), continuum.scatterer_of(tabulated),
+                            f"materials[{number}]")
     if method == "particles":
-        return Content(Particles(region, tabulated), reasons)
+        return Content(Particles(region, tabulated), stands, reasons)
     if np.any(tabulated.host) and region.kind != kernels.BOX:
         raise scene.wrong(f"materials[{number}].method", "found continuous, but the host of the particles absorbs light in the "
                           "whole box, also beside the mesh or the grid; method particles would do")
-    stands = regions.Medium(continuum.region_of(scene, number, region, group), continuum.scatterer_of(tabulated),
-                            f"materials[{number}]")
-    return Content(stands, (*reasons, f"materials[{number}]: no particle is told apart"))
+    return Content(stands, stands, (*reasons, f"materials[{number}]: no particle is told apart"))
 
 
 def _grains(scene, asset, spectra, number, method):
     vertices, faces = material.mesh_of(scene, number)
     region = regions.Mesh(vertices, faces)
+    values = (np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "theta", "phase"))
+    sigma_t, albedo, phase = material.without_peak(*values)
+    stands = regions.Medium(region, spectra.medium(asset, sigma_t, albedo, phase), f"materials[{number}]")
     if method == "vpt":
-        values = (np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "theta", "phase"))
-        sigma_t, albedo, phase = material.without_peak(*values)
-        reasons = tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of_medium(asset))
-        return Content(regions.Medium(region, spectra.medium(asset, sigma_t, albedo, phase), f"materials[{number}]"), reasons)
+        return Content(stands, stands, tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of_medium(asset)))
     varies = local.local_of(scene, number, asset, material.fraction_of(asset), vertices)
     grains = spectra.grains(asset, material.grains_of(asset, vertices, faces, varies))
-    return Content(Grains(region, grains), tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset)))
+    return Content(Grains(region, grains), stands,
+                   tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset)))
 
 
 def _region(scene, number):

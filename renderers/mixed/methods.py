@@ -29,13 +29,29 @@ def prepare(job, world, seed) -> Method:
     figures = {"materials": listed, "bias": 0.0 if exact else None}
     name = " and ".join(dict.fromkeys(entries))
     what = [one.what for one in found]
-    continuous = not any(isinstance(one, contents.Particles | contents.Grains) for one in what)
-    if continuous and len(what) <= MOST_IN_A_LOOP:
+    explicit = [number for number, one in enumerate(what) if isinstance(one, contents.Particles | contents.Grains)]
+    if not explicit and len(what) <= MOST_IN_A_LOOP:
         return _in_one_loop(name, world, what, spectra.colours, seed, reasons, figures)
     room = build.scene_of(world, [build.material_of(one) for one in what], spectra.colours)
-    part = wavefronts.part("paths", room, seed)
-    return Method(name, (part,), reasons,
-                  lambda estimate: figures | {"layers": {"material": wavefronts.material_layer(estimate.means.values())}})
+    part, shares = wavefronts.part("paths", room, seed), []
+
+    def after(estimate):
+        shares.append(wavefronts.first_shares(estimate.means.values()))
+        return figures | {"layers": {"material": wavefronts.material_layer(shares[0])}}
+
+    def features():
+        # what is told apart looks like noise: there the picture stays as it is
+        return _features(world, [one.stands for one in found], spectra.colours, seed)._replace(
+            detail=shares[0][..., explicit].sum(axis=-1))
+
+    seen = features if len(what) <= MOST_IN_A_LOOP else None
+    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else ())
+
+
+def _features(world, entries, colours, seed):
+    from renderers.transport import features
+
+    return features.first_hits(world, entries, colours, seed)
 
 
 def _in_one_loop(name, world, what, colours, seed, reasons, figures):
@@ -46,7 +62,7 @@ def _in_one_loop(name, world, what, colours, seed, reasons, figures):
     def after(estimate):
         return figures | {"layers": {"material": passes.materials(world, what, colours, seed, _MATERIAL).astype("float32")}}
 
-    return Method(name, (part,), reasons, after)
+    return Method(name, (part,), reasons, after, features=lambda: _features(world, what, colours, seed))
 
 
 def _refuse_twins(scene, found):

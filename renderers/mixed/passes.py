@@ -32,10 +32,14 @@ def _rendered(scene, size, samples, seed, number):
     return {layer: image.reshape(*size, 3) / samples for layer, image in images.items()}
 
 
-def material_layer(means):
-    """Layer `material` (H, W): the entry in which most of a pixel's paths scattered first, -1 where most did not; of means."""
+def first_shares(means):
+    """Shares (H, W, materials) of a pixel's paths that each material was the first to scatter; of means."""
     (mean,) = means
     names = sorted((name for name in mean.layers if name.startswith(_FIRST)), key=lambda name: int(name[len(_FIRST):]))
-    shares = np.concatenate([mean.layers[name] for name in names], axis=-1)
+    return np.concatenate([mean.layers[name] for name in names], axis=-1).astype(float)
+
+
+def material_layer(shares):
+    """Layer `material` (H, W): the entry in which most of a pixel's paths scattered first, -1 where most did not."""
     none = 1 - shares.sum(axis=-1, keepdims=True)
     return (np.argmax(np.concatenate([none, shares], axis=-1), axis=-1) - 1).astype(np.float32)

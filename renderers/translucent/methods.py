@@ -7,29 +7,28 @@ import math
 import numpy as np
 
 from bakery import kernels
+from bakery.grammar import fields
 from renderers import colour
 from renderers.engine import Part
 from renderers.passes import Method
 from renderers.translucent import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
+from renderers.translucent.bias import CLOSER, SHARPER
 from renderers.translucent.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
-from renderers.translucent.scene import READERS
+from renderers.translucent.declaration import DIFFUSED, FEW, GATHERED, JOINED
+from renderers.translucent.declared import methods
 from renderers.translucent.thin import WALKS
 from renderers.translucent.transport import UNLIMITED, Colours, Gather, Transport
 
-EACH_EVENT = ("paths", "shells")  # methods that have no beams
 ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
-TABLED = ("vrl+tables", "beams+tables")  # that take later events from the tables
-JOINED = ("beams+tables", "beams")  # that join beams with lines of sight where they pass close by
 _FIRST = 8192  # places that tell where light comes into a body
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 _BESIDE = 3 << 30  # and of those that meet beams
-# layers: what sharing over half the distance changes, and beams of lights without extent that are half as wide
-CLOSER, SHARPER = "closer", "sharper"
 _MOST = 31  # bodies of which one loop keeps in which a path is
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
 _UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
+_UNLIT_METHOD = "paths"  # of scenes in which nothing shines: needs neither beams nor tables
 _LAYERS = ("order0", "order1", "order2", "orders")
 
 
@@ -44,12 +43,15 @@ def prepare(job, world, seed) -> Method:
     name, made = of(how, values.method, entries[0].tables, seed)
     if world.dark:
         return Method(name, made, [], lambda estimate: {"bias": None})
-    reasons = _reasons(assets, how.bodies, values.method, name) + (shells.reasons(shells.laid(how)) if name == "shells" else [])
+    declared = methods()[name]
+    reasons = _reasons(assets, how.bodies, declared, name != values.method)
+    reasons += shells.reasons(shells.laid(how)) if declared.spheres else []
     missing, sentences = chains.left_out(how, seed)
 
     def after(estimate):
-        # how far off dipole is, or how much light is left out, nobody states; what else is known would pass for all of it
-        bias = None if name == "dipole" or missing is None else _bias(estimate.means.values(), estimate.rgb, missing)
+        # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
+        measurable = declared.measured is not None and missing is not None
+        bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
         return {"bias": bias, "left_out": sentences} | unlit
 
@@ -67,12 +69,11 @@ def of(how, name, boundary, seed):
     """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
     if how.world.dark:
         # no beams begin, and tables and spheres need not be there
-        return "paths" if name == "auto" else name, parts(how, "paths", boundary, seed)
-    if name == "auto":
+        return _UNLIT_METHOD if methods()[name].choose else name, parts(how, _UNLIT_METHOD, boundary, seed)
+    if choose := methods()[name].choose:
         beams_of = [thin.density(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies]
-        wide = max(beams_of) < thin.DENSE or min(beams_of) < thin.FEWEST["vrl+tables"]
-        name = "shells" if wide else "vrl+tables" if all(body.tables for body in how.bodies) else "paths"
-    return name, parts(shells.laid(how) if name == "shells" else how, name, boundary, seed)
+        name = choose(beams_of, all(body.tables for body in how.bodies))
+    return name, parts(shells.laid(how) if methods()[name].spheres else how, name, boundary, seed)
 
 
 def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Transport:
@@ -84,7 +85,7 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     """
     shapes = world.shapes()
     bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message),
-                    "paths" if world.dark else name)
+                    _UNLIT_METHOD if world.dark else name)
               for number, one in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
@@ -104,11 +105,12 @@ def _body(shapes, name, asset, index, wrong, method):
     shape = solid_shape(shapes, name, index, wrong)
     vertices, faces = shape.vertices, shape.faces
     medium = medium_of(asset) if has_tables(asset) else untabled(asset)
-    if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), method):
+    declared = methods()[method]
+    if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), declared):
         raise wrong("where.shape", fault)
     few = np.max(thin.later(thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) <= thin.FEW
-    tabled = has_tables(asset) or method in READERS \
-        or method == "auto" and not few and not thin.sparse(vertices, faces, smooth.reduced(medium))
+    wanted = declared.reads_tables and not (declared.choose and (few or thin.sparse(vertices, faces, smooth.reduced(medium))))
+    tabled = has_tables(asset) or wanted
     if tabled and not hasattr(asset.multiple, "segment"):
         raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
                              "in its recipe would do")
@@ -119,11 +121,12 @@ def _body(shapes, name, asset, index, wrong, method):
 def _too_wide(name, vertices, faces, reduced, method):
     """What is wrong with a method by beams for a body of so many transport mean free paths; "" where nothing is."""
     density = thin.density(vertices, faces, reduced)
-    if density >= thin.FEWEST.get(method, 0.0):
+    if density >= method.fewest_beams:
         return ""
     wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
+    able = fields.one_of([name for name, other in methods().items() if not other.fewest_beams])
     return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
-            f"pass, and method {method} needs {thin.FEWEST[method]:g}; shells, paths, or auto would do")
+            f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
 
 
 def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
@@ -135,14 +138,12 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         with tables `_ALONE` by those that do not
     """
     height, width = how.world.size
-    tabled = name in TABLED
-    # second events: paths find lights in them, but for lights that no ray can meet, through boundaries that turn light
-    second = [name in ("vrl", "dipole", "beams") or name != "beams+tables" and how.world.without_extent and not body.matched
-              for body in how.bodies]
-    if name in JOINED:
+    method = methods()[name]
+    tabled, second = method.tabled, [method.second(how.world, body) for body in how.bodies]
+    if method.joined:
         # they bring lights without extent, too
         how = how._replace(bent=[[] for _ in how.bodies])
-    most = [UNLIMITED if name in EACH_EVENT else 1 if joins else 2 for joins in second]
+    most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in second]
 
     entries, lines = [], []
 
@@ -174,11 +175,12 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         return beams.rivals_of(how, known(), _LIT)
 
     def found(number):
-        gather = chains.gathering(how, known(), number, seed, name in EACH_EVENT, name == "beams+tables") if how.chained else None
-        sums = transport.from_eye(how._replace(rivals=rivals()) if name in JOINED else how, most, gather, number, seed)
+        gather = chains.gathering(how, known(), number, seed, not method.parts, method.beams_of_events) \
+            if how.chained else None
+        sums = transport.from_eye(how._replace(rivals=rivals()) if method.joined else how, most, gather, number, seed)
         if gather:
             sums.by_order += gather.wide.by_order
-        if name == "dipole":
+        if method.diffused:
             # what scatters again where a boundary turns it back
             sums.by_order[2:] = 0.0
         layers = images(sums)
@@ -220,37 +222,17 @@ def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
         gather = beams.joins(how, [(entered, width[0], rivals()), (begun, width[1])])
         return images(transport.from_eye(how, most, gather, number + _BESIDE, seed, found=False))
 
-    if name == "paths" and in_one_loop(how):
+    if method.in_one_loop and in_one_loop(how):
         from renderers.transport import passes
 
         return (passes.part(name, how.world, how.bodies, how.colours, seed),)
-    if name in EACH_EVENT:
-        return (Part(name, found),)
-    made = {"dipole": (Part("dipoles", diffused),), "beams": (Part("joined", joined),),
-            "beams+tables": (Part("joined", joined), Part("beams", gathered))}
-    return Part("few", found), *made.get(name, (Part("beams", gathered),))
+    passes_of = {FEW: found, GATHERED: gathered, DIFFUSED: diffused, JOINED: joined}
+    return tuple(Part(kind, passes_of[kind]) for kind in method.parts) or (Part(name, found),)
 
 
 def in_one_loop(how) -> bool:
     """Whether `renderers.transport` can follow the paths of a scene: it finds no lights without extent through glass."""
     return not (how.chained or any(how.bent)) and how.rivals is None and len(how.bodies) <= _MOST
-
-
-def _bias(means, rgb, missing) -> float | None:
-    """Error of sharing between pixels and of spreading beams that `chains` follows, relative to the picture's mean: root mean
-    square of what half the distance changes, and a third more, as both go with the square of the distance.  Its own noise counts,
-    so it is an upper bound.  To that comes light that is left out.  None where there is neither.
-
-    means : of passes, of each part (`renderers.progressive.Mean`);  rgb : (H, W, 3), the picture
-    missing : (3,) linear sRGB, what the light that is left out would add to the mean
-    """
-    changes = [mean.layers[name] for mean in means for name in (CLOSER, SHARPER) if name in mean.layers]
-    bright = float((rgb @ colour.LUMINANCE).mean())
-    if not bright > 0:
-        return None
-    spread = 4 / 3 * float(np.sqrt(sum(np.mean((change @ colour.LUMINANCE) ** 2) for change in changes)))
-    # where no pixels share, nothing is known of the error
-    return (spread + float(missing @ colour.LUMINANCE)) / bright or None
 
 
 def _beyond(body, mirrored):
@@ -268,23 +250,18 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies, asked, method):
-    said, tabled = [], [asset for asset in assets if has_tables(asset)]
-    if asked == "auto" and method == "paths":
-        said.append("event by event, as an asset holds no tables of multiple scattering: few events do for thin bodies")
-    if asked == "auto" and method == "shells":
-        said.append("light jumps through empty spheres, as beams would be few on bodies this wide")
-    if method == "dipole":
-        said.append("dipole is approximate: light scattered twice and more (layer orders) leaves as by diffusion under a plane, "
-                    "too bright, more so where more is absorbed; noisy where places of light are further apart than it spreads")
+def _reasons(assets, bodies, method, was_chosen):
+    tabled = [asset for asset in assets if has_tables(asset)]
+    said = [sentence for sentence in (method.chosen_because if was_chosen else "", method.leaves_out) if sentence]
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "
              "as diffusion has it" for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
-    if method == "beams+tables" and any(not body.matched for body in bodies) or method == "beams":
+    turned = any(not body.matched for body in bodies)
+    if method.blurred[0 if turned else 1]:
         said.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
-    elif any(not body.matched for body in bodies):
+    elif turned:
         said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
                     "turn more than once is spread over 1 % of the body's size to both sides, less in each pass")

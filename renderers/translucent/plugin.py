@@ -27,7 +27,7 @@ import bakery
 from bakery.errors import UsageError
 from renderers.entries import BOUNDARIES
 from renderers.integrator import length_of_one, one_of, register
-from renderers.translucent.scene import METHODS, NEEDS
+from renderers.translucent.scene import CHOICE, NEEDS
 
 import mitsuba as mi  # isort: skip
 
@@ -41,7 +41,7 @@ class Inside:
     """
 
     def __init__(self, props):
-        self.method = one_of(NAME, props, "method", METHODS, METHODS[0])
+        self.method = one_of(NAME, props, "method", CHOICE[1], CHOICE[1][0])
         self.boundary = one_of(NAME, props, "boundary", BOUNDARIES, BOUNDARIES[0])
         self.unit = length_of_one(NAME, props)
         self.assets = {}

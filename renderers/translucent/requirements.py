@@ -10,7 +10,8 @@ from bakery import kernels
 from renderers.budget import as_much, percent
 from renderers.requirements import Knob, Need
 from renderers.translucent import thin
-from renderers.translucent.scene import READERS, index_fault
+from renderers.translucent.declared import methods
+from renderers.translucent.scene import index_fault
 
 # The stated error of tables over the tolerance that they were asked for, 10 %: 0.40 (bumpy_sphere), 0.22 (wax), 0.11 (skin); the
 # true error is half of that (docs/multiple-tables.md)
@@ -28,19 +29,19 @@ _SURER = 1.25  # margin of the share of later events: the renderer asks again, w
 def needs(about) -> list[Need]:
     """Requirements of the stages medium and multiple; see `renderers.requirements`."""
     medium = Need("medium", True, "bodies are filled with it")
-    method = about.scene.values.method
-    if method not in ("auto", *READERS):
-        return [medium, Need("multiple", False, f"method {method} looks up no tables")]
+    method = methods()[about.scene.values.method]
+    if not method.reads_tables:
+        return [medium, Need("multiple", False, f"method {method.name} looks up no tables")]
     if about.dark:
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
-    if method == "auto" and len(about.bodies) == len(about.scene.materials) and all(
+    if method.choose and len(about.bodies) == len(about.scene.materials) and all(
             thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in about.measured(_shapes)):
         return [medium, Need("multiple", False, "bodies are so wide that light jumps through empty spheres in them")]
     depth, across = about.measured(_sizes)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
     said = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
-    if method == "auto" and _SURER * later[worst] <= thin.FEW and len(about.bodies) == len(about.scene.materials):
+    if method.choose and _SURER * later[worst] <= thin.FEW and len(about.bodies) == len(about.scene.materials):
         return [medium, Need("multiple", False, said + ", and paths follow them")]
     knobs, lacking = _tolerance(about, later[worst])
     return [medium, Need("multiple", True, said, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]

@@ -11,10 +11,6 @@ WALKS = 8192  # of light, in a pass
 # beams a square transport mean free path of the boundary, below which the shells' jumps take less time to equal error: of 0.05
 # (bust, marble) a fifth of the time, of 0.23 (head, skin) five times as much
 DENSE = 0.1
-# the same, below which a method by beams is refused: hardly a line of sight has a beam near it in a thousand passes, so pictures
-# are dark with a few fireflies, and their noise is not known.  Balls of 300, 1000 and 10,000 mean free paths (0.007, 7e-4, 7e-6),
-# three and more events over those of shells: vrl+tables 1.05 (0.02), 1.03 (0.08), 0.5 (1.5); beams 1.1 (0.2), 0.6 (0.4), 1e-4
-FEWEST = {"vrl": 1e-4, "vrl+tables": 1e-4, "beams+tables": 1e-4, "beams": 1e-3, "dipole": 1e-3}
 _OUTSIDE = 0.1  # of diffuse light, what a boundary reflects from outside: 0.09 at index 1.5, 0.07 at 1.33
 
 

@@ -202,7 +202,7 @@ def test_baked_from_its_recipe(call, assets, place):
     (["materials[0].method=fog"], 'found "fog"; expected auto, particles, continuous, query or explicit'),
     (["materials[0].metod=auto"], "materials[0].metod"),
     (["materials[0].footprint=1"], "which method particles does not use"),
-    (["materials[0].method=explicit", "materials[0].peak=keep"], "found a peak"),
+    (["materials[0].method=explicit", "materials[0].peak=keep"], "found peak, which method explicit does not use"),
     (["materials[0].peak=5 um"], "materials[0].peak"),
     (["materials[0].peak=200 deg"], "an angle from 0 to 180 deg"),
     (["materials[0].peak=-5 deg"], "an angle from 0 to 180 deg"),

@@ -45,7 +45,7 @@ BAKES = "renderers/assets.py", "bakery.run.ensure"  # where the recipe of a scen
 # and nothing of each other
 SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "progress": set(), "grids": set(),
           "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
-          "entries": {"common"}, "former": set(),
+          "entries": {"common"}, "former": set(), "declaration": {"common"},
           "scene": {"budget", "common", "entries", "former", "inputs"}, "budget": set(),
           "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},

@@ -1,0 +1,11 @@
+"""Event by event, with jumps through empty spheres."""
+
+from __future__ import annotations
+
+from renderers.translucent.declaration import BodyMethod
+
+METHOD = BodyMethod(
+    name="shells", words="event by event, but far from surfaces light jumps", exact=True, spheres=True,
+    chosen_because="light jumps through empty spheres, as beams would be few on bodies this wide",
+    brings="as paths, but far from surfaces light jumps to the surface of the largest empty sphere, by ends of walks "
+           "stored before")
