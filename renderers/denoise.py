@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
@@ -67,15 +66,19 @@ class Denoised(NamedTuple):
     figures: dict
 
 
-def available() -> bool:
-    """Whether the package is there."""
-    return find_spec("mitsuba_oidn") is not None
+def fault() -> str:
+    """Why the package cannot be used; "" where it can."""
+    try:
+        import mitsuba_oidn  # noqa: F401
+    except ImportError as error:  # it is not there, or what it needs
+        return str(error).splitlines()[0]
+    return ""
 
 
 def refuse_absent(scene) -> None:
     """Raises UsageError where a scene says `denoise: yes` and the package is not there: before any work, not after it."""
-    if getattr(scene.values, "denoise", "no") == "yes" and not available():
-        raise scene.wrong("denoise", f"found yes, and the package {PACKAGE} is not there; {EXTRA}, or denoise: auto, would do")
+    if getattr(scene.values, "denoise", "no") == "yes" and (why := fault()):
+        raise scene.wrong("denoise", f"found yes, which takes the package {PACKAGE} ({why}); {EXTRA}, or denoise: auto, would do")
 
 
 def without(scene):
@@ -97,11 +100,11 @@ def chosen(values, quality, shared) -> tuple[bool, list[str]]:
     wish = getattr(values, "denoise", "no")
     if wish == "no" or wish == "auto" and quality not in _COARSE:
         return False, []
-    if not available():
-        return False, [f"the noise is not taken out: that takes the package {PACKAGE} ({EXTRA})"]
+    if why := fault():
+        return False, [f"the noise is not taken out: that takes the package {PACKAGE} ({why}); {EXTRA} would do"]
     if wish == "auto" and shared:
         return False, [f"the noise is not taken out: {shared} (denoise: yes does so all the same)"]
-    return True, [f"{shared}: the filter leaves blotches of it"] if shared else []
+    return True, [f"the filter leaves blotches of the noise: {shared}"] if shared else []
 
 
 def denoised(parts, apart=(), features=None) -> Denoised:

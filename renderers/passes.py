@@ -72,7 +72,8 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     job.part_over("passes")
     after = method.after(estimate)
     denoised, remarks = (None, []) if world.dark else _denoised(scene.values, quality, method, estimate)
-    job.part_over("denoising")
+    if denoised is not None:
+        job.part_over("denoising")
     return estimate.finish(job, method=method.name, reasons=[*reasons, *after.pop("reasons", ()), *remarks], denoised=denoised,
                            **after)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import types
 
 import numpy as np
@@ -11,7 +12,7 @@ from bakery.errors import UsageError
 from renderers import denoise, engine
 from renderers.denoise import Features, denoised
 
-HAS = pytest.mark.skipif(not denoise.available(), reason="mitsuba-oidn is not installed")
+HAS = pytest.mark.skipif(bool(denoise.fault()), reason="mitsuba-oidn is not installed")
 SHAPE = (24, 32, 3)
 
 
@@ -45,16 +46,16 @@ def scene_saying(word):
     ("auto", None, False), ("auto", "final", False), ("auto", "preview", True), ("auto", "draft", True),
     ("yes", None, True), ("no", "draft", False)])
 def test_when_the_noise_is_taken_out(monkeypatch, word, quality, filters):
-    monkeypatch.setattr(denoise, "available", lambda: True)
+    monkeypatch.setattr(denoise, "fault", lambda: "")
     assert denoise.chosen(scene_saying(word).values, quality, "") == (filters, [])
 
 
 def test_without_the_package(monkeypatch):
     """A draft keeps its noise and says so; who asks for it is told before any work."""
-    monkeypatch.setattr(denoise, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
     filters, (said,) = denoise.chosen(scene_saying("auto").values, "draft", "")
     assert not filters and "mitsuba-oidn" in said and ".[denoise]" in said
-    with pytest.raises(UsageError, match=r"s.yaml:3: denoise: found yes.*mitsuba-oidn is not there.*\.\[denoise\].*auto"):
+    with pytest.raises(UsageError, match=r"s.yaml:3: denoise: found yes.*mitsuba-oidn \(.*\.\[denoise\].*auto"):
         denoise.refuse_absent(scene_saying("yes"))
     denoise.refuse_absent(scene_saying("auto"))
     denoise.refuse_absent(types.SimpleNamespace(values=object()))  # fog has no such key
@@ -62,7 +63,7 @@ def test_without_the_package(monkeypatch):
 
 def test_noise_that_pixels_share_is_left(monkeypatch):
     """But where somebody asks for it."""
-    monkeypatch.setattr(denoise, "available", lambda: True)
+    monkeypatch.setattr(denoise, "fault", lambda: "")
     filters, (said,) = denoise.chosen(scene_saying("auto").values, "draft", "pixels share it")
     assert not filters and "pixels share it" in said and "denoise: yes" in said
     assert denoise.chosen(scene_saying("yes").values, None, "pixels share it")[0]
