@@ -13,9 +13,11 @@ from renderers.granular.choice import Choice
 from renderers.granular.declared import methods
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.passes import Method
+from renderers.scattering import Scatterer
 
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
+_MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot be imported before Mitsuba is there
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
@@ -55,7 +57,8 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
     kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
-    parts = tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds)
+    loop = medium_part(how.bodies, meshes, how.colours, world, seed) if how.technique == MEDIUM else None
+    parts = (loop,) if loop else tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds)
 
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
@@ -88,6 +91,26 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
     switch = bundles.Switch(spread) if declared.switches else None
     start = MEDIUM if declared.begins_in_medium else GRAINS
     return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *said]))
+
+
+def medium_part(bodies, meshes, colours, world, seed):
+    """Passes of paths through the media that stand for grains, by the loop of `renderers.transport`.
+
+    None where fraction or mixture vary in a body: its extinction there is no multiple of that at one fraction, and its phase
+    function another.
+
+    bodies : of a `Transport`;  meshes, colours, world, seed : as those of `of`
+    """
+    if len(bodies) > _MOST or any(body.medium.varies for body in bodies):
+        return None
+    from renderers.transport import passes, regions
+
+    entries = []
+    for body, mesh in zip(bodies, meshes):
+        stands = body.medium.medium
+        scatterer = Scatterer(stands.sigma_t / stands.unit, stands.albedo, stands.v, stands.steps, stands.phase, stands.cdf)
+        entries.append(regions.Medium(regions.Mesh(*mesh), scatterer))
+    return passes.part("vpt", world, entries, colours, seed, by_light=True)
 
 
 def _pass(world, how, seed, which):

@@ -10,7 +10,7 @@ import pytest
 
 from bakery import kernels
 from bakery.store import ply
-from renderers.granular import material, medium
+from renderers.granular import material, medium, methods, transport
 from renderers.granular._medium import Medium
 from renderers.mitsuba.world import World
 from tests.conftest import slow
@@ -71,6 +71,30 @@ def test_nothing_is_lost(sigma_t, g):
     mean = found.mean(axis=(1, 2))
     error = mean.std(axis=0, ddof=1) / np.sqrt(40)
     assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < SIGMAS * error)
+
+
+def test_the_loop_is_the_walk(tmp_path):
+    """By order and by light: two media whose wavelengths differ, in meshes that touch, with a floor through them."""
+    (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
+    world, (vertices, faces) = World(tmp_path / "scene.xml", size=(9, 12)), bumpy(2.0)
+    meshes = [(vertices + side * np.array([abs(vertices[:, 0]).max(), 0, 0]), faces) for side in (-1, 1)]
+    ways = [continuous([0.5, 1.0, 2.0], [0.99, 0.9, 0.6], [0.0, 0.3, 0.6], world, meshes[0]),
+            continuous(0.8, 0.95, -0.3, world, meshes[1])]
+    bodies = tuple(transport.Body(None, way, 1.0) for way in ways)
+    part = methods.medium_part(bodies, meshes, COLOURS, world, 0)
+    loop = [part.render(number) for number in range(24)]
+    sums = [transport.one_pass(world, transport.Transport(bodies, COLOURS, transport.MEDIUM), world.camera, 9, 12, number, 0)
+            for number in range(24)]
+    names = "order0", "order1", "order2", "orders"
+    compared = [([layers[name] for layers in loop], [one.by_order[order] for one in sums]) for order, name in enumerate(names)]
+    compared += [([layers[f"light.{name}"] for layers in loop], [one.by_light[light] for one in sums])
+                 for light, name in enumerate(world.light_names)]
+    whole = np.mean([layers[""] for layers in loop])
+    for ours, theirs in compared:
+        means = [np.array(pictures).reshape(24, -1, 3).mean(axis=1) for pictures in (ours, theirs)]
+        error = np.hypot(*(mean.std(axis=0, ddof=1) for mean in means)) / np.sqrt(24)
+        assert error.max() < 0.02 * whole
+        assert np.all(np.abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < sigmas(24, comparisons=3 * len(compared)) * error)
 
 
 @pytest.mark.slow
