@@ -118,3 +118,16 @@ def test_where_all_is_continuous_one_loop_renders(call):
 def test_what_is_refused(call, setting, message):
     status, _, error = call("--set", setting, "-o", "none.png")
     assert status == 2 and message in error, error
+
+
+@pytest.mark.parametrize("recipe, needs", [
+    ("mist", {"medium": []}), ("jelly", {"medium": []}),
+    ("drops", {"optics": ["tolerance", "measure"], "medium": [], "discrete": ["discrete.tolerance"]}),
+    ("beads", {"packing": [], "grains": ["scatterometer.tolerance"], "medium": ["tolerance"]})])
+def test_of_each_recipe_what_its_kind_needs(folder, monkeypatch, capsys, recipe, needs):
+    """Bodies by paths need no tables, grains that are traced no statistics of their light."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("BAKERY_CACHE", str(folder / "cache"))
+    assert status_of(["plan", f"{recipe}.yaml", "--scene", "all.yaml", "--json"]) == 0
+    (plan,) = json.loads(capsys.readouterr().out)
+    assert {need["stage"]: [knob["key"] for knob in need["knobs"]] for need in plan["needs"] if need["needed"]} == needs

@@ -124,6 +124,7 @@ def lit(folder):
     return World(folder / "scene.xml")
 
 
+@pytest.mark.slow
 def test_particles_as_their_own_renderer(tmp_path):
     world, alone = lit(tmp_path), particles((-4, -4, -4), (4, 4, 4), 0.4, albedo=0.8)
     theirs = [walk.one_pass(world, walk.Discs(alone.content), world.camera, 48, 48, number, 1, discrete=np.full((48, 48), np.inf),
@@ -131,6 +132,7 @@ def test_particles_as_their_own_renderer(tmp_path):
     compared(averages(world, [alone], range(4)), np.array(theirs), 0.02)
 
 
+@pytest.mark.slow
 def test_grains_as_their_own_renderer(tmp_path):
     world, alone = lit(tmp_path), stones(BALL)
     around = material.occupied_by(world, alone.content.aggregate, alone.content.unit)
