@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from bakery.errors import Problem
 from bakery.grammar import fields
@@ -36,12 +36,13 @@ class SceneMethod:
     keys : dotted keys of an entry that it takes, of those that not all methods take
     points : settings with which `bake trade` tries it, "" for those of the scene; () where it does not
     candidates : names of the methods that it chooses from
+    continuous : whether a medium stands for the material, of which nothing is told apart
+    beside : whether a material by it may stand beside materials of other kinds
     kind : of materials, as `renderers.entries` names them
     """
 
-    kind: ClassVar[str]
-
     name: str
+    kind: str
     words: str
     brings: str
     leaves_out: str = ""
@@ -52,6 +53,8 @@ class SceneMethod:
     keys: tuple[str, ...] = ()
     points: tuple[str, ...] = ("",)
     candidates: tuple[str, ...] = ()
+    continuous: bool = False
+    beside: bool = False
 
 
 class Points(NamedTuple):

@@ -197,13 +197,13 @@ class SceneFile(Every):
 
 
 def declared(kind: str) -> dict:
-    """`renderers.declaration.SceneMethod` of each method of a kind, by name; {} of a medium, which has no package of its own."""
-    return import_module(f"{PACKAGES[kind]}.declared").methods() if kind in PACKAGES else {}
+    """`renderers.declaration.SceneMethod` of each method of a kind, by name."""
+    return import_module(f"{PACKAGES.get(kind, 'renderers.mixed')}.declared").methods()
 
 
 def methods(kind: str) -> tuple[str, ...]:
     """Names of the methods of a kind."""
-    return tuple(declared(kind)) or ("auto", "paths")
+    return tuple(declared(kind))
 
 
 def stages(kind: str) -> tuple[str, ...]:

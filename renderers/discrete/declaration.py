@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,11 +34,8 @@ class ParticleMethod(SceneMethod):
     ----------
     passes : (`methods.Setup`, tolerance, seed) -> Passes
     peak : whether a forward peak may count as unscattered
-    continuous : whether it reads no classes of particles, but the medium that they make
     """
 
-    kind: ClassVar[str] = "particles"
-
+    kind: str = "particles"
     passes: Callable[..., Passes]
     peak: bool = True
-    continuous: bool = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from renderers.declaration import SceneMethod
 
@@ -25,19 +25,16 @@ class GrainMethod(SceneMethod):
     Attributes
     ----------
     grains : what makes the interactor of a body's grains, of grains, occupied voxels and colours
-    medium : whether light goes on in the medium that stands for the grains
-    begins_in_medium : whether it begins there, and meets no grain
+    medium : whether light goes on in the medium that stands for the grains; where it is `continuous` it begins there
     diffuses : whether it diffuses far inside of the medium
     """
 
-    kind: ClassVar[str] = "grains"
-
+    kind: str = "grains"
     grains: Callable[..., Any] = explicit
     medium: bool = False
-    begins_in_medium: bool = False
     diffuses: bool = False
 
     @property
     def switches(self) -> bool:
         """Whether paths go from grains to the medium."""
-        return self.medium and not self.begins_in_medium
+        return self.medium and not self.continuous

@@ -87,9 +87,9 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
             ways = ways[0], medium.Continuous(stands, *around, declared.diffuses, varied, met_by)
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
-        said += material.reasons_of_medium(asset) if declared.begins_in_medium else material.reasons_of(asset)
+        said += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset)
     switch = bundles.Switch(spread) if declared.switches else None
-    start = MEDIUM if declared.begins_in_medium else GRAINS
+    start = MEDIUM if declared.continuous else GRAINS
     return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *said]))
 
 

@@ -65,7 +65,7 @@ def _triangles(about, method):
     if all(grain.shape.type == "sphere" for grain in about.recipe.grains.components):
         return (), "grains are exact balls"
     pixels = about.measured(_pixels)
-    if method.begins_in_medium or about.dark:
+    if method.continuous or about.dark:
         number, why = _COARSE, "no grain is seen, and statistics are within 0.1 %"
     else:
         number = int(np.clip(2 * 4 * math.pi / math.sqrt(3) * pixels**2, _COARSE, _FINE))

@@ -11,6 +11,7 @@ from renderers import grids
 from renderers.discrete import continuum, place
 from renderers.discrete.medium import classes_of, medium, without_peak
 from renderers.discrete.methods import peak_angle, peak_sentence
+from renderers.entries import declared
 from renderers.granular import local, material
 from renderers.mixed.scene import chosen
 from renderers.scattering import Scatterer
@@ -67,7 +68,7 @@ def of(scene, world, asset, spectra, number) -> Content:
     Raises UsageError, with the key, where the entry's shape, mesh, grid or box is not what it should be.
     """
     entry = scene.values.materials[number]
-    method = chosen(entry.kind, entry.method)
+    method = declared(entry.kind)[chosen(entry.kind, entry.method)]
     if entry.kind == "particles":
         return _particles(scene, world, asset, spectra, number, method)
     if entry.kind == "grains":
@@ -96,11 +97,11 @@ def _particles(scene, world, asset, spectra, number, method):
     reasons = (f"materials[{number}]: {peak_sentence(classes, angle)}",)
     stands = regions.Medium(continuum.region_of(scene, number, region, group), continuum.scatterer_of(tabulated),
                             f"materials[{number}]")
-    if method == "particles":
+    if not method.continuous:
         return Content(Particles(region, tabulated), stands, reasons)
     if np.any(tabulated.host) and region.kind != kernels.BOX:
-        raise scene.wrong(f"materials[{number}].method", "found continuous, but the host of the particles absorbs light in the "
-                          "whole box, also beside the mesh or the grid; method particles would do")
+        raise scene.wrong(f"materials[{number}].method", f"found {method.name}, but the host of the particles absorbs light "
+                          f"in the whole box, also beside the mesh or the grid; method {chosen(entry.kind, 'auto')} would do")
     return Content(stands, stands, (*reasons, f"materials[{number}]: no particle is told apart"))
 
 
@@ -110,7 +111,7 @@ def _grains(scene, asset, spectra, number, method):
     values = (np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "theta", "phase"))
     sigma_t, albedo, phase = material.without_peak(*values)
     stands = regions.Medium(region, spectra.medium(asset, sigma_t, albedo, phase), f"materials[{number}]")
-    if method == "vpt":
+    if method.continuous:
         return Content(stands, stands, tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of_medium(asset)))
     varies = local.local_of(scene, number, asset, material.fraction_of(asset), vertices)
     grains = spectra.grains(asset, material.grains_of(asset, vertices, faces, varies))

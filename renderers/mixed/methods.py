@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from renderers.entries import declared
 from renderers.mixed import build, contents
 from renderers.mixed import passes as wavefronts
-from renderers.mixed.scene import STAND_INS, chosen
+from renderers.mixed.scene import chosen
 from renderers.mixed.spectra import BANDS, Spectra
 from renderers.passes import Method
 
@@ -23,9 +24,11 @@ def prepare(job, world, seed) -> Method:
     _refuse_twins(scene, found)
     reasons = [BANDS] * spectra.bands + [reason for one in found for reason in one.reasons]
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
-    listed = [{"kind": entry.kind, "method": name, "bias": None if name in STAND_INS else 0.0, "reasons": list(one.reasons),
-               "pilot": None} for entry, name, one in zip(scene.values.materials, entries, found, strict=True)]
-    exact = not spectra.bands and not set(entries) & set(STAND_INS)
+    stand_ins = [declared(entry.kind)[name].continuous for entry, name in zip(scene.values.materials, entries, strict=True)]
+    listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(one.reasons),
+               "pilot": None}
+              for entry, name, stand_in, one in zip(scene.values.materials, entries, stand_ins, found, strict=True)]
+    exact = not spectra.bands and not any(stand_ins)
     figures = {"materials": listed, "bias": 0.0 if exact else None}
     name = " and ".join(dict.fromkeys(entries))
     what = [one.what for one in found]

@@ -8,12 +8,10 @@ from bakery.errors import Problem
 from bakery.grammar import fields
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner
 from renderers.common import node_at
-from renderers.entries import methods
+from renderers.entries import KEYS, KINDS, declared, methods
 
 # kind -> methods that may stand beside other materials; the first one is what `auto` is
-METHODS = {"particles": ("particles", "continuous"), "grains": ("ept", "vpt"), "medium": ("paths",), "body": ("paths",)}
-# methods in which a medium stands for particles or grains; the others leave nothing out
-STAND_INS = ("continuous", "vpt")
+METHODS = {kind: [name for name, method in declared(kind).items() if method.beside] for kind in KINDS}
 NEEDS: tuple[str, ...] = ()  # stages of the asset: those of the entries
 UNUSED = {"film.wavelengths": "none: materials are rendered at the wavelengths of their assets"}  # common keys
 RESUMES = True
@@ -46,8 +44,8 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             if (node := node_at(root, f"{key}.{name}")) is not None:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",
                                           "expected none")
-        if method == "vpt":
+        if method in METHODS[kind] and declared(kind)[method].continuous:
             for name in ("fraction", "mixture"):
-                if name in entry:
-                    yield entry.names[name].problem(f"found {name}, which method vpt does not know beside other materials",
-                                                    "expected it with method: ept")
+                if name in entry and name in KEYS[kind]:
+                    found = f"found {name}, which method {method} does not know beside other materials"
+                    yield entry.names[name].problem(found, f"expected it with method: {chosen(kind, 'auto')}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from renderers.declaration import SceneMethod
 
@@ -51,8 +51,7 @@ class BodyMethod(SceneMethod):
     chosen_because : sentence of the report where another method chose it
     """
 
-    kind: ClassVar[str] = "body"
-
+    kind: str = "body"
     measured: Callable[..., Any] | None = of_picture
     reads_tables: bool = False
     tabled: bool = False

@@ -16,4 +16,4 @@ def passes(setup, tolerance, seed) -> Passes:
 
 METHOD = ParticleMethod(
     name="continuous", words="the continuous medium everywhere", keys=("peak",), points=("", "peak=keep"), passes=passes,
-    continuous=True, brings="paths in the medium that the particles make on average")
+    continuous=True, beside=True, brings="paths in the medium that the particles make on average")

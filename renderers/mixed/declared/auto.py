@@ -1,0 +1,7 @@
+"""The only method that there is."""
+
+from __future__ import annotations
+
+from renderers.declaration import SceneMethod
+
+METHOD = SceneMethod(name="auto", kind="medium", words="paths", exact=True, candidates=("paths",), brings="as paths")

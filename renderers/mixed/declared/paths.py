@@ -1,0 +1,9 @@
+"""Event by event, from the eye."""
+
+from __future__ import annotations
+
+from renderers.declaration import SceneMethod
+
+METHOD = SceneMethod(
+    name="paths", kind="medium", words="event by event", exact=True, beside=True,
+    brings="from the eye, event by event; lights are sampled at each event where the boundary is matched")
