@@ -373,7 +373,7 @@ def test_the_published_fit_is_for_water_in_air():
 
     found = {path.stem: _water_in_air(path.read_text()) for path in (ROOT / "recipes").glob("*.yaml")}
     assert sorted(name for name, water in found.items() if water) == ["clouds", "drizzle", "drizzle_particles", "fog", "fog_glow",
-                                                                           "street_fog"]
+                                                                           "street_fog", "thick_fog"]
     assert len(found) > 5
     assert not any(map(_water_in_air, ("", "a: [", "particles: 3", "particles: {components: 3}", "particles: {components: [3]}")))
 

@@ -29,7 +29,8 @@ def test_graininess_is_that_of_counts(number, size):
 
 
 @pytest.mark.parametrize("path", [path for path in sorted((ROOT / "assets" / "scenes").glob("*.yaml"))
-                                  if "where: {box" in path.read_text(encoding="utf-8")], ids=lambda path: path.stem)
+                                  if path.read_text().count("where:") == path.read_text().count("where: {box") > 0],
+                         ids=lambda path: path.stem)
 def test_shipped_scenes_are_well_formed(path):
     found = scene.load(path)
     assert found.section == "discrete" and found.values.name == path.stem
