@@ -1,8 +1,8 @@
 """Writes the scenes of several materials: python assets/scenes/mixed.py     (needs manifold3d and mitsuba, of the extras)
 
-Meshes, a sky, Mitsuba files and scene files.  Lengths in m, z up, the camera looks along y.  Candle, flame, wick, glass and milk are
-the meshes of translucent.py, in mm.  Light comes from surfaces of some width: what shines through a boundary that turns light, or
-onto clear grains, is found by chance only.
+Meshes, a sky, Mitsuba files and scene files.  Lengths in m, z up, the camera looks along y.  Candle, flame, wick, glass and milk
+are the meshes of translucent.py, in mm.  Light comes from surfaces of some width: what shines through a boundary that turns
+light, or onto clear grains, is found by chance only.
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ def winter():
     s.box("board", (-0.33, -0.05, SILL - 0.025), (0.33, 0.3, SILL))
     s.mesh("cushion", "snow_cushion", matt(0.82, 0.84, 0.88))
     # the room
-    for place, half, turn in (((0, 1, 0.3), (0.8, 0.6), FACING), ((0, 0.55, -0.1), (0.8, 0.46), ""), ((0, 0.55, 0.8), (0.8, 0.46), ""),
+    for place, half, turn in (((0, 1, 0.3), (0.8, 0.6), FACING),
+                              ((0, 0.55, -0.1), (0.8, 0.46), ""), ((0, 0.55, 0.8), (0.8, 0.46), ""),
                               ((-0.8, 0.55, 0.3), (0.6, 0.46), '<rotate y="1" angle="90"/>'),
                               ((0.8, 0.55, 0.3), (0.6, 0.46), '<rotate y="1" angle="90"/>')):
         s.pane("room", place, half, turn)
@@ -99,7 +100,8 @@ def winter():
     s.box("snow", (-2, -3, -0.45), (2, 0, -0.4))
     # the sky, near enough that it is seen through fog
     s.add('<shape type="sphere" id="dusk"> <point name="center" value="0, 0, 0"/> <float name="radius" value="3.5"/> <boolean '
-          f'name="flip_normals" value="true"/> <bsdf type="diffuse"> <rgb name="reflectance" value="0"/> </bsdf> {dim(shines(0.2, 0.32, 0.6))} </shape>')
+          f'name="flip_normals" value="true"/> <bsdf type="diffuse"> <rgb name="reflectance" value="0"/> '
+          f'</bsdf> {dim(shines(0.2, 0.32, 0.6))} </shape>')
     return s
 
 
@@ -152,7 +154,8 @@ def closed(x, y, height, floor):
     following, low_following = np.roll(rim, -1), np.roll(low, -1)
     sides = [(rim, low, low_following), (rim, low_following, following), (low_following, low, middle)]
     below = top[rim] * (1, 1, 0) + (0, 0, floor)
-    return np.concatenate([top, below, below.mean(axis=0, keepdims=True)]), np.concatenate([faces, *(np.stack(a, -1) for a in sides)])
+    vertices = np.concatenate([top, below, below.mean(axis=0, keepdims=True)])
+    return vertices, np.concatenate([faces, *(np.stack(corners, -1) for corners in sides)])
 
 
 def sea():
@@ -173,7 +176,7 @@ SUN = np.array([0.16, 1, 0.17])
 
 
 def sky(width=64, height=32):
-    """Radiance (height, width, 3) around, as a picture that Mitsuba turns upright: warm over the horizon, most so below the sun."""
+    """Radiance (height, width, 3) around, as a picture that Mitsuba turns upright: warm over the horizon, most below the sun."""
     turn, down = np.meshgrid((np.arange(width) + 0.5) * 2 * math.pi / width, (np.arange(height) + 0.5) * math.pi / height)
     direction = np.stack([np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)], -1)
     up = np.clip(direction[..., 2], 0, 1)[..., None]
@@ -211,7 +214,8 @@ SCENES = {"winter_evening": winter, "beach": beach}
 
 
 def main():
-    for name, (vertices, faces) in {"snow_heap": heap(), "snow_cushion": cushion(), "beach_dry": strip(-1.5, 0, 61), "beach_wet": strip(0, 4.5, 61),
+    for name, (vertices, faces) in {"snow_heap": heap(), "snow_cushion": cushion(),
+                                    "beach_dry": strip(-1.5, 0, 61), "beach_wet": strip(0, 4.5, 61),
                                     "sea": sea(), "dune": dune()}.items():
         write_mesh(name, vertices, faces)
     write_picture("beach_sky", sky())

@@ -37,7 +37,8 @@ class Scene:
     program = "particles.py"
 
     def __init__(self, what, size, fov, origin, target, **colours):
-        self.frame = {"what": what, "program": self.program, "size": size, "fov": fov, "origin": text(origin), "target": text(target)}
+        self.frame = {"what": what, "program": self.program, "size": size, "fov": fov, "origin": text(origin),
+                      "target": text(target)}
         self.parts = [f'<bsdf type="twosided" id="{name}"> <bsdf type="diffuse"> <rgb name="reflectance" value="{text(colour)}"/>'
                       ' </bsdf> </bsdf>' for name, colour in colours.items()]
 

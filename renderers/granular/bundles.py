@@ -1,7 +1,7 @@
 """When paths switch from explicit grains to the medium: once those of a few neighbouring pixels have come apart.
 
-Meng et al. 2015, section 5, whose bundle is 16 paths of one pixel; here it is one path from each of 4 x 4 pixels, so that a pass
-takes one path a pixel.
+Meng et al. 2015, section 5, whose bundle is 16 paths of one pixel; here it is one path from each of 4 x 4 pixels, in each
+sample of a pass.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ class Switch(NamedTuple):
 
     spread: float = 4.0
 
-    def due(self, pixel, place, radius, width):
+    def due(self, pixel, place, radius, size):
         """Whether each of n paths is to switch at its next grain (n,) bool.
 
-        pixel : (n,);  place : (n, 3) m, where they met their last grains, all the same number;  radius : (n,) m
-        width : of the picture
+        pixel : (n,), as `by_bundle` counts them;  radius : (n,) m
+        place : (n, 3) m, where they met their last grains, all the same number
+        size : height and width of the picture
 
         Source: eq. 5; the standard deviation is the root of the covariance's trace, over the paths that are left.
         """
-        which, number = np.unique(_bundle(pixel, width), return_inverse=True)
+        which, number = np.unique(_bundle(pixel, *size), return_inverse=True)
         left = np.bincount(number, minlength=len(which))
         about = np.stack([np.bincount(number, place[:, k], len(which)) / left for k in range(3)], axis=1)
         square = np.bincount(number, ((place - about[number]) ** 2).sum(axis=1), len(which)) / left
@@ -34,12 +35,13 @@ class Switch(NamedTuple):
         return spread | (left == 1)[number]
 
 
-def _bundle(pixel, width):
-    across = -(-width // EDGE)
-    return (pixel // width // EDGE) * across + pixel % width // EDGE
+def _bundle(pixel, height, width):
+    sample, pixel = np.divmod(pixel, height * width)
+    down, across = -(-height // EDGE), -(-width // EDGE)
+    return (sample * down + pixel // width // EDGE) * across + pixel % width // EDGE
 
 
-def by_bundle(height, width):
-    """All pixels (H W,), those of a bundle one after the other."""
-    pixel = np.arange(height * width)
-    return pixel[np.argsort(_bundle(pixel, width), kind="stable")]
+def by_bundle(height, width, samples=1):
+    """All pixels of several samples, (samples H W,), those of a bundle one after the other; sample k begins at k H W."""
+    pixel = np.arange(samples * height * width)
+    return pixel[np.argsort(_bundle(pixel, height, width), kind="stable")]

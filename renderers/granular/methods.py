@@ -18,6 +18,8 @@ from renderers.scattering import Scatterer
 _LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
 _MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot be imported before Mitsuba is there
+_PATHS = 1 << 16  # of a pass, at most, where a pixel has several: those that go on together
+_SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
@@ -58,7 +60,7 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
     kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
     loop = medium_part(how.bodies, meshes, how.colours, world, seed) if how.technique == MEDIUM else None
-    parts = (loop,) if loop else tuple(Part(kind, _pass(world, how, seed, which)) for kind, which in kinds)
+    parts = (loop,) if loop else tuple(part(world, how, kind, seed, which) for kind, which in kinds)
 
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
@@ -113,16 +115,21 @@ def medium_part(bodies, meshes, colours, world, seed):
     return passes.part("vpt", world, entries, colours, seed, by_light=True)
 
 
-def _pass(world, how, seed, which):
-    """A pass as `Part` takes it: its number -> layers."""
+def part(world, how, name, seed, which=transport.ALL) -> Part:
+    """Passes by a `Transport`, with layers of orders, lights and techniques.
+
+    Small pictures have several samples a pass: each call of Mitsuba's takes some 10 ms of its own, for however few paths.
+    """
     height, width = world.size
+    samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
 
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        return _layers(transport.one_pass(world, how, world.camera, height, width, number, seed, which), world, how)
+        sums = transport.one_pass(world, how, world.camera, height, width, number, seed, which, samples=samples)
+        return _layers(sums, world, how)
 
-    return one
+    return Part(name, one, samples)
 
 
 def _layers(sums, world, how):

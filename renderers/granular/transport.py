@@ -61,10 +61,12 @@ class Sums:
     by_order, by_technique : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
     which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
+    pixels, samples : of the picture, and paths of each; the arrays are means over those once `one_pass` is over
     """
 
-    def __init__(self, pixels, lights, which):
-        self.which, self.many = which, min(_MANY, _SHARE * min(pixels, _ALL))
+    def __init__(self, pixels, lights, which, samples=1):
+        self.pixels, self.samples = pixels, samples
+        self.which, self.many = which, min(_MANY, _SHARE * min(pixels * samples, _ALL))
         self.by_order, self.by_technique = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((wavefront.ORDERS, pixels, 3))
         self.by_light, self.switched = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3))
 
@@ -72,17 +74,26 @@ class Sums:
         """What paths bring, added (n, 3), from lights (n,)."""
         if self.skips(paths):
             return
-        wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
-        wavefront.accumulate(added, paths.technique, light, paths.pixel, self.by_technique, self.by_light[:0])
+        pixel = paths.pixel % self.pixels
+        wavefront.accumulate(added, paths.order, light, pixel, self.by_order, self.by_light)
+        wavefront.accumulate(added, paths.technique, light, pixel, self.by_technique, self.by_light[:0])
 
+    def add_switches(self, paths):
+        """Of paths that switch: grains met, and that they do."""
+        np.add.at(self.switched, paths.pixel % self.pixels, np.stack([paths.order, paths.order > -1, 0 * paths.order], axis=1))
+
+    def average(self):
+        """Makes means over the samples of the sums."""
+        for sums in (self.by_order, self.by_technique, self.by_light, self.switched):
+            sums /= self.samples
 
     def skips(self, paths):
         """Whether the light of paths, all of one technique, is left to other passes."""
         return self.which == AFTER and len(paths) > 0 and bool(paths.technique[0] == GRAINS)
 
 
-def one_pass(world, transport, camera, height, width, number, seed, which=ALL, corners=None) -> Sums:
-    """One camera path for each pixel.
+def one_pass(world, transport, camera, height, width, number, seed, which=ALL, corners=None, samples=1) -> Sums:
+    """Camera paths, so many `samples` for each pixel, all together.
 
     Parameters
     ----------
@@ -93,7 +104,8 @@ def one_pass(world, transport, camera, height, width, number, seed, which=ALL, c
     which : light it brings: ALL, that BEFORE the switch or that AFTER it
     corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; those of a film of H x W if None
     """
-    order, sums = bundles.by_bundle(height, width), Sums(height * width, len(world.light_names), which)
+    order = bundles.by_bundle(height, width, samples)
+    sums = Sums(height * width, len(world.light_names), which, samples)
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
     begun, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
@@ -101,9 +113,11 @@ def one_pass(world, transport, camera, height, width, number, seed, which=ALL, c
         if begun < len(order) and len(paths) < _ALL // 2:
             new = _begin(transport, camera, corners, order[begun : begun + _ALL], number, seed, begun)
             begun += len(new)
-            paths = joined([paths, new if transport.switch is None else _until_switched(world, transport, new, width, sums)])
+            ready = new if transport.switch is None else _until_switched(world, transport, new, (height, width), sums)
+            paths = joined([paths, ready])
         if len(paths):
             paths, _ = _on(world, transport, paths, sums)
+    sums.average()
     return sums
 
 
@@ -112,14 +126,14 @@ def _begin(transport, camera, corners, pixel, number, seed, first):
     states, offset = np.empty(n, np.uint64), np.empty((n, 2))
     wavefront.begin_streams(stream_key(seed, "render.grains", number), first, states)
     wavefront.draw(states, offset)
-    x, y = (corners[pixel] + offset).T
+    x, y = (corners[pixel % len(corners)] + offset).T
     direction = camera.corner + x[:, None] * camera.right + y[:, None] * camera.down
     direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
     return Paths.begun(np.tile(camera.origin, (n, 1)), direction, len(transport.colours.to_waves), states, pixel,
                        transport.technique)
 
 
-def _until_switched(world, transport, paths, width, sums):
+def _until_switched(world, transport, paths, size, sums):
     """Takes paths on from grain to grain, all of a bundle together, until they have switched: those that have, and go on."""
     stage, switched = 0, [paths.of(slice(0, 0))]
     while len(paths):
@@ -132,7 +146,7 @@ def _until_switched(world, transport, paths, width, sums):
             paths = paths.of(paths.technique == GRAINS)
         paths = joined(waiting)
         radius = np.array([body.radius for body in transport.bodies])[paths.body]
-        paths.switching |= transport.switch.due(paths.pixel, paths.last, radius, width)
+        paths.switching |= transport.switch.due(paths.pixel, paths.last, radius, size)
     return joined(switched)
 
 
@@ -246,7 +260,7 @@ def _open(transport, technique, point, direction, distance, apart=-1):
 
 def _switched(world, transport, paths, sums):
     """Parts of paths that go on in the medium, with a scattering where they have met a grain."""
-    sums.switched[paths.pixel, 0], sums.switched[paths.pixel, 1] = paths.order, 1
+    sums.add_switches(paths)
     parts = []
     if not len(paths) or sums.which == BEFORE:
         return parts

@@ -62,9 +62,10 @@ def test_when_paths_switch():
     place = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9], [9, 9, 9], [9, 9, 9]], float)
     spread = np.sqrt((place[:4].var(axis=0)).sum())
     switch = bundles.Switch(4.0)
-    assert np.array_equal(switch.due(pixel, place, np.full(7, spread), 8), [False] * 7)  # spread = tau N_k / N times the radius
-    assert np.array_equal(switch.due(pixel, place, np.full(7, 0.999 * spread), 8), [True] * 4 + [False] * 3)
-    assert switch.due(pixel[:1], place[:1], np.full(1, 1e9), 8).all()
+    # spread = tau N_k / N times the radius
+    assert np.array_equal(switch.due(pixel, place, np.full(7, spread), (8, 8)), [False] * 7)
+    assert np.array_equal(switch.due(pixel, place, np.full(7, 0.999 * spread), (8, 8)), [True] * 4 + [False] * 3)
+    assert switch.due(pixel[:1], place[:1], np.full(1, 1e9), (8, 8)).all()
 
 
 # ---- switching
