@@ -68,7 +68,7 @@ def test_a_draft_keeps_its_picture_beside_the_one_without_noise(call, place):
     assert found["albedo.G"][10, 12] == pytest.approx(0.9, abs=1e-3)
     rough, smooth = (np.abs(np.diff(found[name][7:13, 9:15])).mean() for name in ("G", "denoised.G"))
     assert smooth < 0.6 * rough
-    kept, without, plain = rendered(call, place, "--quality", "draft", "--no-denoise")
+    kept, without, plain = rendered(call, place, "--quality", "draft", "--resume", "--no-denoise")
     assert kept["denoised"] is False and kept["denoising"] is None and plain != shown and b"bakery_denoised" not in plain
     assert all(np.array_equal(without[name], found[name]) for name in ("R", "G", "B", "noise.Y"))
     assert not any(name.startswith(("denoised.", "albedo.", "normal.")) for name in without)
