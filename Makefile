@@ -125,7 +125,7 @@ PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in
 GRAINS := heap_of_sand cube_of_beads snowman snowman_small sand_castle spices wet_beside_dry layers_of_sand
 scenes: $(VENV)/.ready
 	@mkdir -p build
-	for scene in $(SCENES) $(PARTICLES) $(GRAINS); do \
+	for scene in $(SCENES) $(PARTICLES) $(GRAINS) $(MIXED); do \
 		rm -f build/$$scene.png; \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) \
 			|| { test $$? -eq 3 && test -f build/$$scene.png; } || exit 1; done

@@ -22,9 +22,10 @@ from renderers.transport.places import NOWHERE, Places
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8  # where fewer paths than that, and than that share, are left, lights are sampled less
 _ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary itself, or the light's
-# Bounces after which surfaces, and grains that are looked for anew at each, end paths, and the share that goes on.  Glass keeps
-# light without loss, as a ball does into which light has come out of a body that reaches into it
-_FAR, _GOES_ON = 64, 0.95
+# Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each; share that goes on.
+# Glass keeps light without loss, as a ball does into which light has come out of a body that reaches into it.  In heaps of clear
+# grains many paths are as long as some hundred grains: what ends them earlier makes the others bright
+_FAR, _FAR_IN_GRAINS, _GOES_ON = 64, 1024, 0.95
 SURFACE, BOUNDARY, BLIND, GRAIN = range(4)  # what ends a flight
 
 
@@ -216,7 +217,7 @@ def _into_grains(scene, paths, ahead, sums):
         sums.scattered_by(group, number)
         met = np.flatnonzero(status == EVENT)
         events.append((material, group.of(met), tuple(values[met] for values in event), 1.0))
-        onward.append(_ended(group.of(status < 0), _FAR))
+        onward.append(_ended(group.of(status < 0), _FAR_IN_GRAINS))
         at_surface.append(group.of(status == REACHED))
     return onward, events, at_surface
 
