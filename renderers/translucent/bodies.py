@@ -57,7 +57,7 @@ def solid_shape(shapes, name, index, wrong):
     """
     named = [shape for shape in shapes if shape.name == name]
     if len(named) != 1:
-        names = ", ".join(sorted(shape.name for shape in shapes)) or "none"
+        names = ", ".join(sorted(filter(None, (shape.name for shape in shapes)))) or "none"
         raise wrong("where.shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
     shape = named[0]
     if shape.faces is None:
