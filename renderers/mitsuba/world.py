@@ -309,6 +309,11 @@ class World:
                                     self.light_number(sample.emitter)))
 
     @property
+    def sky(self) -> bool:
+        """Whether a light is at infinity."""
+        return bool(self._infinite.any())
+
+    @property
     def dark(self) -> bool:
         """Whether no light shines: there is none, or each is 0 everywhere."""
         return lights.dark(self._scene)
