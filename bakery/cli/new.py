@@ -18,7 +18,8 @@ from bakery.errors import UsageError
               help="The recipe; DIR/, or a folder that is there, takes KIND.yaml.  Default: KIND.yaml in the current folder.")
 @click.option("--mesh", type=click.Path(), metavar="FILE",
               help="Also a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
-@click.option("--mitsuba", type=click.Path(), metavar="FILE.xml", help="Also a scene in which it fills the air of this Mitsuba scene.")
+@click.option("--mitsuba", type=click.Path(), metavar="FILE.xml",
+              help="Also a scene in which it fills the air of this Mitsuba scene.")
 @click.option("--unit", metavar="UNIT", help="Length of one unit of the mesh or the Mitsuba scene: mm, cm, m, um, km, in or ft.")
 @click.option("--height", metavar="LENGTH", help='Height that the mesh shall have, such as "12 cm".')
 @click.option("--up", type=click.Choice(["z", "y"]), help="Axis of the mesh that points up (z).")
@@ -26,7 +27,7 @@ from bakery.errors import UsageError
 @click.option("--overwrite", is_flag=True, help="Write over what stands there.")
 @click.option("--force", is_flag=True, hidden=True)
 @json_option
-def command(kind, output, mesh, mitsuba, unit, height, up, as_list, overwrite, force, as_json):
+def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **size):
     """Write a recipe of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or a recipe or
     scene that ships.
 
@@ -37,7 +38,7 @@ def command(kind, output, mesh, mitsuba, unit, height, up, as_list, overwrite, f
     from bakery.store.put import put_all
     from bakery.system.terminal import remark
 
-    _refuse_in_vain(kind, mesh, mitsuba, unit, height, up, as_list)
+    _refuse_in_vain(kind, mesh, mitsuba, as_list, **size)
     if as_list or not kind:
         _list(as_json)
         return
@@ -48,9 +49,10 @@ def command(kind, output, mesh, mitsuba, unit, height, up, as_list, overwrite, f
     if mesh:
         from bakery.starting.studio import in_studio
 
-        files, remarks = in_studio(kind, Path(mesh), target.stem, unit=unit, height=_metres(height), up=up or "z")
+        files, remarks = in_studio(kind, Path(mesh), target.stem, unit=size["unit"], height=_metres(size["height"]),
+                                   up=size["up"] or "z")
     elif mitsuba:
-        files, remarks = _in_fog(kind, Path(mitsuba), target, unit)
+        files, remarks = _in_fog(kind, Path(mitsuba), target, size["unit"])
     else:
         files, remarks = _as_it_ships(kind, target), []
     files = {target.parent / name: content for name, content in files.items()}
@@ -68,7 +70,7 @@ def command(kind, output, mesh, mitsuba, unit, height, up, as_list, overwrite, f
         remark(f"bake render {target.with_suffix('.scene.yaml')}")
 
 
-def _refuse_in_vain(kind, mesh, mitsuba, unit, height, up, as_list):
+def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
     from bakery.starting.meshes import UNITS
 
     if mesh and mitsuba:
@@ -144,14 +146,15 @@ def _list(as_json: bool) -> None:
 
     recipes, pictures = starts().values(), scenes().values()
     if as_json:
-        print_json([{"name": start.name, "published": start.folder == PUBLISHED, "shipped": start.folder == SHIPPED, "scene": False,
-                     "about": start.about} for start in recipes]
+        print_json([{"name": start.name, "published": start.folder == PUBLISHED, "shipped": start.folder == SHIPPED,
+                     "scene": False, "about": start.about} for start in recipes]
                    + [{"name": scene.name, "published": False, "shipped": True, "scene": True, "about": scene.about}
                       for scene in pictures])
         return
     titles = {KINDS: "kinds", PUBLISHED: "published materials (docs/catalogue.md)", SHIPPED: "recipes that ship (recipes/)"}
-    groups = {title: [(start.name, start.about) for start in recipes if start.folder == folder] for folder, title in titles.items()}
-    groups["scenes that ship (docs/gallery.md), with all files that they need"] = [(scene.name, scene.about) for scene in pictures]
+    groups = {title: [(start.name, start.about) for start in recipes if start.folder == folder]
+              for folder, title in titles.items()}
+    groups["scenes that ship (docs/gallery.md), with all files"] = [(scene.name, scene.about) for scene in pictures]
     for title, rows in groups.items():
         say(f"{title}:")
         for line in table(rows):

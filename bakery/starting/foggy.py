@@ -13,7 +13,7 @@ from bakery.recipe import load
 from bakery.recipe.starting import Start
 from bakery.run import draft
 from bakery.run.cache import Cache
-from bakery.starting.meshes import UNITS, length
+from bakery.starting.meshes import UNITS, length, written
 
 # Koschmieder 1924: a black thing before the sky keeps 2 % of its contrast at the visibility, -ln 0.02 optical depths away
 CONTRAST = -math.log(0.02)
@@ -35,19 +35,20 @@ def filled(material: Start, mitsuba: Path, folder: Path, name: str, view, unit: 
     Returns files and remarks, as `studio.in_studio`.
     """
     metres = UNITS[unit or "m"]
-    text, remarks = material.text(name), [
-        f"{mitsuba.name}: one unit is 1 {unit or 'm'}, " + ("as asked (--unit)" if unit else "ASSUMED, Mitsuba's files say none; --unit says another")]
-    baked = draft.medium(load(material.path), {}, Cache())
-    own = CONTRAST / float(np.mean(baked.sigma_t))
+    why = "as asked (--unit)" if unit else "ASSUMED, Mitsuba's files say none; --unit says another"
+    text, remarks = material.text(name), [f"{mitsuba.name}: one unit is 1 {unit or 'm'}, {why}"]
+    recipe = load(material.path)
+    baked = draft.medium(recipe, {}, Cache())
+    unchanged = CONTRAST / float(np.mean(baked.sigma_t))
     wanted = CONTRAST * view.depth * metres / math.log(2)  # half of the contrast is left at the middle of what is seen
     visibility = min(max(wanted, THICKEST), THINNEST)
-    text, count = _DENSITY.subn(lambda match: _density(match, load(material.path), own / visibility, visibility), text, count=1)
+    text, count = _DENSITY.subn(lambda match: _density(match, recipe, unchanged / visibility, visibility), text, count=1)
     if count:
-        remarks.append(f"visibility {length(visibility)}: things {length(view.depth * metres)} away, as far as the middle of what the "
-                       f"camera sees, keep {100 * math.exp(-CONTRAST * view.depth * metres / visibility):.0f} % of their contrast; "
-                       "number_density in the recipe changes it")
+        contrast = math.exp(-CONTRAST * view.depth * metres / visibility)
+        remarks.append(f"visibility {length(visibility)}: things {length(view.depth * metres)} away, the median of what the camera "
+                       f"sees, keep {100 * contrast:.0f} % of their contrast; number_density in the recipe changes it")
     else:
-        remarks.append(f"visibility {length(own)}, which is the recipe's")
+        remarks.append(f"visibility {length(unchanged)}, which is the recipe's")
     margin = 0.05 * float(np.max(view.high - view.low))
     lo, hi = (metres * corner for corner in (view.low - margin, view.high + margin))
     where = f"{{box: {{lo: {_corner(lo)}, hi: {_corner(hi)}}}}}" if view.sky else "everywhere"
@@ -69,7 +70,7 @@ def _scene(name, mitsuba, folder, unit, where, remarks) -> str:
 {facts}
 bakery_scene: 2
 name: {name}
-scene: {{mitsuba: {path}, unit: 1 {unit}}}
+scene: {{mitsuba: {path}, unit: {written(unit)}}}
 # No pass is begun after this time.  In its place, or besides: noise: 2%.
 stop: {{time: 60 s}}
 materials:

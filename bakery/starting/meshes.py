@@ -99,7 +99,7 @@ def _read(path):
                          "PLY, OBJ, STL, OFF or 3MF would do")
     try:
         if path.stat().st_size > BYTES:
-            raise UsageError(f"{path}: found {path.stat().st_size / 2**20:.0f} MiB; a mesh file of at most {BYTES >> 20} MiB would do")
+            raise UsageError(f"{path}: found {path.stat().st_size / 2**20:.0f} MiB; a file of at most {BYTES >> 20} MiB would do")
         if not path.is_file():
             raise UsageError(f"{path}: found a folder, pipe or device; a mesh file would do")
         data = path.read_bytes()
@@ -146,10 +146,15 @@ def _metres(path, edges, usual_height, unit, height, stated):
     distance = {name: abs(math.log(longest * UNITS[name] / usual_height)) for name in _GUESSED}
     guess = min(distance, key=distance.get)
     if distance[guess] > math.log(_FAR):
-        raise UsageError(f"{path}: found a mesh {longest:.4g} units across and no unit, which in none of {', '.join(_GUESSED)} is "
-                         f"near to {length(usual_height)}; say --unit mm, cm or m, or --height \"12 cm\"")
-    return UNITS[guess], (f"{length(longest * UNITS[guess])} across: GUESSED, the file says no unit, and 1 {guess} is the nearest to "
+        raise UsageError(f"{path}: found a mesh {longest:.4g} units across and no unit, which in none of {', '.join(_GUESSED)} "
+                         f"is near to {length(usual_height)}; say --unit mm, cm or m, or --height \"12 cm\"")
+    return UNITS[guess], (f"{length(longest * UNITS[guess])} across: GUESSED, the file says no unit, and 1 {guess} is nearest to "
                           f"{length(usual_height)}; --unit or --height says another")
+
+
+def written(unit: str) -> str:
+    """Length of one unit as scenes take it, which know neither inch nor foot."""
+    return f"1 {unit}" if unit not in ("in", "ft") else f"{1e3 * UNITS[unit]:g} mm"
 
 
 def length(metres: float) -> str:

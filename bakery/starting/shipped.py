@@ -48,11 +48,11 @@ def _with_needs(path: Path) -> dict[str, bytes]:
     """A file, and the files of its folder that it names, by their names alone."""
     if path.suffix == ".yaml":
         recipe = next(recipe for recipe in (*starts().values(), Start(path.stem, "", "", path)) if recipe.path == path)
-        return {path.name: recipe.text(path.stem).encode()} | {other.name: other.read_bytes() for other in recipe.beside()}
+        return {path.name: recipe.text(path.stem).encode()} | {table.name: table.read_bytes() for table in recipe.beside()}
     files = {path.name: path.read_bytes()}
     if path.suffix == ".xml":
-        named = {path.parent / name for name in _FILE.findall(path.read_text(encoding="utf-8"))}
-        files |= {other.name: other.read_bytes() for other in named if other.is_file() and other != path and other.suffix != ".yaml"}
+        named = {path.parent / name for name in _FILE.findall(path.read_text(encoding="utf-8")) if not name.endswith(".yaml")}
+        files |= {file.name: file.read_bytes() for file in named if file.is_file()}
     return files
 
 
@@ -63,11 +63,11 @@ def scenes() -> dict[str, Scene]:
 
 def scene(name: str) -> Scene:
     """The one of a name; UsageError with the nearest name, of recipes and scenes, where there is none."""
-    found = scenes()
-    if name not in found:
+    shipped = scenes()
+    if name not in shipped:
         raise UsageError(f'found "{name}", which is no kind of recipe, no published material, and no recipe or scene that ships'
-                         f"{nearest(name, (*starts(), *found))}; `bake new` lists them")
-    return found[name]
+                         f"{nearest(name, (*starts(), *shipped))}; `bake new` lists them")
+    return shipped[name]
 
 
 def _about(path: Path) -> str:

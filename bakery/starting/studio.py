@@ -16,15 +16,16 @@ from bakery.store import ply
 
 FIELD_OF_VIEW = 34.0  # degrees, both ways: the picture is square
 _FILLED = 0.8  # share of the picture's edge that the mesh takes
-_TOWARD_CAMERA = np.array([-0.28, -0.88, 0.44])  # from above by 25 degrees, so that the floor fills the picture behind the mesh
-_TOWARD_WINDOW = np.array([-0.88, -0.18, 0.44])  # from the side: shadows give shape; it is wide, as small lights are noise in glass and grains
+_TOWARD_CAMERA = np.array([-0.28, -0.88, 0.44])  # from above by 25 degrees: the floor fills the picture
+# from the side: shadows give shape; it is wide, as small lights are noise in glass and grains
+_TOWARD_WINDOW = np.array([-0.88, -0.18, 0.44])
 _WINDOW = 4.0, 2.6  # distance, and half of the edge, over the radius of the mesh
 # radiance of the window, so that a white surface that faces it has radiance 1; and of the sky, which fills the shadows
 _WINDOW_LIGHT, _SKY = (4.0, 3.8, 3.5), (0.10, 0.115, 0.135)
 _FEW, _MANY = 300, 1e9  # grains
 
 
-def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, up="z") -> tuple[dict[str, bytes | str], list[str]]:
+def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, up="z"):
     """A recipe and a scene of a mesh that a material fills.
 
     Parameters
@@ -44,33 +45,27 @@ def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, u
     body = solid(mesh, fill.height, unit, height, up)
     source = start(fill.recipe)
     recipe = load(source.path)
-    kind = _body(fill, body, mesh, recipe) if fill.index else _grains(body, mesh, recipe)
+    gap, *about = _body(fill, body, recipe) if fill.index else _grains(body, mesh, recipe)
     scale, inside = (1e3, "1 mm") if body.extent.max() < 1 else (1.0, "1 m")
     files = {f"{name}.yaml": source.text(name)}
     files |= {f"{name}{path.suffix}": path.read_text(encoding="utf-8") for path in source.beside()}
     entry = f"{{where: {{shape: body}}, recipe: {name}.yaml, boundary: {{index: {fill.index:g}}}}}" if fill.index else \
         f"{{where: {{mesh: {name}.scene.ply, unit: {inside}}}, recipe: {name}.yaml}}"
-    remarks = [f"{mesh.name}: {body.size}", f"{up} of the file points up (--up says another)", *kind.remarks]
+    remarks = [f"{mesh.name}: {body.size}", f"{up} of the file points up (--up says another)", *about]
     files[f"{name}.scene.yaml"] = _scene(name, material, mesh, inside, entry, remarks)
-    files[f"{name}.scene.xml"] = _surroundings(name, body, scale, fill, kind.gap)
+    files[f"{name}.scene.xml"] = _surroundings(name, body, scale, fill, gap)
     files[f"{name}.scene.ply"] = ply.mesh(scale * body.vertices, body.faces, [f"unit: {inside.split()[1]}"], single=True)
     return files, remarks
 
 
-class _Kind:
-    """What follows from the kind of a material: what is said of it, and how far above the floor the mesh is, m."""
-
-    def __init__(self, gap, *remarks):
-        self.gap, self.remarks = gap, remarks
-
-
-def _body(fill, body, mesh, recipe):
+def _body(fill, body, recipe):
+    """How far above the floor a body stands, m, and remarks."""
     path = _mean_free_path(recipe)
     across = float(body.extent.min())
-    thin = [] if across > 3 * path else [f"light goes {length(path)} between two scatterings, and the mesh is {length(across)} across: "
-                                         "it will look clear; a larger --height would do"]
-    return _Kind(2e-3 * float(body.extent.max()), f"refractive index {fill.index:g} against air, "
-                 + (f"roughness {fill.roughness:g}" if fill.roughness else "smooth"), *thin)
+    thin = [] if across > 3 * path else [f"light goes {length(path)} between two scatterings, and the mesh is {length(across)} "
+                                         "across: it will look clear; a larger --height would do"]
+    surface = f"roughness {fill.roughness:g}" if fill.roughness else "smooth"
+    return 2e-3 * float(body.extent.max()), f"refractive index {fill.index:g} against air, {surface}", *thin
 
 
 def _mean_free_path(recipe) -> float:
@@ -82,6 +77,7 @@ def _mean_free_path(recipe) -> float:
 
 
 def _grains(body, mesh, recipe):
+    """How far above the floor the mesh of grains stands, which stick out of it by a radius, m, and a remark."""
     radius, fraction = 1e-6 * float(recipe.grains.radius), float(np.max(recipe.packing.fraction))
     count = body.volume * fraction / (4 / 3 * math.pi * radius**3)
     if count < 1 or body.extent.min() < 2 * radius:
@@ -92,7 +88,7 @@ def _grains(body, mesh, recipe):
         remark += "; so few keep little of the mesh's shape: a larger --height has more"
     elif count > _MANY:
         remark += "; so many that single ones are not seen: a smaller --height shows them"
-    return _Kind(radius, remark)
+    return radius, remark
 
 
 def _rounded(count: float) -> str:
@@ -128,7 +124,7 @@ def _surroundings(name, body: Solid, scale: float, fill: Filling, gap: float) ->
     window = middle + _WINDOW[0] * radius * _TOWARD_WINDOW / np.linalg.norm(_TOWARD_WINDOW)
     boundary = "" if not fill.index else f"""
 <shape type="ply" id="body"> <string name="filename" value="{name}.scene.ply"/> {_bsdf(fill)} </shape>"""
-    return f"""<!-- A floor, a window and a sky around a mesh; z is up.  Lengths in the unit of the scene that names this file. -->
+    return f"""<!-- A floor, a window and a sky around a mesh; z is up.  Lengths in the unit that the scene says. -->
 <scene version="3.0.0">
 <integrator type="path"/>
 <sensor type="perspective">

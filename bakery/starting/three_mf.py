@@ -30,7 +30,8 @@ def triangles(data: bytes):
         if mesh is None:
             raise ValueError("an item of this 3mf file is no mesh but an assembly; one mesh would do")
         corners = _numbers(mesh, "vertices/vertex", "xyz", float)
-        vertices.append(corners @ (place := _transform(item.get("transform")))[:3] + place[3])
+        transform = _transform(item.get("transform"))
+        vertices.append(corners @ transform[:3] + transform[3])
         faces.append(_numbers(mesh, "triangles/triangle", ("v1", "v2", "v3"), int) + count)
         count += len(corners)
     if not count or not sum(map(len, faces)):
@@ -44,12 +45,12 @@ def triangles(data: bytes):
 def _model(data):
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = [one for one in archive.infolist() if one.filename.lower().endswith(".model")]
-            if not names:
+            models = [member for member in archive.infolist() if member.filename.lower().endswith(".model")]
+            if not models:
                 raise ValueError("a 3mf file without a model")
-            if names[0].file_size > BYTES:
-                raise ValueError(f"a model of {names[0].file_size / 2**20:.0f} MiB; at most {BYTES >> 20} MiB would do")
-            text = archive.read(names[0])
+            if models[0].file_size > BYTES:
+                raise ValueError(f"a model of {models[0].file_size / 2**20:.0f} MiB; at most {BYTES >> 20} MiB would do")
+            text = archive.read(models[0])
         if b"<!DOCTYPE" in text:  # entities that stand for each other take all memory
             raise ValueError("the model declares a document type, which no 3mf file needs")
         return ElementTree.fromstring(text)

@@ -42,7 +42,7 @@ def put_all(files: Mapping[Path, bytes | str]) -> list[Path]:
                 file.write(data.encode(errors="surrogateescape") if isinstance(data, str) else data)
                 file.flush()
                 os.fsync(file.fileno())
-        for part, (path, target) in parts.items():
+        for part, (path, target) in parts.items():  # noqa: B007 the message below names it
             os.replace(part, target)
     except OSError as error:
         raise StoreError(f"{path}: not written: {error.strerror}") from error
