@@ -45,7 +45,7 @@ def filled(material: Start, mitsuba: Path, folder: Path, name: str, view, unit: 
     text, count = _DENSITY.subn(lambda match: _density(match, recipe, unchanged / visibility, visibility), text, count=1)
     if count:
         contrast = math.exp(-CONTRAST * view.depth * metres / visibility)
-        remarks.append(f"visibility {length(visibility)}: things {length(view.depth * metres)} away, the median of what the camera "
+        remarks.append(f"visibility {length(visibility)}: things {length(view.depth * metres)} away, the median that the camera "
                        f"sees, keep {100 * contrast:.0f} % of their contrast; number_density in the recipe changes it")
     else:
         remarks.append(f"visibility {length(unchanged)}, which is the recipe's")
