@@ -29,7 +29,7 @@ packing: {fraction: 0.5, count: 200}
 
 
 def depths(call, tmp_path, entries, shapes=""):
-    """Of a floor 10 mm ahead of a camera that looks straight down at it: the floor is at one depth, though not at one distance."""
+    """Of a floor 10 mm below a camera that looks straight down: it is at one depth, though not at one distance."""
     (tmp_path / "world.xml").write_text(WORLD % shapes)
     listed = "\n".join(f"  - {entry}" for entry in entries)
     (tmp_path / "scene.yaml").write_text("bakery_scene: 2\nname: scene\nscene: {mitsuba: world.xml, unit: 1 mm}\n"
