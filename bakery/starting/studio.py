@@ -94,7 +94,7 @@ def _grains(body, mesh, recipe):
 def _rounded(count: float) -> str:
     """`46,000`, `210 million`: two digits."""
     digits = float(f"{count:.2g}")
-    return f"{digits:,.0f}" if digits < 1e6 else f"{digits / 1e6:,.4g} million"
+    return f"{digits:,.0f}" if digits < 1e6 else f"{round(digits / 1e6, 1):,} million".replace(".0 ", " ")
 
 
 def _scene(name, material, mesh, unit, entry, remarks) -> str:
