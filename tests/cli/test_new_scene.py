@@ -93,9 +93,10 @@ def test_units_of_3mf_and_an_axis_that_points_up(call, tmp_path):
 
 
 def test_grains_keep_their_size(call, tmp_path):
-    """Of a tetrahedron of 1/6 edge^3, filled to 60 % with spheres of 0.25 mm; 3 mm have 41, a metre 1.5 billion, 3 m 40 billion."""
+    """Of a tetrahedron of 1/6 edge^3, filled to 60 % with spheres of 0.25 mm; 3 mm have 41, 3 m have 41 billion."""
     for edge, said in (("3 mm", "some 41 grains, 500 um wide as in the recipe; so few"), ("2 cm", "some 12,000 grains"),
-                       ("3 m", "some 41,000 million grains"), ("1 m", "some 1,500 million grains, 500 um wide as in the recipe; so many")):
+                       ("3 m", "some 41,000 million grains, 500 um wide"),
+                       ("1 m", "some 1,500 million grains, 500 um wide as in the recipe; so many")):
         args = "--mesh", mesh(tmp_path / "mine.ply"), "--height", edge, "-o", tmp_path / "heap.yaml", "--overwrite"
         status, _, err = call("new", "sand", *args)
         assert status == 0 and said in err and load(tmp_path / "heap.yaml").grains.radius == 250
