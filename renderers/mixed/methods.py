@@ -52,9 +52,9 @@ def prepare(job, world, seed) -> Method:
     return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(what))
 
 
-def _entry(what):
+def _entry(materials):
     """Distances to the first grain of all materials, as `renderers.mitsuba.world.World.depth` takes them."""
-    packed = [one.grains for one in what if isinstance(one, contents.Grains)]
+    packed = [content.grains for content in materials if isinstance(content, contents.Grains)]
 
     def entry(origin, direction, far):
         return np.min([first_grain(grains, origin, direction, far) for grains in packed], axis=0)
