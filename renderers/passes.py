@@ -18,6 +18,8 @@ from renderers.mitsuba.world import World
 from renderers.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.running import Render
 
+DEPTH = "depth.Z"  # channel of the EXR: along the camera's axis, m, as other programs composite by
+
 
 class Method(NamedTuple):
     """How a scene is rendered.
@@ -32,6 +34,7 @@ class Method(NamedTuple):
     approximations : error of the method as it was measured in this scene; None: what the renderer states
     features : what gives the `renderers.denoise.Features` of the scene; None: nothing does
     apart : names of parts whose detail looks like noise: they are not filtered
+    entry : what `World.depth` takes: to what hides surfaces and is none of the Mitsuba scene; None: nothing does
     """
 
     name: str
@@ -41,6 +44,7 @@ class Method(NamedTuple):
     approximations: float | None = None
     features: Callable[[], denoise.Features | None] | None = None
     apart: tuple[str, ...] = ()
+    entry: Callable | None = None
 
 
 def render(prepare, path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
@@ -71,6 +75,7 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     after = method.after(estimate)
+    after["layers"] = (after.get("layers") or {}) | {DEPTH: world.depth(method.entry)}
     denoised, remarks = (None, []) if world.dark else _denoised(scene.values, quality, method, estimate)
     if denoised is not None:
         job.part_over("denoising")

@@ -38,7 +38,7 @@ def begin(script, samples, bounces, size):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine, scene.render.resolution_x, scene.render.resolution_y = "CYCLES", size, size
-    scene.cycles.samples, scene.cycles.volume_bounces, scene.cycles.max_bounces = samples, bounces, max(bounces, 1)
+    scene.cycles.samples = samples
     scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
     scene.cycles.sample_clamp_indirect, scene.cycles.pixel_filter_type = 0, "BOX"
     scene.view_settings.view_transform = "Standard"
@@ -46,6 +46,7 @@ def begin(script, samples, bounces, size):
     scene.world = bpy.data.worlds.new("world")
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = 0, 0, 0, 1
     runpy.run_path(script)
+    scene.cycles.volume_bounces, scene.cycles.max_bounces = bounces, max(bounces, 1)  # which the script raises
     (material,) = bpy.data.materials
     return scene, material
 

@@ -1,4 +1,4 @@
-"""`bake new KIND`: a commented recipe to start from, or one of the published materials."""
+"""`bake new KIND`: a commented recipe to start from, a published material, a scene; or a scene of one's own mesh."""
 
 from __future__ import annotations
 
@@ -12,60 +12,153 @@ from bakery.cli.options import json_option, print_json, print_paths
 from bakery.errors import UsageError
 
 
-@click.command(name="new", short_help="write a commented recipe to start from")
+@click.command(name="new", short_help="write a recipe or a scene to start from")
 @click.argument("kind", default="", metavar="[KIND]", shell_complete=offers.starts)
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
               help="The recipe; DIR/, or a folder that is there, takes KIND.yaml.  Default: KIND.yaml in the current folder.")
+@click.option("--mesh", type=click.Path(), metavar="FILE",
+              help="Also a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
+@click.option("--mitsuba", type=click.Path(), metavar="FILE.xml",
+              help="Also a scene in which it fills the air of this Mitsuba scene.")
+@click.option("--unit", metavar="UNIT", help="Length of one unit of the mesh or the Mitsuba scene: mm, cm, m, um, km, in or ft.")
+@click.option("--height", metavar="LENGTH", help='Height that the mesh shall have, such as "12 cm".')
+@click.option("--up", type=click.Choice(["z", "y"]), help="Axis of the mesh that points up (z).")
+@click.option("--list", "as_list", is_flag=True, help="List all that can be started from, as without KIND.")
 @click.option("--overwrite", is_flag=True, help="Write over what stands there.")
 @click.option("--force", is_flag=True, hidden=True)
 @json_option
-def command(kind, output, overwrite, force, as_json):
-    """Write a recipe of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or one that ships.
+def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **size):
+    """Write a recipe of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or a recipe or
+    scene that ships.
 
+    With --mesh or --mitsuba a scene is written, too: `bake new milk --mesh drink.ply`, then `bake render milk.scene.yaml`.
     Without KIND all are listed.  The recipe takes the file's name; tables and other files that it needs are
-    written beside it, by the same name.
+    written beside it.
     """
-    from bakery.recipe.starting import start, starts
-    from bakery.store.put import put
+    from bakery.store.put import put_all
     from bakery.system.terminal import remark
 
-    if not kind:
-        _list(starts().values(), as_json)
+    _refuse_in_vain(kind, mesh, mitsuba, as_list, **size)
+    if as_list or not kind:
+        _list(as_json)
         return
     if force:
         remark("--force is called --overwrite here, as everywhere")
-    found = start(kind.removesuffix(".yaml"))
+    kind = kind.removesuffix(".yaml")
+    target = _target(kind, output)
+    if mesh:
+        from bakery.starting.studio import in_studio
+
+        files, remarks = in_studio(kind, Path(mesh), target.stem, unit=size["unit"], height=_metres(size["height"]),
+                                   up=size["up"] or "z")
+    elif mitsuba:
+        files, remarks = _in_fog(kind, Path(mitsuba), target, size["unit"])
+    else:
+        files, remarks = _as_it_ships(kind, target), []
+    files = {target.parent / name: content for name, content in files.items()}
+    standing = [path for path, content in files.items() if path.exists() and not _is(path, content)]
+    if standing and not (overwrite or force):
+        raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --overwrite")
+    written = [str(path) for path in put_all(files)]
+    if as_json:
+        print_json({"kind": kind, "files": written, "remarks": remarks})
+        return
+    print_paths(written)
+    for line in remarks:
+        remark(line)
+    if mesh or mitsuba:
+        remark(f"bake render {target.with_suffix('.scene.yaml')}")
+
+
+def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
+    from bakery.starting.meshes import UNITS
+
+    if mesh and mitsuba:
+        raise UsageError("--mesh and --mitsuba: found both; a material fills a mesh, or the air of a scene: one of them would do")
+    if (mesh or mitsuba) and (as_list or not kind):
+        raise UsageError("found no KIND; a material would do, as in `bake new milk --mesh drink.ply`")
+    for option, value, needed in (("--unit", unit, mesh or mitsuba), ("--height", height, mesh), ("--up", up, mesh)):
+        if value and not needed:
+            raise UsageError(f"{option}: found without --mesh, which it is about")
+    if unit and unit not in UNITS:
+        raise UsageError(f'--unit: found "{unit}"; {", ".join(UNITS)} would do')
+
+
+def _metres(height):
+    from bakery.grammar.units import LENGTH, Wrong, parse
+
+    if height is None:
+        return None
+    try:
+        metres = 1e-6 * parse(height, LENGTH)
+    except Wrong as fault:
+        raise UsageError(f"--height: {fault.found}; {fault.expected}") from None
+    if not metres > 0:
+        raise UsageError(f'--height: found "{height}"; a length above 0, such as "12 cm", would do')
+    return metres
+
+
+def _target(kind, output) -> Path:
     target = Path(output or "")
     if (output or "").endswith("/") or target.is_dir():
-        target /= f"{found.name}.yaml"
+        target /= f"{kind}.yaml"
     if target.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{target}: found a name that does not end in .yaml; {target.with_suffix('.yaml')} would do")
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,63}", target.stem):
         raise UsageError(f'{target}: found "{target.stem}", which cannot be the name of a recipe; use letters, digits, - and _')
-    files = {target: found.text(target.stem)}
-    files |= {target.with_suffix(path.suffix): path.read_text(encoding="utf-8") for path in found.beside()}
-    standing = [path for path in files if path.exists()]
-    if standing and not (overwrite or force):
-        raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --overwrite")
-    written = [str(put(path, text)) for path, text in files.items()]
-    if as_json:
-        print_json({"kind": kind, "files": written})
-    else:
-        print_paths(written)
+    return target
 
 
-def _list(starts, as_json: bool) -> None:
-    from bakery.recipe.starting import KINDS, PUBLISHED, SHIPPED
+def _as_it_ships(kind, target):
+    from bakery.recipe.starting import starts
+    from bakery.starting.shipped import scene
+
+    recipes = starts()
+    if kind not in recipes:
+        return scene(kind).files(target.stem)
+    recipe = recipes[kind]
+    beside = {target.with_suffix(path.suffix).name: path.read_text(encoding="utf-8") for path in recipe.beside()}
+    return {target.name: recipe.text(target.stem)} | beside
+
+
+def _in_fog(kind, mitsuba, target, unit):
+    from bakery.starting.foggy import filled
+    from bakery.starting.materials import air
+    from renderers.mitsuba.extent import seen
+
+    material = air(kind)
+    if mitsuba.suffix.lower() != ".xml" or not mitsuba.is_file():
+        raise UsageError(f"{mitsuba}: found no such file that ends in .xml; a scene of Mitsuba would do")
+    return filled(material, mitsuba, target.parent, target.stem, seen(mitsuba), unit)
+
+
+def _is(path, content) -> bool:
+    """Whether a file has this content already: recipes and meshes that several scenes share."""
+    data = content.encode() if isinstance(content, str) else content
+    return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
+
+
+def _list(as_json: bool) -> None:
+    from bakery.recipe.starting import KINDS, PUBLISHED, SHIPPED, starts
+    from bakery.starting.materials import AIRS, FILLINGS
+    from bakery.starting.shipped import scenes
     from bakery.system.terminal import say, table
 
+    recipes, pictures = starts().values(), scenes().values()
     if as_json:
         print_json([{"name": start.name, "published": start.folder == PUBLISHED, "shipped": start.folder == SHIPPED,
-                     "about": start.about} for start in starts])
+                     "scene": False, "about": start.about} for start in recipes]
+                   + [{"name": scene.name, "published": False, "shipped": True, "scene": True, "about": scene.about}
+                      for scene in pictures])
         return
     titles = {KINDS: "kinds", PUBLISHED: "published materials (docs/catalogue.md)", SHIPPED: "recipes that ship (recipes/)"}
-    for folder, title in titles.items():
-        rows = [(start.name, start.about) for start in starts if start.folder == folder]
+    groups = {title: [(start.name, start.about) for start in recipes if start.folder == folder]
+              for folder, title in titles.items()}
+    groups["scenes that ship (docs/gallery.md), with all files"] = [(scene.name, scene.about) for scene in pictures]
+    for title, rows in groups.items():
         say(f"{title}:")
         for line in table(rows):
             say(f"  {line}")
     say("`bake new NAME -o FILE.yaml` writes one")
+    say(f"`bake new NAME --mesh FILE` writes a scene of a mesh of {', '.join(FILLINGS)}")
+    say(f"`bake new NAME --mitsuba FILE.xml` fills the air of a scene with {', '.join(AIRS)}")

@@ -33,10 +33,11 @@ def scene_methods(_ctx, _param, incomplete):
 
 
 def starts(_ctx, _param, incomplete):
-    """Recipes to start from."""
-    from bakery.recipe.starting import starts as known
+    """Recipes and scenes to start from."""
+    from bakery.recipe.starting import starts as recipes
+    from bakery.starting.shipped import scenes
 
-    return _items({start.name: start.about for start in known().values()}, incomplete)
+    return _items({start.name: start.about for start in (*recipes().values(), *scenes().values())}, incomplete)
 
 
 def datasets(ctx, _param, incomplete):

@@ -6,12 +6,23 @@ takes the shares of all channels together (measured in Blender 5.0): one mixture
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bakery.export.mixture import Mixture, identifier, source
 from bakery.physics.medium.lobe_fits import hg_draine
 from bakery.store.tree import Group
 
+_MOST = 1024  # bounces that Cycles takes
+_SURFACE = '''
+glass = tree.nodes.new("ShaderNodeBsdfGlass")
+glass.location = 250 * len(LOBES) - 250, 300
+glass.distribution = "GGX"
+glass.inputs["Color"].default_value = 1, 1, 1, 1
+glass.inputs["IOR"].default_value, glass.inputs["Roughness"].default_value = INDEX, ROUGHNESS
+tree.links.new(glass.outputs[0], output.inputs["Surface"])
+'''
 STEEPEST = 0.999  # |g|: Cycles takes larger ones for this one (kernel/closure/volume_henyey_greenstein.h, volume_draine.h)
 
 
@@ -30,7 +41,7 @@ def cycles_medium(root: Group, name: str, within: float = 0.0) -> Mixture:
     return found.mixture(hg_draine(found.medium.theta, found.mean, STEEPEST))
 
 
-def blender_text(name: str, medium: Mixture, bands) -> str:
+def blender_text(name: str, medium: Mixture, bands, index=None, roughness=0.0) -> str:
     """A script for Blender 5 that makes a material of the medium.
 
     Parameters
@@ -38,16 +49,22 @@ def blender_text(name: str, medium: Mixture, bands) -> str:
     name : of the medium and of the material
     medium : of `cycles_medium`
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
+    index : refractive index of the surface over that of air; None, or 1: there is no surface
+    roughness : alpha of the surface (GGX)
     """
     sigma_s = bands @ medium.sigma_s
     lobes = "".join(f"    ({_colour(weight * sigma_s)}, {g:.9g}, {alpha:.9g}),\n"
                     for weight, g, alpha in zip(medium.lobes.weight, medium.lobes.g, medium.lobes.alpha, strict=True))
+    glass = "" if index in (None, 1.0) else _SURFACE
+    kind = "no surface" if not glass else f"a surface of index {index:g}"
     remarks, plain = "\n".join(f"# {line}" for line in medium.remarks()), identifier(name)
     return f'''# A baked medium for Cycles in Blender 5.
 # Run it in Blender's text editor, or as
 #   blender scene.blend --python ...
-# It makes the material "{plain}", or makes it anew, and changes nothing else.  It is for closed meshes and has no surface.
-# Light that is scattered more than once needs Render > Light Paths > Max Bounces > Volume, which is 0 at first.
+# It makes the material "{plain}", or makes it anew, and marks it as an asset: the asset browser shows it in
+# Current File, and in other files once this one is saved in the folder of an asset library.  It is for closed meshes, and has
+# {kind}.  In Cycles it raises Render > Light Paths > Max Bounces > Volume and Total to BOUNCES where they are less:
+# at first no light is scattered more than once.  Nothing else changes; Clamping > Indirect, 10 at first, takes light away.
 {remarks}
 import bpy
 
@@ -57,6 +74,8 @@ ABSORPTION = {_colour(bands @ medium.sigma_a)}
 # scattering in 1/m, linear Rec. 709; g; alpha of Draine's lobe, 0: Henyey and Greenstein's
 LOBES = [
 {lobes}]
+BOUNCES = {_bounces(bands @ medium.sigma_s, bands @ medium.sigma_a)}  # after which 1 % of the light is left, at most 1024
+INDEX, ROUGHNESS = {index or 1.0:.9g}, {math.sqrt(roughness):.9g}  # roughness as Blender has it, the root of alpha
 
 if bpy.app.version < (5, 0, 0):
     raise RuntimeError(f"{{NAME}}: this script is for Blender 5.0 and later, this is {{bpy.app.version_string}}")
@@ -85,7 +104,23 @@ for i, (scattering, g, alpha) in enumerate(LOBES):
 output = tree.nodes.new("ShaderNodeOutputMaterial")
 output.location = 250 * len(LOBES), 0
 tree.links.new(total.outputs[0], output.inputs["Volume"])
+{glass}
+if not material.asset_data:
+    material.asset_mark()
+material.asset_data.description = "Baked medium, {kind}"
+material.asset_data.tags.new("bakery", skip_if_exists=True)
+cycles = getattr(bpy.context.scene, "cycles", None)
+if cycles is not None:  # the add-on may be off
+    cycles.volume_bounces, cycles.max_bounces = max(cycles.volume_bounces, BOUNCES), max(cycles.max_bounces, BOUNCES)
 '''
+
+
+def _bounces(sigma_s, sigma_a) -> int:
+    """Scatterings after which 1 % of the light is left where most is, up to what Cycles takes."""
+    albedo = float(np.max(sigma_s / np.maximum(sigma_s + sigma_a, 1e-300)))
+    if albedo <= 0:
+        return 0
+    return _MOST if albedo >= 1 else min(_MOST, math.ceil(math.log(0.01) / math.log(albedo)))
 
 
 def _colour(values) -> str:

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from bakery.errors import UsageError
-from bakery.grammar.fields import nearest
 from bakery.grammar.files import asset_root
 
 KINDS, PUBLISHED, SHIPPED = "starting", "catalogue", ""  # folders
@@ -57,12 +55,8 @@ def starts() -> dict[str, Start]:
 
 
 def start(name: str) -> Start:
-    """The one of a name; UsageError with the nearest name where there is none."""
-    found = starts()
-    if name not in found:
-        raise UsageError(f'found "{name}", which is no kind of recipe, no published material and no recipe that ships'
-                         f"{nearest(name, found)}; `bake new` lists them")
-    return found[name]
+    """The one of a name, which is there."""
+    return starts()[name]
 
 
 def _of(folder: str) -> Iterator[Start]:

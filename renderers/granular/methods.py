@@ -66,7 +66,8 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
 
     return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if declared.measured else None,
-                  lambda: _features(world, how, assets, meshes, seed), (kinds[0][0],) if how.technique == GRAINS else ())
+                  lambda: _features(world, how, assets, meshes, seed), (kinds[0][0],) if how.technique == GRAINS else (),
+                  how.entry)
 
 
 def _features(*scene):

@@ -89,11 +89,14 @@ class Explicit:
     def entry(self, point, direction, far, inside=True):
         """Distances (n,) m to the first grain before far (n,) m, inf where there is none; not `inside`: of paths that have passed
         all grains of the body."""
-        t = np.full(len(point), np.inf)
-        if not inside:
-            return t
-        run(_paths.first_grain, len(point), self.grains, point, direction, far, t)
-        return t
+        return first_grain(self.grains, point, direction, far) if inside else np.full(len(point), np.inf)
+
+
+def first_grain(grains, point, direction, far):
+    """Distances (n,) m from points along directions to the first of `_grains.Grains` before far (n,) m; inf: none."""
+    t = np.full(len(point), np.inf)
+    run(_paths.first_grain, len(point), grains, point, direction, far, t)
+    return t
 
 
 @dataclass

@@ -54,6 +54,12 @@ class Transport(NamedTuple):
         """The loops of a body: those of its grains or those of its medium."""
         return self.bodies[body].grains if technique == GRAINS else self.bodies[body].medium
 
+    def entry(self, origin, direction, far):
+        """Distances (n,) m along rays to the first grain before far (n,) m, or to the mesh where paths begin in the medium; inf
+        where there is none."""
+        ways = (self.way(body, self.technique) for body in range(len(self.bodies)))
+        return np.min([way.entry(origin, direction, far) for way in ways], axis=0)
+
 
 class Sums:
     """Light that a pass has brought, linear sRGB.

@@ -280,6 +280,21 @@ class World:
         distance, valid = _arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
+    def depth(self, entry=None):
+        """How far ahead of the camera, along its axis, the middle of each pixel meets something, (H, W) m; inf: nothing.
+
+        Glass counts as a surface, as do boundaries of bodies that refract nothing: what is seen through them lies behind.
+
+        entry : function of origins (n, 3), directions (n, 3) and distances (n,) m to surfaces -> distances (n,) m, to what else
+            is there before them, inf where nothing is
+        """
+        direction = self.camera.rays(*self.size).reshape(-1, 3)
+        origin = np.full(direction.shape, self.camera.origin)
+        distance = self.trace(origin, direction, FAR)
+        if entry is not None:
+            distance = np.minimum(distance, entry(origin, direction, distance))
+        return distance.reshape(self.size) / length(self.camera.points(*self.size))
+
     def first_surface(self, origin, direction):
         """Distances to the first surface, (n,) m, inf where there is none, and cosines (n,), positive, to its normal."""
         import drjit as dr
@@ -307,6 +322,11 @@ class World:
         sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self.light_number(sample.emitter)))
+
+    @property
+    def sky(self) -> bool:
+        """Whether a light is at infinity."""
+        return bool(self._infinite.any())
 
     @property
     def dark(self) -> bool:

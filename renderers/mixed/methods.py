@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.entries import declared
+from renderers.granular.paths import first_grain
 from renderers.mixed import build, contents
 from renderers.mixed import passes as wavefronts
 from renderers.mixed.scene import chosen
@@ -48,7 +49,17 @@ def prepare(job, world, seed) -> Method:
             detail=shares[0][..., explicit].sum(axis=-1))
 
     seen = features if len(what) <= MOST_IN_A_LOOP else None
-    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else ())
+    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(what))
+
+
+def _entry(materials):
+    """Distances to the first grain of all materials, as `renderers.mitsuba.world.World.depth` takes them."""
+    packed = [content.grains for content in materials if isinstance(content, contents.Grains)]
+
+    def entry(origin, direction, far):
+        return np.min([first_grain(grains, origin, direction, far) for grains in packed], axis=0)
+
+    return entry if packed else None
 
 
 def _features(world, entries, colours, seed):

@@ -6,7 +6,11 @@ import ast
 import json
 import math
 import os
+import runpy
 import subprocess
+import sys
+from collections import defaultdict
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -61,6 +65,54 @@ def test_the_script_holds_the_medium(call, fog, root, tmp_path):
         assert lost["misdirected"] < 3e-3 and abs(lost["reduced"]) < 1e-5 and lost["unscattered"] == 0
 
 
+class FakeNode(SimpleNamespace):
+    """A node with sockets by name, which are made when they are asked for."""
+
+    def __init__(self, kind):
+        super().__init__(kind=kind, inputs=defaultdict(SimpleNamespace), outputs=[f"{kind} out"])
+
+
+def fake_bpy(bounces, version=(5, 0, 0)):
+    """What the script asks of Blender, as far as it is written down in Blender's Python reference; the material is kept."""
+    nodes, links, tags = [], [], []
+    material = SimpleNamespace(asset_data=None, node_tree=SimpleNamespace(
+        nodes=SimpleNamespace(clear=nodes.clear, new=lambda kind: nodes.append(FakeNode(kind)) or nodes[-1]),
+        links=SimpleNamespace(new=lambda start, end: links.append((start, end)))))
+    metadata = SimpleNamespace(tags=SimpleNamespace(new=lambda name, skip_if_exists=False: tags.append(name)))
+    material.asset_mark = lambda: setattr(material, "asset_data", metadata)
+    cycles = SimpleNamespace(volume_bounces=bounces, max_bounces=12)
+    scene = SimpleNamespace(unit_settings=SimpleNamespace(scale_length=0.01), cycles=cycles)
+    bpy = SimpleNamespace(app=SimpleNamespace(version=version, version_string="5.0.0"), context=SimpleNamespace(scene=scene),
+                          data=SimpleNamespace(materials=SimpleNamespace(get=lambda name: material)))
+    return bpy, SimpleNamespace(nodes=nodes, links=links, tags=tags, material=material, cycles=cycles)
+
+
+@pytest.mark.parametrize(("options", "bounces"), [((), 0), (("--index", "1.35", "--roughness", "0.09"), 2000)])
+def test_the_script_runs(options, bounces, call, fog, root, tmp_path, monkeypatch):
+    """Volume, surface, bounces and mark; what the scene allows already is not taken back."""
+    assert call("export", fog, "--to", "blender", "-o", tmp_path, *options)[0] == 0
+    bpy, blender = fake_bpy(bounces)
+    monkeypatch.setitem(sys.modules, "bpy", bpy)
+    constants_of = runpy.run_path(str(tmp_path / "fog.py"))
+    by_kind = {node.kind: node for node in blender.nodes}
+    output, volume = by_kind["ShaderNodeOutputMaterial"], by_kind["ShaderNodeAddShader"]
+    assert (volume.outputs[0], output.inputs["Volume"]) in blender.links and blender.tags == ["bakery"]
+    bands = band_matrix(root["wavelength"].data)
+    coefficients = [node.inputs for node in blender.nodes if node.kind == "ShaderNodeVolumeCoefficients"]
+    assert np.allclose(sum(np.array(one["Scatter Coefficients"].default_value) for one in coefficients), 0.01 * bands @ SIGMA_S)
+    albedo = (bands @ SIGMA_S / (bands @ (SIGMA_S + SIGMA_A))).max()
+    assert albedo ** constants_of["BOUNCES"] <= 0.01 < albedo ** (constants_of["BOUNCES"] - 1)
+    assert blender.cycles.volume_bounces == max(bounces, constants_of["BOUNCES"])
+    assert blender.cycles.max_bounces == max(12, constants_of["BOUNCES"])
+    if not options:
+        assert "ShaderNodeBsdfGlass" not in by_kind and blender.material.asset_data.description == "Baked medium, no surface"
+        return
+    glass = by_kind["ShaderNodeBsdfGlass"]
+    assert (glass.outputs[0], output.inputs["Surface"]) in blender.links
+    assert "index 1.35" in blender.material.asset_data.description
+    assert glass.inputs["IOR"].default_value == 1.35 and glass.inputs["Roughness"].default_value == pytest.approx(0.3)
+
+
 def narrow(root):
     """Half of the light in a peak of half a degree, 45 % at the other wavelength."""
     theta = root["medium/theta"].data
@@ -98,8 +150,12 @@ def test_a_forward_peak_may_count_as_unscattered(call, root, tmp_path):
     (("--to", "blender", "--unscattered-within", "11deg"), "above 0 to 10deg"),
     (("--to", "blender", "--unscattered-within", "0deg"), "above 0 to 10deg"),
     (("--to", "blender", "--unscattered-within", "1"), "has no unit"),
+    (("--to", "blender", "--index", "glass"), '--index: found "glass"; a number from 0.2 to 5 would do'),
+    (("--to", "blender", "--index", "1.4", "--roughness", "2"), "a number from 0 to 1 would do"),
+    (("--to", "blender", "--roughness", "0.1"), "found without --index"),
+    (("--to", "hg", "--index", "1.4"), "has no effect on hg"),
 ])
-def test_wrong_angles(call, fog, args, said):
+def test_wrong_options(call, fog, args, said):
     status, out, err = call("export", fog, *args)
     assert status == 2 and not out and said in err
 

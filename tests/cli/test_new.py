@@ -68,7 +68,7 @@ def test_the_list_has_all(call):
     status, out, _ = call("new")
     assert status == 0 and all(f"\n  {name} " in out for name in starts()) and len(starts()) > 45
     listed = json.loads(call("new", "--json")[1])
-    assert {"name": "fog", "published": False, "shipped": False, "about": "Fog: water droplets in air."} in listed
+    assert {"name": "fog", "published": False, "shipped": False, "scene": False, "about": "Fog: water droplets in air."} in listed
     assert {each["name"] for each in listed if each["published"]} >= {"espresso", "opac_fog", "skin_1"}
 
 
@@ -84,7 +84,7 @@ def test_a_recipe_that_ships(call, tmp_path):
 
 
 @pytest.mark.parametrize(("args", "said"), [
-    (("fgo",), "no recipe that ships (fog?)"),
+    (("fgo",), "no recipe or scene that ships (fog?)"),
     (("fog", "-o", "fog.h5"), "fog.yaml would do"),
     (("fog", "-o", "a b.yaml"), 'found "a b"'),
     (("fog", "-o", "missing/fog.yaml"), "its folder does not exist"),

@@ -28,6 +28,7 @@ MAY = {
     "report": {"asset", "draw", "family", "stages", "store", "system.terminal"},
     "export": {"asset", "draw", "grammar", "physics", "report", "stages", "store", "system.terminal"},
     "run": {"family", "grammar.files", "grammar.qualities", "plan", "recipe", "stages", "store", "system"},
+    "starting": {"grammar", "physics", "recipe", "run", "store"},
     "trade": {"draw", "grammar.qualities", "plan", "recipe", "run", "stages", "store", "system"},
 }
 OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses", "collections", "typing", "__future__",

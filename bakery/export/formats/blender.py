@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
-from bakery.export.declaration import Exporter, Job, Written
+from bakery.errors import UsageError
+from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.export.formats.lobes import WITHIN, written
 from bakery.store.outputs import FileKind, begins_as_text
+
+
+def _between(flag: str, low: float, high: float):
+    """What reads the value of an option: a number between two others."""
+    def parsed(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not low <= value <= high:
+            raise UsageError(f'{flag}: found "{text}"; a number from {low:g} to {high:g} would do')
+        return value
+    return parsed
+
+
+INDEX = Option("--index", "refractive index of the body's surface, such as 1.35 of milk; without it the medium has no surface.",
+               "INDEX", _between("--index", 0.2, 5))
+ROUGHNESS = Option("--roughness", "of that surface, alpha of GGX as in Mitsuba; 0 is smooth.", "ALPHA",
+                   _between("--roughness", 0, 1))
 
 
 def write(job: Job) -> Written:
     from bakery.export.blender import blender_text, cycles_medium
 
+    index, roughness = (job.settings.get(option.name) for option in (INDEX, ROUGHNESS))
+    if roughness is not None and index is None:
+        raise UsageError("--roughness: found without --index, without which there is no surface; both would do")
     bands = job.colour.band_matrix(job.asset.wavelength)
-    return written(job, cycles_medium, "py", lambda medium: blender_text(job.medium_name, medium, bands))
+    return written(job, cycles_medium, "py", lambda medium: blender_text(job.medium_name, medium, bands, index, roughness or 0.0))
 
 
 EXPORTER = Exporter(
     "blender", "a script that makes a material for Cycles, HG + Draine (.py)", "Cycles in Blender 5", ("medium",),
     "coefficients in RGB, two lobes (HG + Draine) for all wavelengths",
-    "the phase function's shape beyond the lobes; its change with wavelength; spectra", write, (WITHIN,),
+    "the phase function's shape beyond the lobes; its change with wavelength; spectra", write, (WITHIN, INDEX, ROUGHNESS),
     kinds={".py": FileKind("Blender script", begins_as_text(r"\A# A baked medium for Cycles "))})
