@@ -1,0 +1,44 @@
+"""The medium without its forward peak: what a given number of Legendre moments can carry (delta-M, Wiscombe 1977)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A phase function whose peak counts as light that goes straight on.
+
+    Attributes
+    ----------
+    moments : (M,) Legendre moments of what is left, the first is 1
+    share : of the scattered light that was in the peak
+    albedo : single-scattering albedo without it
+    shrinks : optical depths without the peak over those with it
+    """
+
+    moments: np.ndarray
+    share: float
+    albedo: float
+    shrinks: float
+
+
+def cut(moments, albedo: float, count: int) -> Cut:
+    """Keep `count` moments.
+
+    Parameters
+    ----------
+    moments : at least count + 1 Legendre moments of the phase function
+    albedo : single-scattering albedo
+
+    Notes
+    -----
+    The first moment that is not carried becomes that of the peak.  A negative one is no forward peak, and nothing is cut.
+    """
+    moments = np.asarray(moments, float)
+    share = max(float(moments[count]), 0.0)
+    # lossless media stay lossless to the last digit
+    left = 1.0 if albedo == 1 else albedo * (1 - share) / (1 - albedo * share)
+    return Cut((moments[:count] - share) / (1 - share), share, left, 1 - albedo * share)

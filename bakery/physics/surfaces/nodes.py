@@ -1,0 +1,87 @@
+"""Directions at which a layer is solved: Gauss nodes over the cosine, dense at grazing angles, on both sides of a boundary.
+
+Radiance has terms in mu ln mu at grazing angles, which Gauss nodes over mu resolve poorly: in s = sqrt(mu) they are s^2 ln s, and a
+polynomial in s through n nodes is within n^-4 of them.  Under a boundary of an index above 1 the kernel jumps at the critical angle, so that
+directions that leave (images of the nodes in air) and those that are totally reflected have nodes of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.surfaces import fresnel
+
+POWER = 2  # mu = s^POWER; 3 would converge faster, but its smallest cosines cost the digits that rounding leaves
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Directions of a hemisphere.
+
+    Attributes
+    ----------
+    mu : (N + C,) cosines in the medium; the first N are those that leave it
+    flux : (N + C,) shares of the flux of isotropic light, 2 mu times weight, that add up to 1
+    air : (N,) cosines in air of those that leave
+    reflected : (N + C,) share of the light that the boundary sends back into the medium, 1 where it is total
+    at : (N,) coordinates s of the directions that leave: between them what leaves is a polynomial
+    index : of the medium, over that of the air
+    """
+
+    mu: np.ndarray
+    flux: np.ndarray
+    air: np.ndarray
+    reflected: np.ndarray
+    at: np.ndarray
+    index: float
+
+    @property
+    def leaving(self) -> int:
+        return len(self.air)
+
+
+def grazing(count: int, top: float = 1.0):
+    """`count` cosines from 0 to `top`, weights of an integral over them, and coordinates s from 0 to 1."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    s = 0.5 * (1 + x)
+    return top * s**POWER, top * POWER * s ** (POWER - 1) * 0.5 * weight, s
+
+
+def nodes(count: int, index: float = 1.0) -> Nodes:
+    """The directions of a medium under a smooth boundary.
+
+    Parameters
+    ----------
+    count : of the directions that leave
+    index : 1 for no boundary
+    """
+    mu, weight, s = grazing(count)
+    if index <= 1:
+        air = fresnel.outside(mu, index)
+        return Nodes(mu, 2 * mu * weight, air, fresnel.reflected(air, index), s, index)
+    limit = fresnel.critical(index)
+    trapped, trapped_weight, _ = grazing(max(8, math.ceil(count * limit)), limit)
+    return Nodes(np.concatenate([fresnel.inside(mu, index), trapped]),
+                 # mu dmu is n^2 times smaller inside
+                 np.concatenate([2 * mu * weight / index**2, 2 * trapped * trapped_weight]),
+                 mu, np.concatenate([fresnel.reflected(mu, index), np.ones(len(trapped))]), s, index)
+
+
+def coordinate(mu, index: float):
+    """Coordinates s of directions in air of cosine mu, like mu."""
+    return np.sqrt(mu if index >= 1 else fresnel.inside(mu, index))
+
+
+def interpolation(s, at):
+    """(..., N) weights of values at the nodes s (N,) that give their polynomial at any coordinates (...,)."""
+    at = np.asarray(at, float)
+    x, gauss = np.polynomial.legendre.leggauss(len(s))
+    barycentric = np.where(np.arange(len(s)) % 2, -1.0, 1.0) * np.sqrt((1 - x * x) * gauss)
+    distance = at[..., None] - s
+    hit = np.abs(distance) < 1e-15
+    share = barycentric / np.where(hit, 1.0, distance)
+    share /= share.sum(axis=-1, keepdims=True)
+    return np.where(hit.any(axis=-1, keepdims=True), hit, share)

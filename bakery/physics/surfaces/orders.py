@@ -1,0 +1,46 @@
+"""Fourier orders in azimuth of a phase function between directions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+def harmonics(mu, order: int, count: int):
+    """Normalised associated Legendre functions sqrt((l-m)!/(l+m)!) P_l^m(mu), without the sign (-1)^m.
+
+    Parameters
+    ----------
+    mu : (N,)
+    order : m
+    count : degrees l below this one
+
+    Returns
+    -------
+    (count - m, N) for l = m, m + 1, ...
+    """
+    mu = np.asarray(mu, float)
+    values = np.zeros((max(count - order, 0), len(mu)))
+    if not len(values):
+        return values
+    start = math.prod(math.sqrt((2 * k - 1) / (2 * k)) for k in range(1, order + 1))
+    values[0] = start * ((1 - mu) * (1 + mu)) ** (order / 2)
+    for row in range(len(values) - 1):
+        degree = row + order
+        before = math.sqrt(degree**2 - order**2) * values[row - 1] if row else 0.0
+        values[row + 1] = ((2 * degree + 1) * mu * values[row] - before) / math.sqrt((degree + 1) ** 2 - order**2)
+    return values
+
+
+def phase_matrices(moments, mu, order: int):
+    """Even and odd part of the phase function of one Fourier order between the directions mu (N,), each (N, N).
+
+    Their sum is the phase function between directions of one hemisphere, their difference between opposite ones; its integral over
+    the sphere is 4 pi.
+    """
+    values = harmonics(mu, order, len(moments))
+    weights = (2 * np.arange(order, len(moments)) + 1) * moments[order:]
+    even = (values[::2].T * weights[::2]) @ values[::2]
+    odd = (values[1::2].T * weights[1::2]) @ values[1::2]
+    return even, odd

@@ -1,0 +1,45 @@
+"""Twice the moments until the answer no longer changes by more than what is asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery.physics.multiple.legendre import moments
+from bakery.physics.surfaces.solution import Slab, Solution, solve
+
+FEWEST, MOST = 16, 256  # Legendre moments
+_FLOOR = 1e-3  # of the largest value: below, errors count as if relative to that
+_COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
+_AZIMUTHS = np.linspace(0, math.pi, 5)
+
+
+def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, float]:
+    """The solution, and its relative change from half the moments: largest over angles from 0 to 89.9 degrees.
+
+    The change is above the tolerance where `most` moments do not reach it.
+    """
+    wanted = moments(slab.theta, slab.phase, most)
+    count, before, error = FEWEST, None, math.inf
+    while True:
+        solution = solve(slab, wanted, count, tolerance)
+        values = _values(solution)
+        if before is not None:
+            error = max(map(_change, values, before))
+        if error <= tolerance or 2 * count > most:
+            return solution, error
+        before, count = values, 2 * count
+
+
+def _values(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Reflection and transmission at the angles of the test."""
+    at = np.meshgrid(_COSINES, _COSINES, _AZIMUTHS, indexing="ij")
+    # where the peak is cut off, transmitted light is not told
+    apart = np.abs(at[0] - at[1]) + at[2] > 0
+    return solution.reflection(*at), np.where(apart, solution.transmission(*at), 0.0)
+
+
+def _change(values, before) -> float:
+    scale = np.maximum(np.abs(values), _FLOOR * np.abs(values).max())
+    return float(np.max(np.divide(np.abs(values - before), scale, out=np.zeros_like(scale), where=scale > 0)))

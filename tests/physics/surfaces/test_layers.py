@@ -1,0 +1,141 @@
+"""Plane layers against closed forms, published figures and laws of conservation."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+from bakery.physics.surfaces import fresnel, layer, nodes, orders
+from bakery.physics.surfaces.refine import refined
+from bakery.physics.surfaces.solution import Slab, solve
+
+GRAZING = math.cos(math.radians(89.9))
+COSINES = np.array([GRAZING, 0.05, 0.2, 0.5, 0.7106756, 0.9, 1.0])
+SPHERE = np.array([0.0, math.pi]), np.array([1.0, 1.0]) / (4 * math.pi)
+EVERYWHERE = np.meshgrid(COSINES, COSINES, np.linspace(0, math.pi, 7), indexing="ij")
+
+
+def chandrasekhar(albedo: float, mu):
+    """H(mu) by its closed integral (Chandrasekhar 1960, V 40), to 20 digits: no iteration, no quadrature of the layer's."""
+    with mpmath.workdps(20):
+        def of(cosine):
+            def integrand(angle):
+                return mpmath.log(1 - albedo * angle * mpmath.cot(angle)) / (mpmath.cos(angle) ** 2 + cosine**2 * mpmath.sin(angle) ** 2)
+            return mpmath.exp(-cosine / mpmath.pi * mpmath.quad(integrand, [0, 0.01, 0.1, 0.5, 1, 1.4, mpmath.pi / 2]))
+        return np.array([float(of(mpmath.mpf(float(value)))) for value in mu])
+
+
+def henyey_greenstein(g: float, angles: int = 2000):
+    """Angles and values of a table as assets hold them."""
+    theta = np.concatenate([[0.0], np.geomspace(1e-4, math.pi, angles)])
+    theta[-1] = math.pi
+    phase = (1 - g * g) / (1 + g * g - 2 * g * np.cos(theta)) ** 1.5 / (4 * math.pi)
+    from bakery.physics.medium.phase import normalised
+
+    return theta, normalised(theta, phase)[0]
+
+
+@pytest.mark.parametrize("albedo", [0.1, 0.5, 0.9, 0.99, 1.0])
+def test_isotropic_half_space_is_chandrasekhars(albedo):
+    solution = solve(Slab(*SPHERE, albedo, math.inf), np.eye(33)[0], 32)
+    mu = COSINES
+    H = chandrasekhar(albedo, mu)
+    exact = albedo / 4 * H[:, None] * H / (mu[:, None] + mu)
+    np.testing.assert_allclose(solution.reflection(mu[:, None], mu, 1.0), exact, rtol=1e-6)
+    if albedo == 1:  # Chandrasekhar's table XI: H(1), H(0.5)
+        np.testing.assert_allclose(chandrasekhar(1.0, [1.0, 0.5]), [2.9078, 2.0128], atol=1e-4)
+
+
+@pytest.mark.parametrize(("albedo", "g", "spherical", "plane"),
+                         [(0.9, -0.3, 0.5224, 0.5100), (0.9, 0.6, 0.3230, 0.3008), (0.99, 0.8, 0.6027, 0.5860),
+                          (0.999, 0.9, 0.7957, 0.7864)])
+def test_half_spaces_of_one_lobe(albedo, g, spherical, plane):
+    """Four digits from an independent doubling, the plane albedo also from counted photons."""
+    solution = solve(Slab(*henyey_greenstein(g), albedo, math.inf), g ** np.arange(65.0), 64)
+    assert solution.spherical_albedo == pytest.approx(spherical, abs=6e-5)
+    at = nodes.interpolation(solution.nodes.at, nodes.coordinate(0.7106756, 1.0))
+    assert at @ solution.albedo == pytest.approx(plane, abs=6e-5)
+
+
+@pytest.mark.parametrize("depth", [1e-12, 0.3, 10.0, 1e6, math.inf])
+@pytest.mark.parametrize("index", [0.8, 1.0, 1.33, 1.5])
+def test_white_furnace(depth, index):
+    slab = Slab(*henyey_greenstein(0.8), 1.0, depth, index, None if math.isinf(depth) else 1.0)
+    solution = solve(slab, 0.8 ** np.arange(33.0), 32, 0.1)
+    np.testing.assert_allclose(solution.albedo, 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("index", [0.8, 1.0, 1.5])
+@pytest.mark.parametrize("depth", [0.0, 1e-12, 0.01, 3.0, 1e6])
+def test_free_layers_lose_nothing(depth, index):
+    solution = solve(Slab(*henyey_greenstein(0.8), 1.0, depth, index), 0.8 ** np.arange(33.0), 32, 0.1)
+    np.testing.assert_allclose(solution.albedo + solution.passed, 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.9), 0.95, 2.0, 1.4), Slab(*henyey_greenstein(0.5), 0.5, 1.0, 0.9, 0.3)])
+def test_reciprocity(slab):
+    solution = solve(slab, (0.9 if slab.albedo > 0.9 else 0.5) ** np.arange(33.0), 32, 1e-3)
+    mu, mu0, phi = EVERYWHERE
+    for side in (solution.reflection, solution.transmission):
+        np.testing.assert_allclose(side(mu, mu0, phi), side(mu0, mu, phi), rtol=1e-9, atol=1e-12)
+
+
+def test_thin_layers_scatter_once():
+    theta, phase = henyey_greenstein(0.7)
+    depth = 1e-9
+    solution = solve(Slab(theta, phase, 0.8, depth), 0.7 ** np.arange(33.0), 32)
+    mu, mu0, phi = (part[1:, 1:] for part in EVERYWHERE)
+    cosine = -mu * mu0 + np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) * np.cos(phi)
+    lobe = 0.51 / (1.49 - 1.4 * cosine) ** 1.5
+    np.testing.assert_allclose(solution.reflection(mu, mu0, phi), 0.8 * lobe * depth / (4 * mu * mu0), rtol=2e-5)
+
+
+def test_nothing_scatters():
+    """Albedo 0, and thickness 0: the base alone, seen through what absorbs."""
+    mu, mu0, phi = EVERYWHERE
+    black = solve(Slab(*SPHERE, 0.0, math.inf), np.eye(33)[0], 32)
+    assert not black.reflection(mu, mu0, phi).any() and not black.albedo.any()
+    bare = solve(Slab(*SPHERE, 0.7, 0.0, 1.0, 0.4), np.eye(33)[0], 32)
+    np.testing.assert_allclose(bare.reflection(mu, mu0, phi), 0.4, rtol=1e-12)
+    covered = solve(Slab(*SPHERE, 0.0, 0.5, 1.0, 0.4), np.eye(33)[0], 32)
+    np.testing.assert_allclose(covered.reflection(mu, mu0, phi), 0.4 * np.exp(-0.5 * (1 / mu + 1 / mu0)), rtol=1e-9)
+
+
+def test_half_a_layer_on_the_other():
+    directions = nodes.nodes(40, 1.3)
+    even, odd = orders.phase_matrices(0.8 ** np.arange(24.0), directions.mu, 1)
+    half, whole = (layer.homogeneous(even, odd, directions.mu, directions.flux, 0.97, depth) for depth in (1.5, 3.0))
+    both = layer.stacked(half, half)
+    for name in ("above", "below", "through", "direct"):
+        np.testing.assert_allclose(getattr(both, name), getattr(whole, name), atol=1e-11)
+
+
+def test_boundary():
+    """Snell's and Fresnel's laws: normal incidence, Brewster's angle, total reflection."""
+    assert fresnel.reflected(1.0, 1.5) == pytest.approx(0.04)
+    polariser = math.cos(math.atan(1.5))
+    assert fresnel.reflected(polariser, 1.5) == pytest.approx(0.5 * ((1.5**2 - 1) / (1.5**2 + 1)) ** 2)
+    assert fresnel.reflected(0.3, 0.8) == 1
+    assert fresnel.outside(fresnel.inside(0.4, 1.33), 1.33) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.95), 0.99, math.inf), Slab(*henyey_greenstein(0.8), 0.9, 4.0, 1.33, 0.2)])
+def test_refined_until_it_no_longer_changes(slab):
+    """The stated error bounds the true one, by a solution of twice the moments."""
+    mu, mu0, phi = EVERYWHERE
+    solution, error = refined(slab, 0.01)
+    exact = refined(slab, 1e-3)[0]
+    assert error <= 0.01 and len(exact.cut.moments) > len(solution.cut.moments)
+    np.testing.assert_allclose(solution.reflection(mu, mu0, phi), exact.reflection(mu, mu0, phi), rtol=error)
+
+
+def test_what_is_out_of_reach_is_said():
+    assert refined(Slab(*henyey_greenstein(0.95), 0.99, math.inf), 1e-5, most=32)[1] > 1e-5
+
+
+def test_directions_outside_the_hemisphere():
+    with pytest.raises(ValueError, match="above 0"):
+        solve(Slab(*SPHERE, 0.5, 1.0), np.eye(33)[0], 32).reflection(-0.1, 0.5, 0.0)
