@@ -36,15 +36,11 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it is fogged anew in no time.
     """
-    import numpy as np
-
-    from renderers import budget, colour, reached
-    from renderers.fog import noise
     from renderers.fog.view import View
-    from renderers.running import Render, rgb_layers
+    from renderers.running import Render
 
     job = Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
-    scene, asset, values = job.scene, job.asset, job.scene.values
+    scene, asset = job.scene, job.asset
     threads = threads or len(os.sched_getaffinity(0))
     medium = _medium(scene, asset)
     density = _density(scene, threads)
@@ -64,13 +60,23 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
         progress(0.9)
     sunlight = _sunlight(scene, asset, medium, density, view.origin, view.rays, view.distance)
     job.part_over("sun")
-    result = result + sunlight
-    total = float(np.mean(result @ colour.LUMINANCE))
+    return _finished(job, picture, view, unsure, sunlight, result + sunlight, quality)
+
+
+def _finished(job, picture, view, unsure, sunlight, rgb, quality):
+    """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report."""
+    import numpy as np
+
+    from renderers import budget, colour, reached
+    from renderers.fog import noise
+    from renderers.running import rgb_layers
+
+    total = float(np.mean(rgb @ colour.LUMINANCE))
     layers, relative = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, None
     if unsure is not None:
         layers, relative = layers | noise.layers(unsure), noise.relative(unsure, total)
-    wanted = reached.coarser(quality) * budget.of(scene).noise if reached.asked(values) else None
-    return job.finish(result, layers=layers, method="screen", reasons=_reasons(view, total),
+    wanted = reached.coarser(quality) * budget.of(job.scene).noise if reached.asked(job.scene.values) else None
+    return job.finish(rgb, layers=layers, method="screen", reasons=_reasons(view, total),
                       samples=picture.made.get("samples"), picture=picture.made, noise=relative,
                       unreached=reached.unreached(picture.made.get("stopped_by", ""), wanted, relative),
                       **_figures(view, picture, sunlight, total))

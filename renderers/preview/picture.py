@@ -91,24 +91,20 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     AssetError : a damaged asset, or one without a medium and grains
     """
     begin = time.monotonic()
-    qualities.quality(quality)  # raises where there is none
+    usual = qualities.quality(quality).panel
     images.refuse_name(asset_path)
     pair = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
     groups = [name for name in ("grains", "medium") if name in asset.stages]
     edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
     shown = grains.grains_of(asset) if "grains" in groups else None
-    chosen, reason = variants.activate("mono", variant)
-    if "mono" not in chosen and not chosen.startswith("scalar"):
-        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
-                         "scalar_rgb would do")
-    width, spp, tolerance, time_limit = _limits((width, spp, tolerance, time_limit), qualities.quality(quality).panel)
-    size = width, width * 5 // 8
-    panels = _panels(asset, asset_path, shown, edge, words, size, chosen)
+    chosen, reason = _variant(variant)
+    width, spp, tolerance, time_limit = _limits((width, spp, tolerance, time_limit), usual)
+    panels = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen)
     rendered = []
     for i, panel in enumerate(panels):
-        long = panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
-        samples = max(1, round(HEAP_SAMPLES * spp)) if long else spp
+        clear_heap = panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
+        samples = max(1, round(HEAP_SAMPLES * spp)) if clear_heap else spp
         picture = passes.render(panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
                                 seed=seed, progress=share(progress, i / len(panels), (i + 1) / len(panels)))
@@ -116,8 +112,8 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     gap = max(1, width // 96)
     bitmaps.write(pair, _beside([panel.display for panel in rendered], gap), _beside([panel.linear for panel in rendered], gap),
                   {PREVIEW_OF: asset.content_hash})
-    report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin}
-    report |= _figures(rendered, width, gap, size[1])
+    report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
+              **_figures(rendered, width, gap)}
     for panel in panels:
         report |= panel.report()
     return report
@@ -181,6 +177,15 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
                  lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
 
 
+def _variant(asked):
+    """Mitsuba's variant for one wavelength at a time, which is set, and why it is that one."""
+    chosen, reason = variants.activate("mono", asked)
+    if "mono" not in chosen and not chosen.startswith("scalar"):
+        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
+                         "scalar_rgb would do")
+    return chosen, reason
+
+
 def _limits(requested, usual):
     """Width, samples, noise and time: those of `usual` where none is requested."""
     width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, usual))
@@ -223,14 +228,14 @@ def _rendered(panel, picture, denoise) -> Rendered:
                     np.concatenate([picture.rgb, colour.decode(panel.strip)]))
 
 
-def _figures(rendered, width, gap, rows):
+def _figures(rendered, width, gap):
     """What the report says of panels `width` pixels wide, `gap` apart."""
     order = ("time", "samples", "noise")
     pictures = [panel.picture for panel in rendered]
     return {"samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
             "noise_shown": max(panel.noise for panel in rendered),
             "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
-            "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": rows,
+            "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": width * 5 // 8,
             "tone_curve": images.TONE_CURVE, "exposure": EXPOSURE, "white": WHITE,
             "panels": [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": panel.picture.samples,
                         "noise": panel.picture.noise, "noise_shown": panel.noise, "stopped_by": panel.picture.stopped_by}
