@@ -36,21 +36,13 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it is fogged anew in no time.
     """
-    import numpy as np
-
-    from bakery.errors import UsageError
-    from renderers import budget, colour, reached
-    from renderers.fog import kernels, noise
     from renderers.fog.view import View
-    from renderers.running import Render, rgb_layers
+    from renderers.running import Render
 
     job = Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
-    scene, asset, values = job.scene, job.asset, job.scene.values
+    scene, asset = job.scene, job.asset
     threads = threads or len(os.sched_getaffinity(0))
-    try:
-        medium = kernels.fog_of(asset, channels=3, kernel=values.filter.kernel)
-    except UsageError as error:
-        raise scene.wrong("asset", error) from None
+    medium = _medium(scene, asset)
     density = _density(scene, threads)
     job.part_over("prepare")
 
@@ -66,26 +58,49 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     job.part_over("filter")
     if progress:
         progress(0.9)
-    added = _sunlight(scene, asset, medium, density, view.origin, view.rays, view.distance)
+    sunlight = _sunlight(scene, asset, medium, density, view.origin, view.rays, view.distance)
     job.part_over("sun")
-    result = result + added
-    total = float(np.mean(result @ colour.LUMINANCE))
+    return _finished(job, picture, view, unsure, sunlight, result + sunlight, quality)
+
+
+def _finished(job, picture, view, unsure, sunlight, rgb, quality):
+    """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report."""
+    import numpy as np
+
+    from renderers import budget, colour, reached
+    from renderers.fog import noise
+    from renderers.running import rgb_layers
+
+    total = float(np.mean(rgb @ colour.LUMINANCE))
+    layers, relative = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, None
+    if unsure is not None:
+        layers, relative = layers | noise.layers(unsure), noise.relative(unsure, total)
+    wanted = reached.coarser(quality) * budget.of(job.scene).noise if reached.asked(job.scene.values) else None
+    return job.finish(rgb, layers=layers, method="screen", reasons=_reasons(view, total),
+                      samples=picture.made.get("samples"), picture=picture.made, noise=relative,
+                      unreached=reached.unreached(picture.made.get("stopped_by", ""), wanted, relative),
+                      **_figures(view, picture, sunlight, total))
+
+
+def _reasons(view, total):
+    """Sentences; total : mean luminance of the picture."""
+    beside = "ambient light" if view.ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[view.outside]
+    return [f"fog is a filter in screen space, for which {beside} lies beside the picture",
+            *["no light is in the picture, and it stays black"] * (total == 0)]
+
+
+def _figures(view, picture, sunlight, total):
+    """What the report says of distances, depths and shares of the light."""
+    import numpy as np
+
+    from renderers import colour
+
     direct = float(np.mean((view.through * picture.rgb) @ colour.LUMINANCE))
-    share = {"share_scattered": 1 - direct / total, "share_sun": float(np.mean(added @ colour.LUMINANCE)) / total} \
-        if total > 0 else {"share_scattered": 0.0, "share_sun": 0.0}
+    scattered, sun = (1 - direct / total, float(np.mean(sunlight @ colour.LUMINANCE)) / total) if total > 0 else (0.0, 0.0)
     depths = {name: [float(f(view.depth[..., c])) for c in range(3)]
               for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
-    beside = "ambient light" if view.ambient.any() else {"edge": "what it shows nearby", "black": "darkness"}[view.outside]
-    layers = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}
-    seen = None if unsure is None else noise.relative(unsure, total)
-    wanted = reached.coarser(quality) * budget.of(scene).noise if reached.asked(values) else None
-    return job.finish(result, layers=layers if unsure is None else layers | noise.layers(unsure),
-                      method="screen", reasons=[f"fog is a filter in screen space, for which {beside} lies beside the picture",
-                                                *["no light is in the picture, and it stays black"] * (total == 0)],
-                      samples=picture.made.get("samples"), picture=picture.made,
-                      noise=seen, unreached=reached.unreached(picture.made.get("stopped_by", ""), wanted, seen),
-                      without_surface=int(view.sky.sum()), distance=[float(view.distance.min()), float(view.distance.max())],
-                      optical_depth=depths, **share)
+    return {"without_surface": int(view.sky.sum()), "distance": [float(view.distance.min()), float(view.distance.max())],
+            "optical_depth": depths, "share_scattered": scattered, "share_sun": sun}
 
 
 def describe(report) -> list[str]:
@@ -105,6 +120,16 @@ def describe(report) -> list[str]:
         f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
         f"scattered: {100 * report['share_scattered']:.3g} % of the light"
         + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""), *report.get("reasons", [])[1:]])
+
+
+def _medium(scene, asset):
+    from bakery.errors import UsageError
+    from renderers.fog import kernels
+
+    try:
+        return kernels.fog_of(asset, channels=3, kernel=scene.values.filter.kernel)
+    except UsageError as error:
+        raise scene.wrong("asset", error) from None
 
 
 def _density(scene, threads):

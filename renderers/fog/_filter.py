@@ -12,6 +12,7 @@ An entry is what one block of 2^l x 2^l pixels holds of one class of distances: 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,82 @@ NEAR, SHARE, FAR, MET, REST = range(5)
 # its share
 COUNT, Y, X, GLOW, GLOW_Y, GLOW_X, NEAREST, FARTHEST, AT_NEAREST, AT_FARTHEST, DISTANCE, COLUMN, LEVER, WEIGHT, FIRST = range(15)
 NODES = 18  # of a radial profile of a block
+
+
+class Pixels(NamedTuple):
+    """Of a picture.
+
+    distance : (H, W) m
+    column, lever : (H, W) 1, indices on log tau of sigma_t = 1 and on log u;  u : (H, W) 1
+    light : (H, W, 2 C + K), as the tail of an entry
+    depth_of : K numbers, index of log sigma_t
+    """
+
+    distance: np.ndarray
+    column: np.ndarray
+    lever: np.ndarray
+    u: np.ndarray
+    light: np.ndarray
+    depth_of: tuple
+
+
+class Nearest(NamedTuple):
+    """Level 0.
+
+    means : (K, T, X, O), `kernels.over_pixels`
+    taps : (N, 3) dy, dx and offset o of pixels around one
+    weight : (O,) of the band
+    """
+
+    means: np.ndarray
+    taps: np.ndarray
+    weight: np.ndarray
+
+
+class Level(NamedTuple):
+    """Blocks of `side` pixels.
+
+    shape : (K, T, X + NODES + 1), ends with zeros
+    shift : from u to a profile's first node, in steps of the table
+    start : (h w + 1,), where the entries of blocks start, of which there are `blocks`, (h, w)
+    entries : (E, F)
+    profiles : (E, NODES, K), see `profiles`
+    """
+
+    shape: np.ndarray
+    shift: float
+    side: float
+    start: np.ndarray
+    blocks: tuple
+    entries: np.ndarray
+    profiles: np.ndarray
+
+
+class Band(NamedTuple):
+    """The distances, in blocks, that a level has its part in: `inner` to `outer`.
+
+    node, weight : index on a profile's nodes, and weight of the band over the distance, on equal steps of the squared distance
+        from 0 to outer^2
+    """
+
+    inner: float
+    outer: float
+    node: np.ndarray
+    weight: np.ndarray
+
+
+class Table(NamedTuple):
+    """Kernels of pairs of pixels.
+
+    shape : (K, T, X);  means : (K, T, X, O)
+    offset : (R, R) number of the mean over pixels at |dy|, |dx|, or -1: the kernel at the pixel's centre
+    step : of log u
+    """
+
+    shape: np.ndarray
+    means: np.ndarray
+    offset: np.ndarray
+    step: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -55,12 +132,10 @@ def _means(table, t, v, factor, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_rows(low, high, z, column, lever, u, light, depth_of, means, taps, weight, out):
-    """Level 0: all pairs of pixels at the offsets `taps`, for rows low to high.
-
-    z, column, lever (index on log tau of sigma_t = 1, index on log u), u (H, W); light (H, W, 2 C + K) as the tail of an entry;
-    depth_of (K,) index of log sigma_t; means (K, T, X, O); taps (N, 3) dy, dx, o; weight (O,); out (H, W, 5, C).
-    """
+def nearest_rows(low, high, pixels, nearest, out):
+    """Level 0: all pairs of pixels at the offsets `nearest.taps`, for rows low to high; out (H, W, 5, C)."""
+    z, column, lever, u, light, depth_of = pixels
+    means, taps, weight = nearest
     height, width = z.shape
     channels, kinds, last_t, last_u = out.shape[3], len(depth_of), means.shape[1] - 1.001, means.shape[2] - 1.001
     reach = 0
@@ -182,13 +257,13 @@ def profiles(entries, depth_of, shape, lever_step, lever_first, shift, side, out
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _looked(s, place, band):
+def _looked(s, node, weight):
     """Weight of the band, node and fraction of a profile."""
     i = int(s)
     s -= i
-    g = place[i] + s * (place[i + 1] - place[i])
+    g = node[i] + s * (node[i + 1] - node[i])
     n = int(g)
-    return band[i] + s * (band[i + 1] - band[i]), n, g - n
+    return weight[i] + s * (weight[i + 1] - weight[i]), n, g - n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -208,19 +283,17 @@ def _nearer(entry, distance):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, start, blocks, entries, spread, inner, outer, place,
-               band, out):
-    """Levels above 0: what all blocks of `side` pixels at distances of inner to outer blocks send to rows low to high.
-
-    place, band : index on a profile's nodes, and weight of the band over the distance, on equal steps of the squared distance
-    in blocks from 0 to outer^2
-    """
+def level_rows(low, high, pixels, level, band, out):
+    """Levels above 0: what all blocks of `level` at the distances of `band` send to rows low to high."""
+    z, column, lever, u, _, depth_of = pixels
+    shape, shift, side, start, blocks, entries, spread = level
+    inner, outer, node, weight = band
     width, channels, kinds = z.shape[1], out.shape[3], len(depth_of)
     last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
     beam = np.empty((NODES, kinds), np.float32)
     rows, columns = blocks
     nearest, farthest = inner * inner, outer * outer
-    step = (len(place) - 1) / farthest
+    step = (len(node) - 1) / farthest
     around, size = outer + 0.71, 1 / side
     for y in range(low, high):
         for x in range(width):
@@ -246,7 +319,7 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
                         # light lies where it is bright, weights where the pixels are: without that a lamp's halo is not round
                         square = ((entry[GLOW_Y] - y - 0.5) ** 2 + (entry[GLOW_X] - x - 0.5) ** 2) * (size * size)
                         if nearest < square < farthest:
-                            w, n, g = _looked(square * step, place, band)
+                            w, n, g = _looked(square * step, node, weight)
                             if nearer > 0:
                                 for k in range(kinds):
                                     share = w * nearer * (spread[e, n, k] + g * (spread[e, n + 1, k] - spread[e, n, k]))
@@ -259,7 +332,7 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
                                         sums[FAR, c] += share * entry[FIRST + c]
                         square = ((entry[Y] - y - 0.5) ** 2 + (entry[X] - x - 0.5) ** 2) * (size * size)
                         if nearest < square < farthest:
-                            w, n, g = _looked(square * step, place, band)
+                            w, n, g = _looked(square * step, node, weight)
                             for k in range(kinds):
                                 share = w * entry[COUNT] * (beam[n, k] + g * (beam[n + 1, k] - beam[n, k]))
                                 sums[MET, k] += (1 - nearer) * share
@@ -271,8 +344,10 @@ def level_rows(low, high, z, column, lever, u, depth_of, shape, shift, side, sta
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shares(column, lever, u, distance, along, o, depth_of, shape, means, out):
+def _shares(pixels, y, x, distance, along, o, table, out):
     """Shares (K,) of a pixel's light in another one: at offset number o by the mean over the pixel, or else at its centre."""
+    shape, means = table.shape, table.means
+    column, lever, u, depth_of = pixels.column[y, x], pixels.lever[y, x], pixels.u[y, x], pixels.depth_of
     last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - 1.001
     v = lever if o >= 0 else lever + along
     if o < 0 and v > last_u:
@@ -295,36 +370,36 @@ def _shares(column, lever, u, distance, along, o, depth_of, shape, means, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def every_pair(pixels, reach, z, column, lever, u, light, depth_of, shape, means, offset, step, rest, out):
+def every_pair(chosen, reach, pixels, table, rest, out):
     """The sums of chosen pixels (flat indices) over every pixel at most `reach` away along either axis; out (N, 5, C).
 
-    offset : (R, R) number of the mean over pixels at |dy|, |dx|, or -1: the kernel at the pixel's centre
-    step : of log u; rest : whether `REST` is wanted
+    rest : whether `REST` is wanted
     """
+    z, light, offset = pixels.distance, pixels.light, table.offset
     height, width = z.shape
-    channels, kinds, near = out.shape[2], len(depth_of), len(offset)
+    channels, kinds, near = out.shape[2], len(pixels.depth_of), len(offset)
     share = np.empty(kinds)
-    for n in range(len(pixels)):
-        y, x = pixels[n] // width, pixels[n] % width
+    for n in range(len(chosen)):
+        y, x = chosen[n] // width, chosen[n] % width
         this, sums = z[y, x], out[n]
         for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
             for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
                 dy, dx = abs(yy - y), abs(xx - x)
                 o = offset[dy, dx] if dy < near and dx < near else -1
                 distance = math.sqrt(float(dy * dy + dx * dx))
-                along = math.log(distance) / step if o < 0 else 0.0
+                along = math.log(distance) / table.step if o < 0 else 0.0
                 if z[yy, xx] < this:
-                    _shares(column[yy, xx], lever[yy, xx], u[yy, xx], distance, along, o, depth_of, shape, means, share)
+                    _shares(pixels, yy, xx, distance, along, o, table, share)
                     for k in range(kinds):
                         for c in range(k, channels, kinds):
                             sums[NEAR, c] += share[k] * light[yy, xx, channels + c]
                         sums[SHARE, k] += share[k] * light[yy, xx, 2 * channels + k]
                     if rest:
-                        _shares(column[y, x], lever[y, x], u[y, x], distance, along, o, depth_of, shape, means, share)
+                        _shares(pixels, y, x, distance, along, o, table, share)
                         for k in range(kinds):
                             sums[REST, k] += share[k]
                 else:
-                    _shares(column[y, x], lever[y, x], u[y, x], distance, along, o, depth_of, shape, means, share)
+                    _shares(pixels, y, x, distance, along, o, table, share)
                     for k in range(kinds):
                         for c in range(k, channels, kinds):
                             sums[FAR, c] += share[k] * light[yy, xx, c]

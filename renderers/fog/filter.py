@@ -79,7 +79,7 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
 
         def rows(function, *arguments):
             nonlocal finished
-            tasks = [pool.submit(function, low, min(low + _ROWS, height), p.z, p.column, p.lever, p.u, *arguments, sums)
+            tasks = [pool.submit(function, low, min(low + _ROWS, height), p.pixels, *arguments, sums)
                      for low in range(0, height, _ROWS)]
             for task in tasks:
                 task.result()
@@ -87,30 +87,38 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
                 if progress:
                     progress(finished / (levels * len(tasks)))
 
-        reach = np.hypot(*p.offsets.T)
-        rows(_filter.nearest_rows, p.light, p.depth_of, p.means, p.taps, (1 - _rise(reach / INNER)).astype(np.float32))
-        # a profile's first node lies where the band begins
-        shift = math.log(INNER / 2) / kernels.STEP
-        square = np.linspace(0, 4 * INNER**2, _FINE)
-        rho = np.sqrt(np.maximum(square, INNER**2 / 4))
-        place = np.log(rho / (INNER / 2)) / kernels.STEP
-        band = (_rise(2 * rho / INNER) - _rise(rho / INNER)) / rho
-        classes = _classes(p.z)
-        entries, mask = p.entries(), np.left_shift(1, classes.astype(np.int64))
-        start, side = np.arange(p.z.size + 1), 1
-        padded = np.concatenate([p.shape, np.zeros((*p.shape.shape[:2], _filter.NODES + 1), np.float32)], axis=2)
-        while INNER * side < math.hypot(height, width):
-            side *= 2
-            below, below_mask, below_start = entries, mask, start
-            mask, start = _filter.count(below_mask, *below_mask.shape)
-            entries = np.empty((start[-1], below.shape[1]))
-            _filter.merge(below, below_mask, below_start, mask, start, CLASSES, entries)
-            profiles = np.empty((len(entries), _filter.NODES, p.kinds), np.float32)
-            at = shift + math.log(side) / kernels.STEP
-            _filter.profiles(entries, p.depth_of, padded, kernels.STEP, p.lever_first, at, float(side), profiles)
-            rows(_filter.level_rows, p.depth_of, padded, at, float(side), start, mask.shape, entries, profiles, INNER / 2,
-                 2 * INNER, place, band)
+        rows(_filter.nearest_rows, p.nearest())
+        band = _band()
+        for level in _levels(p):
+            rows(_filter.level_rows, level, band)
     return p.finished(sums)
+
+
+def _band():
+    """Distances of every level above 0."""
+    square = np.linspace(0, 4 * INNER**2, _FINE)
+    rho = np.sqrt(np.maximum(square, INNER**2 / 4))
+    # a profile's first node lies where the band begins
+    node = np.log(rho / (INNER / 2)) / kernels.STEP
+    return _filter.Band(INNER / 2, 2 * INNER, node, (_rise(2 * rho / INNER) - _rise(rho / INNER)) / rho)
+
+
+def _levels(p):
+    """Levels above 0, from small blocks to large ones, each made from the one before; p : `_Prepared`"""
+    shift = math.log(INNER / 2) / kernels.STEP
+    entries, mask = p.entries(), np.left_shift(1, _classes(p.z).astype(np.int64))
+    start, side = np.arange(p.z.size + 1), 1
+    padded = np.concatenate([p.shape, np.zeros((*p.shape.shape[:2], _filter.NODES + 1), np.float32)], axis=2)
+    while INNER * side < math.hypot(*p.z.shape):
+        side *= 2
+        below, below_mask, below_start = entries, mask, start
+        mask, start = _filter.count(below_mask, *below_mask.shape)
+        entries = np.empty((start[-1], below.shape[1]))
+        _filter.merge(below, below_mask, below_start, mask, start, CLASSES, entries)
+        profiles = np.empty((len(entries), _filter.NODES, p.kinds), np.float32)
+        at = shift + math.log(side) / kernels.STEP
+        _filter.profiles(entries, p.pixels.depth_of, padded, kernels.STEP, p.lever_first, at, float(side), profiles)
+        yield _filter.Level(padded, at, float(side), start, mask.shape, entries, profiles)
 
 
 def direct(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, threads=None,
@@ -136,8 +144,9 @@ def direct(image, distance, angle, column, lever, medium, *, outside="edge", ene
     for o, (dy, dx) in enumerate(p.offsets):
         offset[dy, dx] = offset[dx, dy] = o
     with _workers(threads) as pool:
-        tasks = [pool.submit(_filter.every_pair, chosen[k:k + _SOME], farthest, p.z, p.column, p.lever, p.u, p.light, p.depth_of,
-                             p.shape, p.means, offset, kernels.STEP, outside == "black", sums[k:k + _SOME])
+        table = _filter.Table(p.shape, p.means, offset, kernels.STEP)
+        tasks = [pool.submit(_filter.every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, outside == "black",
+                             sums[k:k + _SOME])
                  for k in range(0, len(chosen), _SOME)]
         for task in tasks:
             task.result()
@@ -185,17 +194,22 @@ class _Prepared:
         # no lever or no column: a kernel that is a point, or nothing at all
         with np.errstate(divide="ignore", over="ignore"):
             pixel = np.where(lever > 0, self.z * angle / np.where(lever > 0, lever, 1), np.inf)
-            self.column = (np.log(np.maximum(column, 1e-300)) - math.log(fog.depth[0])) / kernels.STEP
-            self.depth_of = tuple((np.log(np.maximum(fog.sigma_t, 1e-300)) / kernels.STEP).tolist())
-        self.u = np.clip(pixel, 1e-30, fog.ratio[-1])
+            at_depth = (np.log(np.maximum(column, 1e-300)) - math.log(fog.depth[0])) / kernels.STEP
+            depth_of = tuple((np.log(np.maximum(fog.sigma_t, 1e-300)) / kernels.STEP).tolist())
+        u = np.clip(pixel, 1e-30, fog.ratio[-1])
         self.lever_first = math.log(fog.ratio[0])
-        self.lever = (np.log(self.u) - self.lever_first) / kernels.STEP
-        self.light = np.concatenate([image, self.power * image, self.share], axis=2)
+        self.pixels = _filter.Pixels(self.z, at_depth, (np.log(u) - self.lever_first) / kernels.STEP, u,
+                                     np.concatenate([image, self.power * image, self.share], axis=2), depth_of)
+
+    def nearest(self):
+        """Level 0."""
+        weight = (1 - _rise(np.hypot(*self.offsets.T) / INNER)).astype(np.float32)
+        return _filter.Nearest(self.means, self.taps, weight)
 
     def entries(self):
         """Pixels as entries, (H W, F)."""
         height, width = self.z.shape
-        out = np.empty((height, width, _filter.FIRST + self.light.shape[2]))
+        out = np.empty((height, width, _filter.FIRST + self.pixels.light.shape[2]))
         out[..., _filter.COUNT] = 1
         out[..., _filter.Y], out[..., _filter.X] = np.arange(height)[:, None] + 0.5, np.arange(width) + 0.5
         out[..., _filter.GLOW] = np.abs(self.image).sum(2)
@@ -203,9 +217,9 @@ class _Prepared:
         out[..., _filter.AT_NEAREST] = out[..., _filter.AT_FARTHEST] = 1
         for column in (_filter.NEAREST, _filter.FARTHEST, _filter.DISTANCE):
             out[..., column] = self.z
-        out[..., _filter.COLUMN], out[..., _filter.LEVER] = self.column, self.lever
+        out[..., _filter.COLUMN], out[..., _filter.LEVER] = self.pixels.column, self.pixels.lever
         out[..., _filter.WEIGHT] = self.share.mean(2)
-        out[..., _filter.FIRST:] = self.light
+        out[..., _filter.FIRST:] = self.pixels.light
         return out.reshape(height * width, -1)
 
     def finished(self, sums, chosen=None):

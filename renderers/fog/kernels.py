@@ -143,40 +143,78 @@ def fog_of(asset, channels=3, kernel="flux"):
     Powers hold for any depth.
     """
     sigma_t, albedo = (np.atleast_1d(np.asarray(asset.medium[name], float)) for name in ("sigma_t", "albedo"))
-    beam, path = asset.beam, getattr(asset, "path", "the asset")
     if len(sigma_t) not in (1, channels):
-        raise UsageError(f"{path}: {len(sigma_t)} wavelengths for a picture of {channels} channels; "
-                         f"an asset of 1 wavelength would do, or one of {channels}")
+        raise UsageError(f"{getattr(asset, 'path', 'the asset')}: {len(sigma_t)} wavelengths for a picture of {channels} "
+                         f"channels; an asset of 1 wavelength would do, or one of {channels}")
     order = np.argsort(-np.asarray(asset.wavelength))
-    last = min(float(beam["depth"][-1]), DEEPEST)
-    depth = SHALLOWEST * np.exp(STEP * np.arange(1 + round(math.log(DEEPEST / SHALLOWEST) / STEP)))
-    q = _spread(np.atleast_1d(beam["gaussian_b"])[:, None], albedo[:, None], np.append(depth, last))
-    # each depth inside of the asset's tables, the deepest one stretched beyond
-    inside = np.minimum(depth, last)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stretch = np.where((depth > last) & (albedo[:, None] > 0), np.sqrt(q[:, :-1] / q[:, -1:]), 1.0)
+    planes = _Planes(asset, albedo, kernel)
+    g, peak = _columns.moments(asset.medium.phase)
+    within = _within(_SEARCH, planes.light(_SEARCH))
+    once = planes.arriving(within[..., -1], g, peak)
+    ratio = _ratios(np.minimum(within, once[..., None]).reshape(-1, len(_SEARCH)))
+    shape, total = _normalised(ratio, _once(ratio, planes.light(ratio), once))
+    model_power = None if kernel in _TRANSPORT else planes.power(total)[order]
+    return Fog(sigma_t[order], (sigma_t * albedo)[order], g[order], peak[order], planes.depth, ratio, shape[order], model_power,
+               planes.width[order])
 
-    def raw(at, wide, ratio):
-        """r z Psi (L, T, X) of depths `at` whose ratios are `wide` (L, T) times those of the asset."""
-        values = np.empty((len(albedo), len(at), len(ratio)))
-        for k in range(len(albedo)):
-            x = ratio / wide[k][:, None]
-            r = np.minimum(x * at[:, None], _LARGEST)
-            value = at[:, None] ** 2 * x * _kernel(beam, at[:, None], r, kernel)[k] / wide[k][:, None]
+
+class _Planes:
+    """Light in planes across an asset's narrow beams.
+
+    depth : (T,) 1, optical depths
+    inside : (T,) 1, the same, but for those beyond the asset's tables, which are their deepest
+    stretch : (L, T) 1, how much wider the light is than at `inside`
+    """
+
+    def __init__(self, asset, albedo, kernel):
+        """albedo : (L,) 1;  kernel : see `fog_of`"""
+        self._beam, self._path, self._albedo, self._kernel = asset.beam, getattr(asset, "path", "the asset"), albedo, kernel
+        last = min(float(asset.beam["depth"][-1]), DEEPEST)
+        self.depth = SHALLOWEST * np.exp(STEP * np.arange(1 + round(math.log(DEEPEST / SHALLOWEST) / STEP)))
+        q = _spread(np.atleast_1d(asset.beam["gaussian_b"])[:, None], albedo[:, None], np.append(self.depth, last))
+        self.inside = np.minimum(self.depth, last)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.stretch = np.where((self.depth > last) & (albedo[:, None] > 0), np.sqrt(q[:, :-1] / q[:, -1:]), 1.0)
+
+    def light(self, ratio):
+        """r z Psi (L, T, X) at ratios r/z (X,)."""
+        inside = self.inside[:, None]
+        values = np.empty((*self.stretch.shape, len(ratio)))
+        for k, stretch in enumerate(self.stretch[:, :, None]):
+            x = ratio / stretch
+            r = np.minimum(x * inside, _LARGEST)
+            value = inside ** 2 * x * _kernel(self._beam, inside, r, self._kernel)[k] / stretch
             values[k] = np.where(r < _LARGEST, value, 0.0)
-        values[albedo == 0] = 0
+        values[self._albedo == 0] = 0
         if not (np.isfinite(values) & (values >= 0)).all():
-            raise AssetError(f"{path}: kernel {kernel!r} is not finite; bake the asset again")
+            raise AssetError(f"{self._path}: kernel {self._kernel!r} is not finite; bake the asset again")
         return values
 
-    g, peak = _columns.moments(asset.medium.phase)
-    within = _within(_SEARCH, raw(inside, stretch, _SEARCH))
-    once = within[..., -1]
-    if kernel in _TRANSPORT:
-        arriving = _arriving(lambda tau: _columns.slab(albedo[:, None], g[:, None], peak[:, None], tau), once, inside, depth)
+    def arriving(self, total, g, peak):
+        """What of the planes' light `total` (L, T) arrives there for the first time; g, peak (L,) of the phase functions."""
+        if self._kernel not in _TRANSPORT:
+            return total
+        first = _arriving(lambda tau: _columns.slab(self._albedo[:, None], g[:, None], peak[:, None], tau), total, self.inside,
+                          self.depth)
         # 0 is transport; where the small-angle model stands in for it light passes once already
-        once = np.where(np.asarray(beam["model"])[:, None] == 0, arriving, once)
-    inner = np.minimum(within, once[..., None]).reshape(-1, len(_SEARCH))
+        return np.where(np.asarray(self._beam["model"])[:, None] == 0, first, total)
+
+    def power(self, total):
+        """Power (L, T) of a model for comparison, see `Fog.model_power`."""
+        albedo = self._albedo[:, None]
+        M0 = np.exp(-(1 - albedo) * self.inside) * -np.expm1(-albedo * self.inside)
+        return np.minimum(np.divide(total, M0, out=np.zeros_like(M0), where=M0 > 0), 1)
+
+    @property
+    def width(self):
+        """(L, T) 1, see `Fog.width`."""
+        nodes = np.asarray(self._beam["depth"], float)
+        return np.stack([np.interp(np.log(self.inside), np.log(nodes), row / nodes)
+                         for row in np.asarray(self._beam["beta"], float)]) * self.stretch
+
+
+def _ratios(inner):
+    """Nodes of the ratio between which all but a little of the light lies; inner (N, X) is what lies within `_SEARCH`."""
     inner = inner[inner[..., -1] > 0]
     first, final = 0, len(_SEARCH) - 1
     if len(inner):
@@ -184,16 +222,7 @@ def fog_of(asset, channels=3, kernel="flux"):
         first = max(int((share > _INSIDE).any(0).argmax()) - 1, 0)
         final = int((share > 1 - _OUTSIDE).all(0).argmax())
     lowest = _SEARCH[first]
-    ratio = lowest * np.exp(STEP * np.arange(2 + math.ceil(math.log(_SEARCH[final] / lowest) / STEP)))
-    shape, total = _normalised(ratio, _once(ratio, raw(inside, stretch, ratio), once))
-    model_power = None
-    if kernel not in _TRANSPORT:
-        M0 = np.exp(-(1 - albedo[:, None]) * inside) * -np.expm1(-albedo[:, None] * inside)
-        model_power = np.minimum(np.divide(total, M0, out=np.zeros_like(M0), where=M0 > 0), 1)[order]
-    nodes = np.asarray(beam["depth"], float)
-    width = np.stack([np.interp(np.log(inside), np.log(nodes), row / nodes) for row in np.asarray(beam["beta"], float)]) * stretch
-    return Fog(sigma_t[order], (sigma_t * albedo)[order], g[order], peak[order], depth, ratio, shape[order], model_power,
-               width[order])
+    return lowest * np.exp(STEP * np.arange(2 + math.ceil(math.log(_SEARCH[final] / lowest) / STEP)))
 
 
 def _spread(B, albedo, tau):

@@ -26,9 +26,7 @@ def register() -> None:
     """Registers the plugins in the variant that is set now; no effect where none is set."""
     if _mi.variant() is None:
         return
-    import drjit
-
-    _mi.register_phase("bakedphase", noted(_bakedphase.define(_mi, drjit)))
+    _mi.register_phase("bakedphase", noted(_bakedphase.define()))
 
 
 def _refuse_old_llvm() -> None:

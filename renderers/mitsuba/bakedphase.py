@@ -39,192 +39,154 @@ Q = parallel - perpendicular to the scattering plane, scaled as the phase functi
 
 from __future__ import annotations
 
-from bisect import bisect_right
-
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import tables as asset_tables
+from renderers.mitsuba.rows import JitRows, ScalarRows, pick
 
 
-def define(mi, dr):
+def define():
     """The plugin's class for the variant that is set; its base class is another in every variant."""
-    jit = dr.is_jit_v(mi.Float)
-
-    class JitRows:
-        """Rows of a table in device memory; `row` and `i` are UInt32 arrays."""
-
-        def __init__(self, tables, cdf):
-            self.count = tables.s.size
-            self.s, self.value, self.cdf = (mi.Float(array.ravel().astype(np.float32)) for array in (tables.s, tables.value, cdf))
-            self.elements = None if tables.elements is None else [mi.Float(e.ravel().astype(np.float32)) for e in tables.elements]
-
-        def _interval(self, array, start, x, active):
-            found = dr.binary_search(1, self.count - 1, lambda i: dr.gather(mi.Float, array, start + i, active) <= x)
-            return mi.UInt32(found) - 1
-
-        def interval(self, s, active):
-            return self._interval(self.s, mi.UInt32(0), s, active)
-
-        def interval_cdf(self, row, u, active):
-            return self._interval(self.cdf, mi.UInt32(row) * self.count, u, active)
-
-        def node(self, i, active):
-            s0 = dr.gather(mi.Float, self.s, i, active)
-            return s0, dr.gather(mi.Float, self.s, i + 1, active) - s0
-
-        def pair(self, array, row, i, active):
-            start = mi.UInt32(row) * self.count + i
-            return dr.gather(mi.Float, array, start, active), dr.gather(mi.Float, array, start + 1, active)
-
-        def below(self, row, i, active):
-            return dr.gather(mi.Float, self.cdf, mi.UInt32(row) * self.count + i, active)
-
-    class ScalarRows:
-        """The same for scalar variants, in plain Python floats: every call handles one direction."""
-
-        def __init__(self, tables, cdf):
-            self.count = tables.s.size
-            self.s = tables.s.tolist()
-            self.value, self.cdf = tables.value.tolist(), cdf.tolist()
-            self.elements = None if tables.elements is None else tables.elements.tolist()
-
-        def interval(self, s, active):
-            return bisect_right(self.s, s, 1, self.count - 1) - 1
-
-        def interval_cdf(self, row, u, active):
-            return bisect_right(self.cdf[row], u, 1, self.count - 1) - 1
-
-        def node(self, i, active):
-            return self.s[i], self.s[i + 1] - self.s[i]
-
-        def pair(self, array, row, i, active):
-            return array[row][i], array[row][i + 1]
-
-        def below(self, row, i, active):
-            return self.cdf[row][i]
-
-    def pick(condition, a, b):
-        return dr.select(condition, a, b) if jit else (a if condition else b)
 
     class BakedPhase(mi.PhaseFunction):
         def __init__(self, props):
             mi.PhaseFunction.__init__(self, props)
             self.filename = props["filename"]
-            channel = int(props.get("channel", -1))
-            wavelength = float(props["wavelength"]) if "wavelength" in props else None
-            tables = asset_tables.load(str(mi.file_resolver().resolve(self.filename)))
-            if wavelength is not None:
-                tables = tables.at(wavelength)
-            elif channel != -1:
-                tables = tables.channel(channel)
-            elif mi.is_monochromatic:
-                tables = tables.mean()
-            elif mi.is_rgb:
-                tables = tables.rgb()
-            else:
-                tables = tables.ascending()
+            self.tables = _for_variant(asset_tables.load(str(mi.file_resolver().resolve(self.filename))), props)
+            self.function = PhaseFunction(self.tables)
             self.m_flags = +mi.PhaseFunctionFlags.Anisotropic
-            self.tables = tables
-            self.rows = (JitRows if jit else ScalarRows)(tables, tables.cdf())
-
-        # Which rows serve which colour channel -------------------------------------------------------------------------
-
-        def channels(self, mei):
-            """(lower row, upper row, weight of the upper) for every channel; one entry where all channels share a table."""
-            if len(self.tables) == 1:
-                return [(0, 0, 0.0)]
-            if not mi.is_spectral:
-                return [(row, row, 0.0) for row in range(len(self.tables))]
-            knots = [1e3 * w for w in self.tables.wavelength]
-            return [self._between(knots, mei.wavelengths[k]) for k in range(len(mei.wavelengths))]
-
-        def _between(self, knots, wavelength):
-            lower, weight = mi.UInt32(0), mi.Float(0.0)
-            for row, (left, right) in enumerate(zip(knots, knots[1:])):
-                inside = wavelength >= left
-                lower = pick(inside, mi.UInt32(row), lower)
-                weight = pick(inside, dr.clip((wavelength - left) / (right - left), 0.0, 1.0), weight)
-            return lower, lower + 1, weight
-
-        def lookup(self, array, channel, i, t, active):
-            lower, upper, weight = channel
-            f0, f1 = self.rows.pair(array, lower, i, active)
-            value = dr.fma(f1 - f0, t, f0)
-            if lower is upper or len(self.tables) == 1:
-                return value
-            f0, f1 = self.rows.pair(array, upper, i, active)
-            return dr.lerp(value, dr.fma(f1 - f0, t, f0), weight)
-
-        def evaluate(self, channels, i, t, active):
-            """Value of every channel at the place t of interval i, and the density of the sampling there."""
-            values = [self.lookup(self.rows.value, channel, i, t, active) for channel in channels]
-            return values, sum(values[1:], values[0]) * (1.0 / len(values))
-
-        def spectrum(self, values):
-            return mi.UnpolarizedSpectrum(values[0]) if len(values) == 1 else mi.UnpolarizedSpectrum(*values)
-
-        # Interface -----------------------------------------------------------------------------------------------------
 
         def sample(self, ctx, mei, sample1, sample2, active=True):
-            channels = self.channels(mei)
-            row = 0
-            if len(channels) > 1 or channels[0][0] is not channels[0][1]:
-                position = sample1 * len(channels)
-                chosen = dr.minimum(mi.UInt32(position), len(channels) - 1)
-                rest = position - chosen
-                row = mi.UInt32(0)
-                for k, (lower, upper, weight) in enumerate(channels):
-                    row = pick(chosen == k, pick(rest < weight, mi.UInt32(upper), mi.UInt32(lower)), row)
-            i = self.rows.interval_cdf(row, sample2.x, active)
-            s0, width = self.rows.node(i, active)
-            f0, f1 = self.rows.pair(self.rows.value, row, i, active)
-            # Stable root of the quadratic cdf: no difference of near-equal numbers for flat or steep intervals.
-            start, slope = 4 * np.pi * f0, 4 * np.pi * (f1 - f0)
-            c = dr.maximum(sample2.x - self.rows.below(row, i, active), 0.0) / width
-            root = dr.sqrt(dr.maximum(start * start + 2 * slope * c, 0.0))
-            t = dr.minimum(2 * c / dr.maximum(start + root, 1e-30), 1.0)
-            s = dr.minimum(dr.fma(width, t, s0), 1.0)
-            sin_phi, cos_phi = dr.sincos(2 * np.pi * sample2.y)
-            sin_theta = 2 * dr.sqrt(s * (1 - s))
-            wo = mi.Frame3f(-mei.wi).to_world(mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, 1 - 2 * s))
-            values, pdf = self.evaluate(channels, i, t, active)
-            inverse = pick(pdf > 0, 1 / dr.maximum(pdf, 1e-30), 0.0)
-            return wo, self.coloured(channels, values, inverse, mei.wi, wo, i, t, active), pdf
+            return self.function.sample(mei, sample1, sample2, active)
 
         def eval_pdf(self, ctx, mei, wo, active=True):
-            channels = self.channels(mei)
-            s = dr.minimum(dr.squared_norm(wo + mei.wi) * 0.25, 1.0)
-            i = self.rows.interval(s, active)
-            s0, width = self.rows.node(i, active)
-            t = (s - s0) / width
-            values, pdf = self.evaluate(channels, i, t, active)
-            return self.coloured(channels, values, 1.0, mei.wi, wo, i, t, active), pdf
-
-        def coloured(self, channels, values, factor, wi, wo, i, t, active):
-            """The values as a Spectrum: colour, or a Mueller matrix in polarized variants."""
-            s11 = self.spectrum([value * factor for value in values])
-            if not mi.is_polarized:
-                return s11
-            if self.rows.elements is None:
-                return mi.mueller.depolarizer(s11)
-            s12, s33, s34 = (self.spectrum([self.lookup(array, channel, i, t, active) * factor for channel in channels])
-                             for array in self.rows.elements)
-            zero = mi.UnpolarizedSpectrum(0.0)
-            # Bohren & Huffman's perpendicular axis is -y of Mitsuba's right-handed (x, y, d), so U changes sign and V does not.
-            matrix = mi.Spectrum(s11, s12, zero, zero,
-                                 s12, s11, zero, zero,
-                                 zero, zero, s33, -s34,
-                                 zero, zero, s34, s33)
-            # Light runs opposite to the camera path.  The axes lie in the scattering plane, where Q is parallel - perpendicular.
-            d_in, d_out = -wo, wi
-            normal = dr.cross(d_in, d_out)
-            flat = dr.squared_norm(normal) < 1e-12  # forward and backward have no plane; any will do there
-            normal = dr.normalize(pick(flat, mi.Frame3f(d_in).s, normal))
-            return mi.mueller.rotate_mueller_basis(
-                matrix, d_in, dr.cross(normal, d_in), mi.mueller.stokes_basis(d_in),
-                d_out, dr.cross(normal, d_out), mi.mueller.stokes_basis(d_out))
+            return self.function.eval_pdf(mei, wo, active)
 
         def to_string(self):
             return f"BakedPhase[{self.filename}, {len(self.tables)} tables of {self.tables.s.size} angles]"
 
     return BakedPhase
+
+
+def _for_variant(tables, props):
+    """The tables that the plugin's parameters ask for, in the variant that is set."""
+    channel = int(props.get("channel", -1))
+    wavelength = float(props["wavelength"]) if "wavelength" in props else None
+    if wavelength is not None:
+        return tables.at(wavelength)
+    if channel != -1:
+        return tables.channel(channel)
+    if mi.is_monochromatic:
+        return tables.mean()
+    return tables.rgb() if mi.is_rgb else tables.ascending()
+
+
+class PhaseFunction:
+    """What the plugin computes, in the variant that is set.
+
+    tables : `renderers.mitsuba.tables.Tables`
+    """
+
+    def __init__(self, tables):
+        self.tables = tables
+        self.rows = (JitRows if dr.is_jit_v(mi.Float) else ScalarRows)(tables, tables.cdf())
+
+    def channels(self, mei):
+        """(lower row, upper row, weight of the upper) for every channel; one entry where all channels share a table."""
+        if len(self.tables) == 1:
+            return [(0, 0, 0.0)]
+        if not mi.is_spectral:
+            return [(row, row, 0.0) for row in range(len(self.tables))]
+        knots = [1e3 * w for w in self.tables.wavelength]
+        return [self._between(knots, mei.wavelengths[k]) for k in range(len(mei.wavelengths))]
+
+    def _between(self, knots, wavelength):
+        lower, weight = mi.UInt32(0), mi.Float(0.0)
+        for row, (left, right) in enumerate(zip(knots, knots[1:])):
+            inside = wavelength >= left
+            lower = pick(inside, mi.UInt32(row), lower)
+            weight = pick(inside, dr.clip((wavelength - left) / (right - left), 0.0, 1.0), weight)
+        return lower, lower + 1, weight
+
+    def lookup(self, array, channel, i, t, active):
+        lower, upper, weight = channel
+        f0, f1 = self.rows.pair(array, lower, i, active)
+        value = dr.fma(f1 - f0, t, f0)
+        if lower is upper or len(self.tables) == 1:
+            return value
+        f0, f1 = self.rows.pair(array, upper, i, active)
+        return dr.lerp(value, dr.fma(f1 - f0, t, f0), weight)
+
+    def evaluate(self, channels, i, t, active):
+        """Value of every channel at the place t of interval i, and the density of the sampling there."""
+        values = [self.lookup(self.rows.value, channel, i, t, active) for channel in channels]
+        return values, sum(values[1:], values[0]) * (1.0 / len(values))
+
+    def spectrum(self, values):
+        return mi.UnpolarizedSpectrum(values[0]) if len(values) == 1 else mi.UnpolarizedSpectrum(*values)
+
+    def sample(self, mei, sample1, sample2, active=True):
+        channels = self.channels(mei)
+        row = 0
+        if len(channels) > 1 or channels[0][0] is not channels[0][1]:
+            position = sample1 * len(channels)
+            chosen = dr.minimum(mi.UInt32(position), len(channels) - 1)
+            rest = position - chosen
+            row = mi.UInt32(0)
+            for k, (lower, upper, weight) in enumerate(channels):
+                row = pick(chosen == k, pick(rest < weight, mi.UInt32(upper), mi.UInt32(lower)), row)
+        i = self.rows.interval_cdf(row, sample2.x, active)
+        s0, width = self.rows.node(i, active)
+        f0, f1 = self.rows.pair(self.rows.value, row, i, active)
+        # Stable root of the quadratic cdf: no difference of near-equal numbers for flat or steep intervals.
+        start, slope = 4 * np.pi * f0, 4 * np.pi * (f1 - f0)
+        c = dr.maximum(sample2.x - self.rows.below(row, i, active), 0.0) / width
+        root = dr.sqrt(dr.maximum(start * start + 2 * slope * c, 0.0))
+        t = dr.minimum(2 * c / dr.maximum(start + root, 1e-30), 1.0)
+        s = dr.minimum(dr.fma(width, t, s0), 1.0)
+        sin_phi, cos_phi = dr.sincos(2 * np.pi * sample2.y)
+        sin_theta = 2 * dr.sqrt(s * (1 - s))
+        wo = mi.Frame3f(-mei.wi).to_world(mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, 1 - 2 * s))
+        values, pdf = self.evaluate(channels, i, t, active)
+        inverse = pick(pdf > 0, 1 / dr.maximum(pdf, 1e-30), 0.0)
+        return wo, self.coloured(channels, values, inverse, mei.wi, wo, i, t, active), pdf
+
+    def eval_pdf(self, mei, wo, active=True):
+        channels = self.channels(mei)
+        s = dr.minimum(dr.squared_norm(wo + mei.wi) * 0.25, 1.0)
+        i = self.rows.interval(s, active)
+        s0, width = self.rows.node(i, active)
+        t = (s - s0) / width
+        values, pdf = self.evaluate(channels, i, t, active)
+        return self.coloured(channels, values, 1.0, mei.wi, wo, i, t, active), pdf
+
+    def coloured(self, channels, values, factor, wi, wo, i, t, active):
+        """The values as a Spectrum: colour, or a Mueller matrix in polarized variants."""
+        s11 = self.spectrum([value * factor for value in values])
+        if not mi.is_polarized:
+            return s11
+        if self.rows.elements is None:
+            return mi.mueller.depolarizer(s11)
+        s12, s33, s34 = (self.spectrum([self.lookup(array, channel, i, t, active) * factor for channel in channels])
+                         for array in self.rows.elements)
+        return _mueller(s11, s12, s33, s34, wi, wo)
+
+
+def _mueller(s11, s12, s33, s34, wi, wo):
+    """The Mueller matrix of scattering from -wi to wo, in the bases that Mitsuba has for these directions."""
+    zero = mi.UnpolarizedSpectrum(0.0)
+    # Bohren & Huffman's perpendicular axis is -y of Mitsuba's right-handed (x, y, d), so U changes sign and V does not.
+    matrix = mi.Spectrum(s11, s12, zero, zero,
+                         s12, s11, zero, zero,
+                         zero, zero, s33, -s34,
+                         zero, zero, s34, s33)
+    # Light runs opposite to the camera path.  The axes lie in the scattering plane, where Q is parallel - perpendicular.
+    d_in, d_out = -wo, wi
+    normal = dr.cross(d_in, d_out)
+    flat = dr.squared_norm(normal) < 1e-12  # forward and backward have no plane; any will do there
+    normal = dr.normalize(pick(flat, mi.Frame3f(d_in).s, normal))
+    return mi.mueller.rotate_mueller_basis(
+        matrix, d_in, dr.cross(normal, d_in), mi.mueller.stokes_basis(d_in),
+        d_out, dr.cross(normal, d_out), mi.mueller.stokes_basis(d_out))

@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,49 +98,22 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     groups = [name for name in ("grains", "medium") if name in asset.stages]
     edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
     shown = grains.grains_of(asset) if "grains" in groups else None
-    chosen, reason = variants.activate("mono", variant)
-    if "mono" not in chosen and not chosen.startswith("scalar"):
-        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
-                         "scalar_rgb would do")
-    requested = (width, spp, tolerance, time_limit)
-    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, usual))
-    if width < 16 or spp < 1:
-        raise UsageError(f"width {width}, spp {spp}: at least 16 pixels and 1 sample are needed")
-    size = width, width * 5 // 8
-    import mitsuba as mi
-
-    panels = []
-    if shown:
-        panels.append(_grains(mi, asset, shown, size))
-    if edge:
-        panels.append(_block(mi, asset, asset_path, edge, words, size, chosen))
-    done = []
+    chosen, reason = _variant(variant)
+    width, spp, tolerance, time_limit = _limits((width, spp, tolerance, time_limit), usual)
+    panels = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen)
+    rendered = []
     for i, panel in enumerate(panels):
-        long = panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
-        samples = max(1, round(HEAP_SAMPLES * spp)) if long else spp
+        clear_heap = panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
+        samples = max(1, round(HEAP_SAMPLES * spp)) if clear_heap else spp
         picture = passes.render(panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
                                 seed=seed, progress=share(progress, i / len(panels), (i + 1) / len(panels)))
-        pixels, noise_shown = picture.rgb, picture.noise
-        if denoise:
-            first, second = images.filtered(picture.halves, 2 * picture.variance, panel.features())
-            pixels = (first + second) / 2
-            noise_shown = images.relative_noise(pixels, (first - second) / 2)
-        display = np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip])
-        linear = np.concatenate([picture.rgb, colour.decode(panel.strip)])
-        done.append((picture, noise_shown, display, linear))
-    pictures, noises, displays, linears = zip(*done)
+        rendered.append(_rendered(panel, picture, denoise))
     gap = max(1, width // 96)
-    bitmaps.write(pair, _beside(displays, gap), _beside(linears, gap), {PREVIEW_OF: asset.content_hash})
-    order = ("time", "samples", "noise")
+    bitmaps.write(pair, _beside([panel.display for panel in rendered], gap), _beside([panel.linear for panel in rendered], gap),
+                  {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
-              "samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
-              "noise_shown": max(noises), "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
-              "width": displays[0].shape[1] * len(panels) + gap * (len(panels) - 1), "rows": size[1],
-              "tone_curve": images.TONE_CURVE, "exposure": EXPOSURE, "white": WHITE,
-              "panels": [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": picture.samples,
-                          "noise": picture.noise, "noise_shown": noise, "stopped_by": picture.stopped_by}
-                         for i, (panel, picture, noise) in enumerate(zip(panels, pictures, noises))]}
+              **_figures(rendered, width, gap)}
     for panel in panels:
         report |= panel.report()
     return report
@@ -201,6 +175,71 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
     strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], captions)
     return Panel("medium", scenes, lambda: studio.features(*size, edge * np.asarray(asset.medium.sigma_t).max()), strip,
                  lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
+
+
+def _variant(asked):
+    """Mitsuba's variant for one wavelength at a time, which is set, and why it is that one."""
+    chosen, reason = variants.activate("mono", asked)
+    if "mono" not in chosen and not chosen.startswith("scalar"):
+        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
+                         "scalar_rgb would do")
+    return chosen, reason
+
+
+def _limits(requested, usual):
+    """Width, samples, noise and time: those of `usual` where none is requested."""
+    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, usual))
+    if width < 16 or spp < 1:
+        raise UsageError(f"width {width}, spp {spp}: at least 16 pixels and 1 sample are needed")
+    return width, spp, tolerance, time_limit
+
+
+def _panels(asset, asset_path, shown, edge, words, size, chosen) -> list[Panel]:
+    """Those of the grains `shown`, None: there are none, and of a block of the medium, edge m; 0: there is none."""
+    import mitsuba as mi
+
+    panels = [_grains(mi, asset, shown, size)] if shown else []
+    return panels + ([_block(mi, asset, asset_path, edge, words, size, chosen)] if edge else [])
+
+
+class Rendered(NamedTuple):
+    """A panel that is rendered.
+
+    shows : as of `Panel`
+    picture : `renderers.mitsuba.passes.Picture`
+    noise : of what is shown
+    display, linear : (H, W, 3), with the strip, as the PNG and the EXR have it
+    """
+
+    shows: str
+    picture: passes.Picture
+    noise: float
+    display: np.ndarray
+    linear: np.ndarray
+
+
+def _rendered(panel, picture, denoise) -> Rendered:
+    pixels, noise = picture.rgb, picture.noise
+    if denoise:
+        first, second = images.filtered(picture.halves, 2 * picture.variance, panel.features())
+        pixels = (first + second) / 2
+        noise = images.relative_noise(pixels, (first - second) / 2)
+    return Rendered(panel.shows, picture, noise, np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip]),
+                    np.concatenate([picture.rgb, colour.decode(panel.strip)]))
+
+
+def _figures(rendered, width, gap):
+    """What the report says of panels `width` pixels wide, `gap` apart."""
+    order = ("time", "samples", "noise")
+    pictures = [panel.picture for panel in rendered]
+    return {"samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
+            "noise_shown": max(panel.noise for panel in rendered),
+            "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
+            "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": width * 5 // 8,
+            "tone_curve": images.TONE_CURVE, "exposure": EXPOSURE, "white": WHITE,
+            "panels": [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": panel.picture.samples,
+                        "noise": panel.picture.noise, "noise_shown": panel.noise, "stopped_by": panel.picture.stopped_by}
+                       for i, panel in enumerate(rendered)]}
 
 
 def _beside(pictures, gap):
