@@ -125,7 +125,7 @@ def part(world, how, name, seed, which=transport.ALL) -> Part:
     if how.switch is None and how.technique == GRAINS:
         from renderers.granular import shapes
 
-        if shapes.fit([body.grains for body in how.bodies]):
+        if shapes.fit(world, [body.grains for body in how.bodies]):
             return shapes.part(name, world, [body.grains.grains for body in how.bodies], how.colours, seed)
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
 

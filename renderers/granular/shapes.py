@@ -178,8 +178,10 @@ def _mesh(vertices, faces, bsdf):
     return mesh
 
 
-def fit(bodies) -> bool:
-    """Whether grains that paths meet one by one, `renderers.granular.paths.Explicit` of all bodies, can be shapes."""
+def fit(world, bodies) -> bool:
+    """Whether grains that paths meet one by one, `renderers.granular.paths.Explicit` of all bodies, can be shapes of a world."""
+    if any(shape.class_name() == "Instance" for shape in world.scene.shapes()):  # their groups cannot be asked for
+        return False
     balls = triangles = 0
     for body in bodies:
         if type(body) is not Explicit or _most(body.grains) > _SEARCHED:

@@ -71,8 +71,17 @@ def test_a_white_room(tmp_path, eye):
     world = World(tmp_path / "room.xml", view=view, size=(16, 16))
     kinds = [Kind(GLASS), Kind(MATT, STONE), Kind(STEEL), Kind(GLASS, STONE)]
     how = transport.Transport((transport.Body(place(grains(kinds, bumpy(6.0), tile(0.5, 40)), world), None, 1.0),), COLOURS)
-    assert shapes.fit([how.bodies[0].grains])
+    assert shapes.fit(world, [how.bodies[0].grains])
     part = methods.part(world, how, "ept", 0)
     means = np.array([part.render(number)[""].mean() for number in range(16)])
     error = means.std(ddof=1) / 4
     assert error < 1.5e-3 and abs(means.mean() - 1) < SIGMAS * error
+
+
+def test_scenes_with_instances_have_wavefronts(tmp_path):
+    """The groups of instances are no shapes that another scene could take over."""
+    group = """<shape type="shapegroup" id="group"><shape type="cube"/></shape><shape type="instance"><ref id="group"/></shape>"""
+    (tmp_path / "room.xml").write_text(ROOM.replace("</scene>", group + "</scene>"))
+    world = World(tmp_path / "room.xml", view={"origin": (0.0, -15.0, 3.0), "target": (0.0, 0.0, 0.0), "up": (0.0, 0.0, 1.0),
+                                               "fov": 50.0}, size=(4, 4))
+    assert not shapes.fit(world, [place(grains([Kind(GLASS)], bumpy(1.0), tile(0.5, 40)), world)])
