@@ -132,7 +132,7 @@ def part(world, how, name, seed, which=transport.ALL) -> Part:
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        sums = transport.one_pass(world, how, world.camera, height, width, number, seed, which, samples=samples)
+        sums = transport.one_pass(world, how, world.camera, world.size, number, seed, which, samples=samples)
         return _layers(sums, world, how)
 
     return Part(name, one, samples)

@@ -49,7 +49,7 @@ def test_the_loop_is_the_wavefronts(tmp_path):
     part = methods.part(world, how, "ept", 0)
     assert part.samples == 64, "by shapes"
     loop = [part.render(number) for number in range(PASSES)]
-    sums = [transport.one_pass(world, how, world.camera, 9, 12, number, 0, samples=64) for number in range(PASSES)]
+    sums = [transport.one_pass(world, how, world.camera, (9, 12), number, 0, samples=64) for number in range(PASSES)]
     names = "order0", "order1", "order2", "orders"
     compared = [([layers[name] for layers in loop], [one.by_order[order] for one in sums]) for order, name in enumerate(names)]
     compared += [([layers[f"light.{name}"] for layers in loop], [one.by_light[light] for one in sums])
