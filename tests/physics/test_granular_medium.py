@@ -85,16 +85,23 @@ def test_the_loop_is_the_walk(tmp_path):
     loop = [part.render(number) for number in range(24)]
     sums = [transport.one_pass(world, transport.Transport(bodies, COLOURS, transport.MEDIUM), world.camera, (9, 12), number, 0)
             for number in range(24)]
-    names = "order0", "order1", "order2", "orders"
-    compared = [([layers[name] for layers in loop], [one.by_order[order] for one in sums]) for order, name in enumerate(names)]
-    compared += [([layers[f"light.{name}"] for layers in loop], [one.by_light[light] for one in sums])
-                 for light, name in enumerate(world.light_names)]
-    whole = np.mean([layers[""] for layers in loop])
+    agree(loop, sums, world.light_names, 0.02)
+
+
+def agree(layers, sums, lights, most):
+    """Passes of a loop, by their layers, and of wavefronts, by their sums, agree by order and by light, with errors of at most so
+    much of the picture."""
+    count, names = len(layers), ("order0", "order1", "order2", "orders")
+    compared = [([one[name] for one in layers], [one.by_order[order] for one in sums]) for order, name in enumerate(names)]
+    compared += [([one[f"light.{name}"] for one in layers], [one.by_light[light] for one in sums])
+                 for light, name in enumerate(lights)]
+    whole = np.mean([one[""] for one in layers])
     for ours, theirs in compared:
-        means = [np.array(pictures).reshape(24, -1, 3).mean(axis=1) for pictures in (ours, theirs)]
-        error = np.hypot(*(mean.std(axis=0, ddof=1) for mean in means)) / np.sqrt(24)
-        assert error.max() < 0.02 * whole
-        assert np.all(np.abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < sigmas(24, comparisons=3 * len(compared)) * error)
+        means = [np.array(pictures).reshape(count, -1, 3).mean(axis=1) for pictures in (ours, theirs)]
+        error = np.hypot(*(mean.std(axis=0, ddof=1) for mean in means)) / np.sqrt(count)
+        apart = np.abs(means[0].mean(axis=0) - means[1].mean(axis=0))
+        assert error.max() < most * whole
+        assert np.all(apart < sigmas(count, comparisons=3 * len(compared)) * error)
 
 
 @pytest.mark.slow

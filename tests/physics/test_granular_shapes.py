@@ -14,9 +14,10 @@ from renderers.granular import methods, paths, shapes, transport
 from renderers.granular.listed import listed
 from renderers.mitsuba.world import World
 from tests.conftest import slow
-from tests.odds import SIGMAS, sigmas
+from tests.odds import SIGMAS
 from tests.physics.test_aggregate import bumpy, tile
 from tests.physics.test_aggregate import listed as reference
+from tests.physics.test_granular_medium import agree
 from tests.physics.test_granular_render import COLOURS, GLASS, MATT, ROOM, SCENE, STEEL, STEELY, STONE, Kind, grains, place
 
 BODY, PASSES = bumpy(4.0), 12
@@ -50,17 +51,7 @@ def test_the_loop_is_the_wavefronts(tmp_path):
     assert part.samples == 64, "by shapes"
     loop = [part.render(number) for number in range(PASSES)]
     sums = [transport.one_pass(world, how, world.camera, (9, 12), number, 0, samples=64) for number in range(PASSES)]
-    names = "order0", "order1", "order2", "orders"
-    compared = [([layers[name] for layers in loop], [one.by_order[order] for one in sums]) for order, name in enumerate(names)]
-    compared += [([layers[f"light.{name}"] for layers in loop], [one.by_light[light] for one in sums])
-                 for light, name in enumerate(world.light_names)]
-    whole = np.mean([layers[""] for layers in loop])
-    for ours, theirs in compared:
-        means = [np.array(pictures).reshape(PASSES, -1, 3).mean(axis=1) for pictures in (ours, theirs)]
-        error = np.hypot(*(mean.std(axis=0, ddof=1) for mean in means)) / np.sqrt(PASSES)
-        assert error.max() < 0.01 * whole
-        apart = np.abs(means[0].mean(axis=0) - means[1].mean(axis=0))
-        assert np.all(apart < sigmas(PASSES, comparisons=3 * len(compared)) * error)
+    agree(loop, sums, world.light_names, 0.01)
 
 
 @pytest.mark.parametrize("eye", [slow((0.0, -15.0, 3.0)), (0.2, 0.1, 0.3)], ids=["outside", "in a grain"])
