@@ -3,7 +3,8 @@
     python benchmarks/ept.py [--small] [--width 64] [--seconds 10] [--cases NAME ...]
 
 Some 425 balls, or stones as instances, clear, grey or of rough steel, fill a cube on a floor below a lamp and a sky.  Both
-engines render in turns, each for so many seconds of processor time in all.  A row a case: microseconds of processor time a path;
+engines render in turns, each for so many seconds of processor time in all, and in a process of its own: Dr.Jit traces a call
+through every shape of a process, whichever scene it belongs to.  A row a case: microseconds of processor time a path;
 of a pixel, the variance of one path (mean square over colours and the picture, without the thousandth of the pixels where it is
 largest), and variance times time, `ept` over `path`; the mean of our picture over that of Mitsuba's, with its standard error.
 --small: two cases, 16 pixels wide, passes as few as possible.
@@ -15,6 +16,8 @@ import argparse
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -104,35 +107,59 @@ def written(folder, name, edge, width, more=""):
     return path
 
 
-def engines(folder, case, width):
-    """Of both engines: function of the number of a pass -> picture, and samples a pixel of a pass."""
-    import mitsuba as mi
-
+def engine(name, case, folder, width):
+    """Function of the number of a pass -> picture, and samples a pixel of a pass, of `ept` or `path`; files in a folder."""
     spheres = tile(0.6, 500)
     edge = (COUNT / len(spheres[1]) * np.prod(spheres[2])) ** (1 / 3)
     cube = (CUBE[0] - 0.5) * edge, CUBE[1]
     packed = grains([Kind(case.surface, stone() if case.stones else None)], cube, spheres)
+    if name == "ept":
+        world = World(written(folder, "ours", edge, width))
+        part = methods.part(world, through(place(packed, world)), "ept", 0)
+        return lambda number: part.render(number)[""], part.samples
+    import mitsuba as mi
+
     if case.stones:
         (folder / "grain.ply").write_bytes(ply.mesh(*stone()))
-    world = World(written(folder, "ours", edge, width))
-    part = methods.part(world, through(place(packed, world)), "ept", 0)
-    theirs = mi.load_file(str(written(folder, "theirs", edge, width, case.bsdf + shapes(packed, cube, case.stones))))
+    scene = mi.load_file(str(written(folder, "theirs", edge, width, case.bsdf + shapes(packed, cube, case.stones))))
     samples = sized(64, 1)
-    return {"ept": (lambda number: part.render(number)[""], part.samples),
-            "path": (lambda number: np.array(mi.render(theirs, spp=samples, seed=number), float)[..., :3], samples)}
+    return lambda number: np.array(mi.render(scene, spp=samples, seed=number), float)[..., :3], samples
+
+
+def _begin(name, case, width):
+    variants.activate("rgb")
+    with tempfile.TemporaryDirectory() as folder:
+        RENDERED[:] = engine(name, case, Path(folder), width)
+        RENDERED[0](1 << 20)  # compiles
+
+
+def _samples():
+    return RENDERED[1]
+
+
+def _pass(number):
+    begin = time.process_time()
+    picture = RENDERED[0](number)
+    return picture, time.process_time() - begin
+
+
+RENDERED: list = []  # of a process of an engine
 
 
 class Engine:
-    """Passes of an engine, and the seconds of processor time that each took."""
+    """Passes of an engine in its process, and the seconds of processor time that each took."""
 
-    def __init__(self, render, samples):
-        self.render, self.samples, self.pictures, self.seconds = render, samples, [], []
-        render(1 << 20)  # compiles
+    def __init__(self, *what):
+        self._process = ProcessPoolExecutor(1, get_context("spawn"), _begin, what)
+        self.samples, self.pictures, self.seconds = self._process.submit(_samples).result(), [], []
 
     def go(self):
-        begin = time.process_time()
-        self.pictures.append(self.render(len(self.pictures)))
-        self.seconds.append(time.process_time() - begin)
+        picture, seconds = self._process.submit(_pass, len(self.pictures)).result()
+        self.pictures.append(picture)
+        self.seconds.append(seconds)
+
+    def close(self):
+        self._process.shutdown()
 
     @property
     def time_of_path(self):
@@ -152,11 +179,11 @@ class Engine:
 
 def row(name, case, width, seconds):
     """Measures a case, prints its row, and returns variance times time over Mitsuba's."""
-    with tempfile.TemporaryDirectory() as folder:
-        both = {key: Engine(*pair) for key, pair in engines(Path(folder), case, width).items()}
-        while any(sum(engine.seconds) < seconds or len(engine.seconds) < sized(8, 2) for engine in both.values()):
-            min(both.values(), key=lambda engine: sum(engine.seconds)).go()
-    ours, theirs = both["ept"], both["path"]
+    ours, theirs = both = [Engine(engine, case, width) for engine in ("ept", "path")]
+    while any(sum(engine.seconds) < seconds or len(engine.seconds) < sized(8, 2) for engine in both):
+        min(both, key=lambda engine: sum(engine.seconds)).go()
+    for engine in both:
+        engine.close()
     times, variances = ours.time_of_path / theirs.time_of_path, ours.variance / theirs.variance
     (mean, error), (other, its) = ours.mean(), theirs.mean()
     means = f"{mean / other:.4f} ({np.hypot(error / mean, its / other):.4f})"

@@ -40,8 +40,8 @@ def _measured(asset, passes, packings):
                medium.Continuous(material.medium_of(asset, grains)[0], *around))
         view = Camera.looking(middle - [0, 20 * RADIUS * unit, 0], middle, (0, 0, 1), 2 * math.atan(0.5 / 20), PIXELS, PIXELS)
         for method, one in zip(METHODS, how):
-            found[method].append(np.mean([transport.one_pass(Sky(above=1), through(one), view, PIXELS, PIXELS, n, number).by_order
-                                          for n in range(passes)], axis=(0, 2))[:, 0])
+            sums = [transport.one_pass(Sky(above=1), through(one), view, (PIXELS, PIXELS), n, number) for n in range(passes)]
+            found[method].append(np.mean([brought.by_order for brought in sums], axis=(0, 2))[:, 0])
     return {method: np.array(values) for method, values in found.items()}
 
 

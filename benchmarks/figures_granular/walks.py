@@ -13,7 +13,7 @@ from numba import njit
 from bakery.kernels import lent, phase_sample, stream_key, turned_direction
 from renderers import wavefront
 from renderers.granular import _grains, _teleport
-from renderers.granular._paths import _turn
+from renderers.granular._paths import turn
 from renderers.granular.teleport import flights
 from renderers.threads import run
 from renderers.wavefront import uniform
@@ -123,7 +123,7 @@ def _among_grains(grains, law, drawn, half, spheres, numbers, states, cosines, h
             if now[0] >= 0:
                 leaves = _ends(grains, drawn, now, centre, p, d)[1]
             if drawn:
-                t = _teleport.next_surface(grains, law, p, d, np.inf, now, centre, one, 0, at, n, room)
+                t = _teleport.next_surface(grains, law, (p, d), np.inf, _teleport.Contact(now, centre, at, n), one, 0, room)
             else:
                 t = _grains.next_surface(grains, p, d, np.inf, now, at, n, room)
             if t == np.inf:
@@ -148,7 +148,7 @@ def _among_grains(grains, law, drawn, half, spheres, numbers, states, cosines, h
                     for w in range(2):
                         if count == numbers[w]:
                             squares[i, w] = _away(p, o)
-            _turn(grains, at[1], n, d, weight, one, 0, 1.0)
+            turn(grains, at[1], n, d, weight, one, 0, 1.0)
         if k < len(spheres) or count < numbers[1]:
             for w in range(2):
                 squares[i, w] = np.nan

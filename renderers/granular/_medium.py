@@ -9,6 +9,8 @@ import numpy as np
 
 from bakery.kernels import (
     Aggregate,
+    Diffuse,
+    Varied,
     aggregate_scratch,
     clear_in_mesh,
     deep_in_mesh,
@@ -18,7 +20,20 @@ from bakery.kernels import (
 )
 from bakery.system.compiled import njit
 from renderers.granular._grains import NOWHERE
-from renderers.granular._paths import DEAD, DIFFUSION, LEAVES, LIGHT, PASSES, TRACE, TURNS, chance_at, crosses
+from renderers.granular._paths import (
+    DEAD,
+    DIFFUSION,
+    LEAVES,
+    LIGHT,
+    NOTHING,
+    PASSES,
+    TRACE,
+    TURNS,
+    chance_at,
+    crosses,
+    keep_ray,
+    ray_of,
+)
 from renderers.granular._varied import collision, grain_at, thinned
 from renderers.scattering import flight, flown, mean_phase, scattered
 from renderers.wavefront import ORDERS, roulette, to_rgb, uniform
@@ -52,6 +67,17 @@ class Medium(NamedTuple):
     turned: np.ndarray = np.zeros(0)
 
 
+class Content(NamedTuple):
+    """What fills a mesh.
+
+    varied : how much there is of the components, where that varies;  diffuse : where light diffuses
+    """
+
+    medium: Medium
+    varied: Varied
+    diffuse: Diffuse
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _any_direction(d, states, i):
     """Makes d (3,) any direction."""
@@ -61,42 +87,43 @@ def _any_direction(d, states, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _turned(medium, kind, d, weight, states, i, values):
-    """Turns d (3,) where a path stands at a `kind` of point, and changes the weights; the density (1/sr) of d."""
+def _turned(medium, kind, d, throughput, states, i, values):
+    """Turns d (3,) where a path stands at a `kind` of point, and changes the throughputs; the density (1/sr) of d."""
     if kind == DIFFUSE:
         _any_direction(d, states, i)
         return _UNIFORM
-    d[0], d[1], d[2], density = scattered(medium, kind * len(values), d[0], d[1], d[2], weight, states, i, values)
+    d[0], d[1], d[2], density = scattered(medium, kind * len(values), d[0], d[1], d[2], throughput, states, i, values)
     return density
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
-    """Whether light diffuses at a scattering at p (3,) of a path along d (3,): then both change, to a point near the mesh.
+def _diffused(content, ray, q, walk, event, i, scratch):
+    """Whether light diffuses at a scattering of path i, p (3,) along d (3,), the ray: then both change, to a point near the mesh.
 
-    There fluence over 4 pi counts, the albedo of the scattering included.  alive : becomes whether the path goes on
+    There fluence over 4 pi counts, the albedo of the scattering included.  event.alive : becomes whether the path goes on
     """
+    (medium, _, diffuse), (p, d), throughput, states = content, ray, walk.throughput, walk.states
     enough = max(diffuse.near, abs(diffuse.ahead))
-    if enough == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, enough, room) < enough:
+    if enough == np.inf or clear_in_mesh(medium.aggregate, diffuse, p, enough, scratch) < enough:
         return False
     for k in range(3):
         q[k] = p[k] + diffuse.ahead * d[k]
-    radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
+    radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, scratch)
     if radius < diffuse.near:
         return False
-    for w in range(weight.shape[1]):
-        weight[i, w] *= medium.albedo[w]
+    for w in range(throughput.shape[1]):
+        throughput[i, w] *= medium.albedo[w]
     while True:
         radius -= diffuse.skin
         _any_direction(d, states, i)
         for k in range(3):
             q[k] += radius * d[k]
-        for w in range(weight.shape[1]):
-            weight[i, w] *= diffuse_share(diffuse.sigma_tr[w] * radius)
-        bounces[i] += 1
-        roulette(weight, states, bounces, alive, i, i + 1)
-        radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, room)
-        if not alive[i] or radius < diffuse.near:
+        for w in range(throughput.shape[1]):
+            throughput[i, w] *= diffuse_share(diffuse.sigma_tr[w] * radius)
+        walk.bounces[i] += 1
+        roulette(throughput, states, walk.bounces, event.alive, i, i + 1)
+        radius = clear_in_mesh(medium.aggregate, diffuse, q, diffuse.near, scratch)
+        if not event.alive[i] or radius < diffuse.near:
             for k in range(3):
                 p[k] = q[k]
             return True
@@ -109,227 +136,226 @@ def _chance(medium, kind, p):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(medium, varied, diffuse, occupied, origin, direction, weight, states, met, place, far, density, order, bounces,
-            single, technique, kind, status, alive, begin, end):
+def advance(content, occupied, walk, technique, event, begin, end):
     """Takes paths begin to end on until they need something of the scene; parameters as those of `_paths.advance`.
 
-    varied : `bakery.kernels.Varied`, how much there is of the components, where that varies
-    diffuse : `bakery.kernels.Diffuse` of the medium
-    met : (n, 4), of which only UNKNOWN counts;  place : (n,) triangle of the mesh that each starts on, or -1
-    density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there
+    content : `Content`;  walk : of its spheres only UNKNOWN counts; its triangles are of the mesh
     technique : (n,) becomes DIFFUSION where light diffuses
-    kind : (n,) becomes the component that scatters, or DIFFUSE, where a path needs LIGHT; `scatter` takes it on from there
+    event : its kind becomes the component that scatters, or DIFFUSE; `scatter` takes the path on from there
     """
-    medium, varied, diffuse = lent(medium), lent(varied), lent(diffuse)
-    room, p, q, d = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
-    values, before, sigma = np.empty(weight.shape[1]), np.empty(weight.shape[1]), np.empty(varied.hits.shape)
-    unit = medium.unit
+    content, walk, event = lent(content), lent(walk), lent(event)
+    medium, varied, _ = content
+    memory, p, q, d = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    waves, throughput, states = walk.throughput.shape[1], walk.throughput, walk.states
+    values, before, sigma = np.empty(waves), np.empty(waves), np.empty(varied.hits.shape)
+    unit, status = medium.unit, event.status
     for i in range(begin, end):
-        for k in range(3):
-            p[k], d[k] = origin[i, k] / unit, direction[i, k]
-        status[i] = -1
-        while status[i] < 0:
-            # the way of one direction; where it has to be asked for surfaces of the scene first, it is drawn again, the same
-            stream, known = states[i], not math.isnan(far[i])
-            limit = far[i] / unit if known else np.inf
-            for w in range(len(before)):
-                before[w] = weight[i, w]
-            t, component = _way(medium, varied, occupied, p, d, q, weight, states, i, place[i], limit, known, sigma, room)
+        ray_of(walk, unit, i, p, d)
+        status[i] = NOTHING
+        while status[i] == NOTHING:
+            # the flight of one direction; where it has to be asked for surfaces of the scene first, it is drawn again, the same
+            stream = states[i]
+            for w in range(waves):
+                before[w] = throughput[i, w]
+            t, component = _flight(content, occupied, (p, d), walk, i, (q, sigma, memory))
             if t < 0.0:
                 states[i], status[i] = stream, TRACE
-                for w in range(len(before)):
-                    weight[i, w] = before[w]
+                for w in range(waves):
+                    throughput[i, w] = before[w]
             elif component < 0:
                 status[i] = LEAVES
             else:
                 for k in range(3):
                     p[k] += t * d[k]
-                order[i] += 1
-                bounces[i] += 1
-                met[i, 0], place[i], far[i], single[i], kind[i] = NOWHERE, -1, np.nan, False, component
+                walk.order[i] += 1
+                walk.bounces[i] += 1
+                walk.sphere[i, 0], walk.triangle[i], walk.far[i], walk.single[i] = NOWHERE, -1, np.nan, False
+                event.kind[i] = component
                 # what was scattered once or twice is left to itself, for its layers
-                if order[i] >= ORDERS - 1 and _diffused(medium, diffuse, p, d, q, weight, states, i, bounces, alive, room):
-                    kind[i], technique[i] = DIFFUSE, DIFFUSION
-                    if not alive[i]:
+                if walk.order[i] >= ORDERS - 1 and _diffused(content, (p, d), q, walk, event, i, memory):
+                    event.kind[i], technique[i] = DIFFUSE, DIFFUSION
+                    if not event.alive[i]:
                         status[i] = DEAD
                         break
-                chance = _chance(medium, kind[i], p)
+                chance = _chance(medium, event.kind[i], p)
                 if uniform(states, i) < chance:
                     status[i] = LIGHT
                 else:
-                    density[i] = _turned(medium, kind[i], d, weight, states, i, values) / chance
-                    roulette(weight, states, bounces, alive, i, i + 1)
-                    if not alive[i]:
+                    walk.density[i] = _turned(medium, event.kind[i], d, throughput, states, i, values) / chance
+                    roulette(throughput, states, walk.bounces, event.alive, i, i + 1)
+                    if not event.alive[i]:
                         status[i] = DEAD
-        for k in range(3):
-            origin[i, k], direction[i, k] = p[k] * unit, d[k]
+        keep_ray(walk, unit, i, p, d)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _way(medium, varied, occupied, p, d, q, weight, states, i, place, limit, known, sigma, room):
-    """Distance along d to the next scattering before `limit`, and its component, -1 where there is none; below 0: surfaces may
-    come first.  sigma : (C, L) for own use"""
-    gone, most = 0.0, varied.most
+def _flight(content, occupied, ray, walk, i, scratch):
+    """Distance of path i to the next scattering before the first surface, and its component, -1 where there is none; below 0:
+    surfaces may come first.  ray : p, d (3,);  scratch : (3,), (C, L), and of meshes"""
+    (medium, varied, _), (p, d), (q, sigma, memory) = content, ray, scratch
+    traced, throughput, states = not math.isnan(walk.far[i]), walk.throughput, walk.states
+    limit = walk.far[i] / medium.unit if traced else np.inf
+    distance, triangle, most = 0.0, walk.triangle[i], varied.most
     while True:
         for k in range(3):
-            q[k] = p[k] + gone * d[k]
-        s = -math.log1p(-uniform(states, i)) / most if most > 0.0 else flight(medium, weight, states, i)
+            q[k] = p[k] + distance * d[k]
+        s = -math.log1p(-uniform(states, i)) / most if most > 0.0 else flight(medium, throughput, states, i)
         end, at, inside = np.inf, -1, True
-        if not deep_in_mesh(medium.aggregate, q, d, min(s, limit - gone)):
-            end, at, inside = mesh_boundary(medium.aggregate, q, d, place, room)
-        if not inside and (end == np.inf or gone + end >= limit):
-            return gone, -1
-        if not known and crosses(medium.aggregate, occupied, q, d, min(s, end) if inside else end):
+        if not deep_in_mesh(medium.aggregate, q, d, min(s, limit - distance)):
+            end, at, inside = mesh_boundary(medium.aggregate, q, d, triangle, memory)
+        if not inside and (end == np.inf or distance + end >= limit):
+            return distance, -1
+        if not traced and crosses(medium.aggregate, occupied, q, d, min(s, end) if inside else end):
             return -1.0, -1
-        if inside and s < min(end, limit - gone):
+        if inside and s < min(end, limit - distance):
             if most == 0.0:
-                flown(medium, weight, i, s, True)
-                return gone + s, 0
-            gone, place = gone + s, -1
-            component = collision(varied, p[0] + gone * d[0], p[1] + gone * d[1], p[2] + gone * d[2], weight, states, i, sigma)
+                flown(medium, throughput, i, s, True)
+                return distance + s, 0
+            distance, triangle = distance + s, -1
+            component = collision(varied, p[0] + distance * d[0], p[1] + distance * d[1], p[2] + distance * d[2], throughput,
+                                  states, i, sigma)
             if component >= 0:
-                return gone, component
+                return distance, component
             continue
         if inside:
             if most == 0.0:
-                flown(medium, weight, i, min(end, limit - gone), False)
-            if limit - gone <= end:
+                flown(medium, throughput, i, min(end, limit - distance), False)
+            if limit - distance <= end:
                 return limit, -1
-        gone, place = gone + end, at
+        distance, triangle = distance + end, at
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _passed(medium, varied, p, d, far, q, passed, states, i, sigma, room):
-    """Share (L,) of light that gets from p along d to `far`; where the medium varies, an estimate.  sigma : (C, L) for own use"""
-    gone, inside_for, place = 0.0, 0.0, -1
+def _transmittance(content, ray, far, passed, states, i, scratch):
+    """Share (L,) of light that gets along a ray to `far`; where the medium varies, an estimate.  scratch : as of `_flight`"""
+    (medium, varied, _), (p, d), (q, sigma, memory) = content, ray, scratch
+    distance, inside_for, triangle = 0.0, 0.0, -1
     for w in range(len(passed)):
         passed[w] = 1.0
-    while gone < far:
+    while distance < far:
         for k in range(3):
-            q[k] = p[k] + gone * d[k]
-        t, place, outward = mesh_boundary(medium.aggregate, q, d, place, room)
-        if place < 0:
+            q[k] = p[k] + distance * d[k]
+        t, triangle, outward = mesh_boundary(medium.aggregate, q, d, triangle, memory)
+        if triangle < 0:
             break
         if outward and varied.most > 0.0:
-            if not thinned(varied, q, d, min(t, far - gone), passed, states, i, sigma):
+            if not thinned(varied, q, d, min(t, far - distance), passed, states, i, sigma):
                 return
         elif outward:
-            inside_for += min(t, far - gone)
-        gone += t
+            inside_for += min(t, far - distance)
+        distance += t
     if varied.most == 0.0:
         for w in range(len(passed)):
             passed[w] = math.exp(-medium.sigma_t[w] * inside_for)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _towards(medium, kind, weight, i, v, values):
-    """Density (1/sr) with which `_turned` draws a direction; values (L,) become what the weights take towards it."""
+def _towards(medium, kind, throughput, i, v, values):
+    """Density (1/sr) with which `_turned` draws a direction; values (L,) become what the throughputs take towards it."""
     if kind == DIFFUSE:
         for w in range(len(values)):
             values[w] = _UNIFORM
         return _UNIFORM
     first = kind * len(values)
-    mean = mean_phase(medium, first, weight, i, v, values)
+    mean = mean_phase(medium, first, throughput, i, v, values)
     for w in range(len(values)):
         values[w] *= medium.albedo[first + w]
     return mean
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, varied, colours, origin, direction, weight, states, kind, lit, distance, radiance, density, single, added,
-          begin, end):
-    """What sampled lights send by way of scatterings: added (n, 3) linear sRGB; parameters as those of `_paths.light`.
-
-    kind : (n,) as `advance` found it
-    """
-    medium, varied = lent(medium), lent(varied)
-    room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
-    values, passed, sigma = np.empty(weight.shape[1]), np.empty(weight.shape[1]), np.empty(varied.hits.shape)
+def next_event(content, colours, walk, event, sample, added, begin, end):
+    """What light samples send by way of scatterings: added (n, 3) linear sRGB; sample : `LightSample`."""
+    content, walk, event, sample = lent(content), lent(walk), lent(event), lent(sample)
+    (medium, varied, _), radiance = content, sample.radiance
+    memory, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    waves = walk.throughput.shape[1]
+    values, passed, sigma = np.empty(waves), np.empty(waves), np.empty(varied.hits.shape)
     for i in range(begin, end):
         added[i] = 0.0
         if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
             continue
         square = 0.0
         for k in range(3):
-            p[k], d[k] = origin[i, k] / medium.unit, lit[i, k]
-            square += (d[k] - direction[i, k]) ** 2
-        chance = _chance(medium, kind[i], p)
-        ahead = _towards(medium, kind[i], weight, i, min(0.5 * square, 2.0), values)
-        balance = 1.0 if single[i] else density[i] / (density[i] + ahead / chance)
-        _passed(medium, varied, p, d, distance[i] / medium.unit, q, passed, states, i, sigma, room)
-        for w in range(len(values)):
-            values[w] *= weight[i, w] * passed[w] * balance / chance
+            p[k], d[k] = walk.origin[i, k] / medium.unit, sample.direction[i, k]
+            square += (d[k] - walk.direction[i, k]) ** 2
+        chance = _chance(medium, event.kind[i], p)
+        ahead = _towards(medium, event.kind[i], walk.throughput, i, min(0.5 * square, 2.0), values)
+        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + ahead / chance)
+        _transmittance(content, (p, d), sample.distance[i] / medium.unit, passed, walk.states, i, (q, sigma, memory))
+        for w in range(waves):
+            values[w] *= walk.throughput[i, w] * passed[w] * balance / chance
         to_rgb(colours, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scatter(medium, origin, direction, weight, states, bounces, kind, density, alive, begin, end):
-    """New directions of paths where `advance` found a `kind` (n,), their densities, and whether they go on."""
-    medium = lent(medium)
-    p, d, values = np.empty(3), np.empty(3), np.empty(weight.shape[1])
+def scatter(medium, walk, event, begin, end):
+    """New directions of paths at events, their densities, and whether they go on."""
+    medium, walk, event = lent(medium), lent(walk), lent(event)
+    p, d, values = np.empty(3), np.empty(3), np.empty(walk.throughput.shape[1])
     for i in range(begin, end):
+        ray_of(walk, medium.unit, i, p, d)
+        density = _turned(medium, event.kind[i], d, walk.throughput, walk.states, i, values)
+        walk.density[i] = density / _chance(medium, event.kind[i], p)
         for k in range(3):
-            p[k], d[k] = origin[i, k] / medium.unit, direction[i, k]
-        density[i] = _turned(medium, kind[i], d, weight, states, i, values) / _chance(medium, kind[i], p)
-        for k in range(3):
-            direction[i, k] = d[k]
-        roulette(weight, states, bounces, alive, i, i + 1)
+            walk.direction[i, k] = d[k]
+        roulette(walk.throughput, walk.states, walk.bounces, event.alive, i, i + 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def open_share(medium, varied, states, point, lit, distance, share, begin, end):
-    """Share (n, L) of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m.
+def transmit(content, states, point, direction, distance, share, begin, end):
+    """Share (n, L) of light that gets from points (n, 3) m along directions to distances (n,) m.
 
     states : (n,) random streams, of which the share is an estimate where the medium varies
     """
-    medium, varied = lent(medium), lent(varied)
-    room, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
-    sigma = np.empty(varied.hits.shape)
+    content = lent(content)
+    memory, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
+    unit, sigma = content.medium.unit, np.empty(content.varied.hits.shape)
     for i in range(begin, end):
         for k in range(3):
-            p[k], d[k] = point[i, k] / medium.unit, lit[i, k]
-        _passed(medium, varied, p, d, distance[i] / medium.unit, q, share[i], states, i, sigma, room)
+            p[k], d[k] = point[i, k] / unit, direction[i, k]
+        _transmittance(content, (p, d), distance[i] / unit, share[i], states, i, (q, sigma, memory))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _passes(medium, kind, weight, states, i):
-    """Whether light that has met a grain goes on as it came; weights change by their own share over the mean of all."""
-    first, total, turned = kind * weight.shape[1], 0.0, 0.0
-    for w in range(weight.shape[1]):
-        total += weight[i, w]
-        turned += weight[i, w] * medium.turned[first + w]
+def _passes(medium, kind, throughput, states, i):
+    """Whether light that has met a grain goes on as it came; throughputs change by their own share over the mean of all."""
+    first, total, turned = kind * throughput.shape[1], 0.0, 0.0
+    for w in range(throughput.shape[1]):
+        total += throughput[i, w]
+        turned += throughput[i, w] * medium.turned[first + w]
     if not total > 0.0:
         return False
     passes = uniform(states, i) * total >= turned
-    for w in range(weight.shape[1]):
+    for w in range(throughput.shape[1]):
         if passes:
-            weight[i, w] *= (1.0 - medium.turned[first + w]) * total / (total - turned)
+            throughput[i, w] *= (1.0 - medium.turned[first + w]) * total / (total - turned)
         else:
-            weight[i, w] *= medium.turned[first + w] * total / turned
+            throughput[i, w] *= medium.turned[first + w] * total / turned
     return passes
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def arrive(medium, met_by, origin, weight, states, met, place, far, order, bounces, single, kind, status, begin, end):
+def arrive(medium, met_by, walk, event, begin, end):
     """Makes scatterings of the grains that paths have met at their origins.
 
     met_by : `bakery.kernels.Varied` of all light that grains meet, with what the medium lets pass
-    kind : (n,) becomes the component;  status : (n,) becomes LIGHT, TURNS, or PASSES where the light is in the forward peak
+    event : its kind becomes the component, its status LIGHT, TURNS, or PASSES where the light is in the forward peak
     """
-    medium, met_by = lent(medium), lent(met_by)
-    p, sigma = np.empty(3), np.empty(met_by.hits.shape)
+    medium, met_by, walk, event = lent(medium), lent(met_by), lent(walk), lent(event)
+    p, sigma, states = np.empty(3), np.empty(met_by.hits.shape), walk.states
     for i in range(begin, end):
         for k in range(3):
-            p[k] = origin[i, k] / medium.unit
-        bounces[i] += 1
-        met[i, 0], place[i], far[i] = NOWHERE, -1, np.nan
-        kind[i] = grain_at(met_by, p, states, i, sigma) if len(sigma) > 1 else 0
-        if medium.turned.size > 0 and _passes(medium, kind[i], weight, states, i):
-            status[i], single[i] = PASSES, True  # light samples end at grains
+            p[k] = walk.origin[i, k] / medium.unit
+        walk.bounces[i] += 1
+        walk.sphere[i, 0], walk.triangle[i], walk.far[i] = NOWHERE, -1, np.nan
+        event.kind[i] = grain_at(met_by, p, states, i, sigma) if len(sigma) > 1 else 0
+        if medium.turned.size > 0 and _passes(medium, event.kind[i], walk.throughput, states, i):
+            event.status[i], walk.single[i] = PASSES, True  # light samples end at grains
         else:
-            order[i] += 1
-            single[i] = False
-            status[i] = LIGHT if uniform(states, i) < chance_at(medium.aggregate, medium.chance, p) else TURNS
+            walk.order[i] += 1
+            walk.single[i] = False
+            event.status[i] = LIGHT if uniform(states, i) < chance_at(medium.aggregate, medium.chance, p) else TURNS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -339,23 +365,23 @@ def entry(medium, origin, direction, far, inside, t, begin, end):
     inside : whether those that start inside of the mesh are in it already
     """
     medium = lent(medium)
-    room, p, d = aggregate_scratch(), np.empty(3), np.empty(3)
+    memory, p, d = aggregate_scratch(), np.empty(3), np.empty(3)
     for i in range(begin, end):
-        gone, place, first = 0.0, -1, True
+        distance, triangle, first = 0.0, -1, True
         t[i] = np.inf
-        while gone < far[i] / medium.unit:
+        while distance < far[i] / medium.unit:
             for k in range(3):
                 d[k] = direction[i, k]
-                p[k] = origin[i, k] / medium.unit + gone * d[k]
-            way, place, outward = mesh_boundary(medium.aggregate, p, d, place, room)
-            if place < 0:
+                p[k] = origin[i, k] / medium.unit + distance * d[k]
+            ahead, triangle, outward = mesh_boundary(medium.aggregate, p, d, triangle, memory)
+            if triangle < 0:
                 break
             if outward and first and inside:
                 t[i] = 0.0
                 break
             first = False
-            gone += way
+            distance += ahead
             if not outward:
-                if gone * medium.unit < far[i]:
-                    t[i] = gone * medium.unit
+                if distance * medium.unit < far[i]:
+                    t[i] = distance * medium.unit
                 break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,73 @@ NOTHING = -1  # of the scene yet
 GRAINS, MEDIUM, DIFFUSION = range(3)  # techniques: how a path goes on
 
 
+class Walk(NamedTuple):
+    """What loops change of n paths: arrays of any record of paths that has these fields.
+
+    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams
+    sphere, triangle : (n, 4), (n,) of the grain that each starts on (`_grains.next_surface`)
+    far : (n,) m, to the first surface of the scene, nan where it is not known; known where the sphere is UNKNOWN
+    order, bounces : (n,) grains met; surfaces met
+    single : (n,) whether light sampling cannot take the direction
+    density : (n,) 1/sr, with which the direction was drawn, over the chance of a light sample there
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    sphere: np.ndarray
+    triangle: np.ndarray
+    far: np.ndarray
+    order: np.ndarray
+    bounces: np.ndarray
+    single: np.ndarray
+    density: np.ndarray
+
+    @classmethod
+    def of(cls, paths) -> Walk:
+        """Of a record of paths, without a copy."""
+        return cls(*(getattr(paths, name) for name in cls._fields))
+
+
+class Switching(NamedTuple):
+    """When n paths go from grains to their medium.
+
+    last : (n, 3) m, where each met the last grain
+    stage, switching : (n,) grains after which each WAITS, and whether it SWITCHES, before the next one
+    """
+
+    last: np.ndarray
+    stage: np.ndarray
+    switching: np.ndarray
+
+
+class Event(NamedTuple):
+    """What loops have taken n paths to.
+
+    status : (n,) what each needs
+    kind : (n,) where that is LIGHT the type of grain, or the component of a medium;  normal : (n, 3) of the grain
+    alive : (n,) whether roulette has left it
+    """
+
+    status: np.ndarray
+    kind: np.ndarray
+    normal: np.ndarray
+    alive: np.ndarray
+
+    @classmethod
+    def empty(cls, n) -> Event:
+        """Of n paths, to be filled."""
+        return cls(np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3)), np.empty(n, bool))
+
+    def of(self, chosen) -> Event:
+        """Of some of the paths."""
+        return Event(*(values[chosen] for values in self))
+
+
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def crosses(aggregate, occupied, p, d, t):
-    """Whether a way of length t from p along d, both ends among the voxels, passes voxels with surfaces of the scene."""
+    """Whether a ray of length t from p along d, both ends among the voxels, passes voxels with surfaces of the scene."""
     if occupied.size == 0:
         return False
     low, edge = aggregate.low, aggregate.edge
@@ -54,17 +119,31 @@ def chance_at(aggregate, chance, p):
     return chance[a, b, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _absorb(grains, which, weight, i, t):
-    """Takes from weights (n, L) what the inside of a type of grain absorbs on a way of length t."""
-    for w in range(weight.shape[1]):
-        weight[i, w] *= math.exp(-grains.absorption[which, w] * t)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def ray_of(walk, unit, i, p, d):
+    """Makes p (3,), in units, and d (3,) origin and direction of path i."""
+    for k in range(3):
+        p[k], d[k] = walk.origin[i, k] / unit, walk.direction[i, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def keep_ray(walk, unit, i, p, d):
+    """Makes p (3,), in units, and d (3,) those of path i."""
+    for k in range(3):
+        walk.origin[i, k], walk.direction[i, k] = p[k] * unit, d[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _is_rough(grains, which):
+def absorb(grains, kind, throughput, i, t):
+    """Takes from throughputs (n, L) what the inside of a type of grain absorbs over a length t."""
+    for w in range(throughput.shape[1]):
+        throughput[i, w] *= math.exp(-grains.absorption[kind, w] * t)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _is_rough(grains, kind):
     """Whether directions at a type of grain have a density."""
-    return grains.exemplars.table[which, 0] == DIFFUSE or grains.exemplars.table[which, 2] > 0.0
+    return grains.exemplars.table[kind, 0] == DIFFUSE or grains.exemplars.table[kind, 2] > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -77,190 +156,173 @@ def _local(nx, ny, nz, dx, dy, dz, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _turn(grains, which, n, d, weight, states, i, chance):
-    """Turns d (3,) at a surface with outward normal n (3,), and changes the weights.
+def turn(grains, kind, n, d, throughput, states, i, chance):
+    """Turns d (3,) at a surface with outward normal n (3,), and changes the throughputs.
 
     Returns the density (1/sr) of the new direction over the chance of a light sample, and whether light samples cannot take it:
     those of smooth surfaces, and those into a grain.
     """
-    matter, index, roughness, _ = grains.exemplars.table[which]
-    kind = int(matter)
+    matter, index, roughness, _ = grains.exemplars.table[kind]
+    surface = int(matter)
     sx, sy, sz, tx, ty, tz = surface_frame(n[0], n[1], n[2])
     x, y = -(d[0] * sx + d[1] * sy + d[2] * sz), -(d[0] * tx + d[1] * ty + d[2] * tz)
     z = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
-    ox, oy, oz, share, cosine = at_surface(kind, index, roughness, x, y, z, uniform(states, i), uniform(states, i),
+    ox, oy, oz, share, cosine = at_surface(surface, index, roughness, x, y, z, uniform(states, i), uniform(states, i),
                                            uniform(states, i))
-    for w in range(weight.shape[1]):
-        weight[i, w] *= share * surface_share(kind, grains.channels[which], w, cosine)
+    for w in range(throughput.shape[1]):
+        throughput[i, w] *= share * surface_share(surface, grains.channels[kind], w, cosine)
     over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)  # keeps rounding from growing over many reflections
     ox, oy, oz = ox * over, oy * over, oz * over
     d[0], d[1], d[2] = ox * sx + oy * tx + oz * n[0], ox * sy + oy * ty + oz * n[1], ox * sz + oy * tz + oz * n[2]
     density = 0.0
-    if oz > 0.0 and _is_rough(grains, which):
-        density, _, _ = surface_density(kind, index, roughness, x, y, z, ox, oy, oz)
+    if oz > 0.0 and _is_rough(grains, kind):
+        density, _, _ = surface_density(surface, index, roughness, x, y, z, ox, oy, oz)
     return density / chance, density == 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, density, normal, kind, alive):
-    """What path i needs at p (3,) on a grain of a type, with normal n (3,), after a way of length t: LIGHT, DEAD, or NOTHING.
+def at_grain(grains, kind, t, ray, walk, event, i):
+    """What path i needs on a grain of a type, after a length t: LIGHT, DEAD, or NOTHING; ray : p, d and the normal there, (3,).
 
-    It is absorbed on its way in the grain, and turned unless it needs light; the arrays are those of `advance`.
+    It is absorbed on its way in the grain, and turned unless it needs light.
     """
+    p, d, n = ray
     if d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:
-        if grains.exemplars.table[which, 0] != DIELECTRIC:  # a camera, a lamp or rounding took light into what is opaque
+        if grains.exemplars.table[kind, 0] != DIELECTRIC:  # a camera, a lamp or rounding took light into what is opaque
             return DEAD
-        _absorb(grains, which, weight, i, t)
+        absorb(grains, kind, walk.throughput, i, t)
     chance = 1.0
-    if _is_rough(grains, which):
+    if _is_rough(grains, kind):
         chance = chance_at(grains.aggregate, grains.chance, p)
-        if uniform(states, i) < chance:
-            kind[i] = which
+        if uniform(walk.states, i) < chance:
+            event.kind[i] = kind
             for k in range(3):
-                normal[i, k] = n[k]
+                event.normal[i, k] = n[k]
             return LIGHT
-    density[i], single[i] = _turn(grains, which, n, d, weight, states, i, chance)
-    roulette(weight, states, bounces, alive, i, i + 1)
-    return NOTHING if alive[i] else DEAD
+    walk.density[i], walk.single[i] = turn(grains, kind, n, d, walk.throughput, walk.states, i, chance)
+    roulette(walk.throughput, walk.states, walk.bounces, event.alive, i, i + 1)
+    return NOTHING if event.alive[i] else DEAD
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def leave(grains, d, n, at, walk, i):
+    """Absorbs what a path that comes to a surface of the scene in a grain loses up to there."""
+    if not math.isnan(walk.far[i]) and at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:
+        absorb(grains, at[1], walk.throughput, i, walk.far[i] / grains.unit)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(grains, occupied, origin, direction, weight, states, met, place, far, order, bounces, single, density, last,
-            stage, switching, normal, kind, status, alive, begin, end):
+def advance(grains, occupied, walk, switching, event, begin, end):
     """Takes paths begin to end on, through all surfaces that only reflect and refract, until they need something of the scene.
 
     Parameters
     ----------
     occupied : (X, Y, Z) uint8, voxels of the aggregate with surfaces of the scene; empty where there are none
-    origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,);  all changed
-    met, place : (n, 4), (n,) sphere and triangle that each starts on (`next_surface`); changed
-    far : (n,) m, to the first surface of the scene, nan where it is not known; changed.  Known where met is UNKNOWN
-    order : (n,) grains met;  bounces : (n,);  single : (n,) whether light sampling cannot take the direction; changed
-    density : (n,) 1/sr, with which the direction was drawn over the chance of a light sample there; changed
-    last : (n, 3) m, where each met the last grain; changed
-    stage, switching : (n,) grains after which each WAITS, and whether it SWITCHES, before the next one
-    normal, kind : (n, 3), (n,) become normal and type of grain where a path needs LIGHT
-    status : (n,) becomes what it needs;  alive : (n,) bool, for own use
+    walk : `Walk`, changed;  switching : `Switching`, of which `last` changes;  event : `Event`, filled
     """
-    grains = lent(grains)
-    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
-    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
-    unit = grains.unit
+    grains, walk, switching, event = lent(grains), lent(walk), lent(switching), lent(event)
+    memory, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    unit, status = grains.unit, event.status
     for i in range(begin, end):
-        for k in range(3):
-            p[k], d[k] = origin[i, k] / unit, direction[i, k]
-        while True:
+        ray_of(walk, unit, i, p, d)
+        status[i] = NOTHING
+        while status[i] == NOTHING:
             for k in range(4):
-                now[k] = met[i, k]
-            at[0] = place[i]
-            known = not math.isnan(far[i])
-            t = next_surface(grains, p, d, far[i] / unit if known else np.inf, now, at, n, room)
+                sphere[k] = walk.sphere[i, k]
+            at[0] = walk.triangle[i]
+            traced = not math.isnan(walk.far[i])
+            t = next_surface(grains, p, d, walk.far[i] / unit if traced else np.inf, sphere, at, n, memory)
             if t == np.inf:
                 status[i] = LEAVES
-                if known and at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:  # a surface of the scene in a grain
-                    _absorb(grains, at[1], weight, i, far[i] / unit)
+                leave(grains, d, n, at, walk, i)
                 break
-            if not known and crosses(grains.aggregate, occupied, p, d, t):
+            if not traced and crosses(grains.aggregate, occupied, p, d, t):
                 status[i] = TRACE
                 break
-            which = at[1]
-            new = met[i, 0] < 0 or met[i, 0] != now[0] or met[i, 1] != now[1] or met[i, 2] != now[2] or met[i, 3] != now[3]
-            if new and order[i] >= stage[i] and not switching[i]:
+            new = (walk.sphere[i, 0] < 0 or walk.sphere[i, 0] != sphere[0] or walk.sphere[i, 1] != sphere[1]
+                   or walk.sphere[i, 2] != sphere[2] or walk.sphere[i, 3] != sphere[3])
+            if new and walk.order[i] >= switching.stage[i] and not switching.switching[i]:
                 status[i] = WAITS
                 break
             for k in range(3):
                 p[k] += t * d[k]
-            if new and switching[i]:
+            if new and switching.switching[i]:
                 status[i] = SWITCHES
                 break
             if new:
-                order[i] += 1
+                walk.order[i] += 1
                 for k in range(3):
-                    last[i, k] = p[k] * unit
-            bounces[i] += 1
-            far[i], place[i] = np.nan, at[0]
+                    switching.last[i, k] = p[k] * unit
+            walk.bounces[i] += 1
+            walk.far[i], walk.triangle[i] = np.nan, at[0]
             for k in range(4):
-                met[i, k] = now[k]
-            needs = at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, density, normal, kind, alive)
-            if needs != NOTHING:
-                status[i] = needs
-                break
-        for k in range(3):
-            origin[i, k], direction[i, k] = p[k] * unit, d[k]
+                walk.sphere[i, k] = sphere[k]
+            status[i] = at_grain(grains, at[1], t, (p, d, n), walk, event, i)
+        keep_ray(walk, unit, i, p, d)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(grains, colours, origin, direction, weight, met, place, normal, kind, lit, distance, radiance, density, single, added,
-          begin, end):
-    """What sampled lights send by way of rough and matt grains: added (n, 3) linear sRGB.
+def next_event(grains, colours, walk, event, sample, added, begin, end):
+    """What light samples send by way of rough and matt grains: added (n, 3) linear sRGB.
 
-    lit, distance, radiance, density, single : of the samples, (n, 3), (n,) m, (n, 3), (n,) 1/sr, (n,)
+    sample : `LightSample`, whose distances are those up to which grains are looked for
     """
-    grains = lent(grains)
-    room, p, d, n, values = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(weight.shape[1])
-    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    grains, walk, event, sample = lent(grains), lent(walk), lent(event), lent(sample)
+    radiance, towards = sample.radiance, sample.direction
+    memory, p, d, n, values = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(walk.throughput.shape[1])
+    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
         added[i] = 0.0
-        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        nx, ny, nz = event.normal[i, 0], event.normal[i, 1], event.normal[i, 2]
         for k in range(3):
-            p[k], d[k] = origin[i, k] / grains.unit, lit[i, k]
+            p[k], d[k] = walk.origin[i, k] / grains.unit, towards[i, k]
         # light that goes into a grain meets its other side
         if d[0] * nx + d[1] * ny + d[2] * nz <= 0.0 or not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
             continue
-        which = kind[i]
-        matter, index, roughness, _ = grains.exemplars.table[which]
-        x, y, z, ox, oy, oz = _local(nx, ny, nz, direction[i, 0], direction[i, 1], direction[i, 2], d)
+        kind = event.kind[i]
+        matter, index, roughness, _ = grains.exemplars.table[kind]
+        x, y, z, ox, oy, oz = _local(nx, ny, nz, walk.direction[i, 0], walk.direction[i, 1], walk.direction[i, 2], d)
         likely, share, cosine = surface_density(int(matter), index, roughness, x, y, z, ox, oy, oz)
         if likely == 0.0:
             continue
         for k in range(4):
-            now[k] = met[i, k]
-        at[0] = place[i]
-        if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf:
+            sphere[k] = walk.sphere[i, k]
+        at[0] = walk.triangle[i]
+        if next_surface(grains, p, d, sample.distance[i] / grains.unit, sphere, at, n, memory) < np.inf:
             continue
         chance = chance_at(grains.aggregate, grains.chance, p)
-        balance = 1.0 if single[i] else density[i] / (density[i] + likely / chance)
+        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + likely / chance)
         share *= likely * balance / chance
         for w in range(len(values)):
-            values[w] = weight[i, w] * share * surface_share(int(matter), grains.channels[which], w, cosine)
+            values[w] = walk.throughput[i, w] * share * surface_share(int(matter), grains.channels[kind], w, cosine)
         to_rgb(colours, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scatter(grains, origin, direction, weight, states, bounces, normal, kind, density, single, alive, begin, end):
+def scatter(grains, walk, event, begin, end):
     """New directions of paths at rough and matt grains, their densities (as `advance`), and whether they go on."""
-    grains = lent(grains)
+    grains, walk, event = lent(grains), lent(walk), lent(event)
     p, d, n = np.empty(3), np.empty(3), np.empty(3)
     for i in range(begin, end):
+        ray_of(walk, grains.unit, i, p, d)
         for k in range(3):
-            p[k], d[k], n[k] = origin[i, k] / grains.unit, direction[i, k], normal[i, k]
-        density[i], single[i] = _turn(grains, kind[i], n, d, weight, states, i, chance_at(grains.aggregate, grains.chance, p))
+            n[k] = event.normal[i, k]
+        chance = chance_at(grains.aggregate, grains.chance, p)
+        walk.density[i], walk.single[i] = turn(grains, event.kind[i], n, d, walk.throughput, walk.states, i, chance)
         for k in range(3):
-            direction[i, k] = d[k]
-        roulette(weight, states, bounces, alive, i, i + 1)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def open_share(grains, point, lit, distance, share, begin, end):
-    """Share (n, L), 0 or 1, of light that gets from points (n, 3) m along lit (n, 3) to `distance` (n,) m."""
-    grains = lent(grains)
-    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
-    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
-    for i in range(begin, end):
-        for k in range(3):
-            p[k], d[k] = point[i, k] / grains.unit, lit[i, k]
-        now[0] = UNKNOWN
-        share[i] = 0.0 if next_surface(grains, p, d, distance[i] / grains.unit, now, at, n, room) < np.inf else 1.0
+            walk.direction[i, k] = d[k]
+        roulette(walk.throughput, walk.states, walk.bounces, event.alive, i, i + 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def first_grain(grains, point, direction, far, t, begin, end):
     """Distances t (n,) m from points (n, 3) m along directions to the first grain before far (n,) m, inf where there is none."""
     grains = lent(grains)
-    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
-    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    memory, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = point[i, k] / grains.unit, direction[i, k]
-        now[0] = UNKNOWN
-        t[i] = next_surface(grains, p, d, far[i] / grains.unit, now, at, n, room) * grains.unit
+        sphere[0] = UNKNOWN
+        t[i] = next_surface(grains, p, d, far[i] / grains.unit, sphere, at, n, memory) * grains.unit

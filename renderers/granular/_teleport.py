@@ -18,7 +18,7 @@ from bakery.kernels import (
 )
 from bakery.system.compiled import njit
 from renderers.granular._grains import _AHEAD, far_side, on_grain, scratch
-from renderers.granular._paths import LEAVES, NOTHING, TRACE, _absorb, at_grain, crosses
+from renderers.granular._paths import LEAVES, NOTHING, TRACE, at_grain, crosses, keep_ray, leave, ray_of
 from renderers.wavefront import uniform
 
 
@@ -54,52 +54,64 @@ def chords(aggregate, area, limit, states, chord, begin, end):
     """
     aggregate = lent(aggregate)
     o, d, to = np.empty(3), np.empty(3), np.empty(3)
-    left, met = np.zeros(4, np.int64), np.empty(4, np.int64)
+    behind, sphere = np.zeros(4, np.int64), np.empty(4, np.int64)
     for i in range(begin, end):
-        left[0] = min(np.searchsorted(area, uniform(states, i), "right"), len(area) - 1)
+        behind[0] = min(np.searchsorted(area, uniform(states, i), "right"), len(area) - 1)
         nx, ny, nz = _sphere_point(states, i)
         # the normal plus a point of the unit sphere has the cosine distribution about the normal
         dx, dy, dz = _sphere_point(states, i)
         dx, dy, dz = nx + dx, ny + dy, nz + dz
-        over, radius = 1.0 / max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-12), aggregate.radii[left[0]]
+        over, radius = 1.0 / max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-12), aggregate.radii[behind[0]]
         d[0], d[1], d[2] = dx * over, dy * over, dz * over
-        o[0] = aggregate.centers[left[0], 0] + radius * nx
-        o[1] = aggregate.centers[left[0], 1] + radius * ny
-        o[2] = aggregate.centers[left[0], 2] + radius * nz
-        chord[i] = flight_to_sphere(o, d, left, aggregate.cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner,
-                                    limit, met, to)
+        o[0] = aggregate.centers[behind[0], 0] + radius * nx
+        o[1] = aggregate.centers[behind[0], 1] + radius * ny
+        o[2] = aggregate.centers[behind[0], 2] + radius * nz
+        chord[i] = flight_to_sphere(o, d, behind, aggregate.cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner,
+                                    limit, sphere, to)
+
+
+class Contact(NamedTuple):
+    """Where a ray starts, and then where it meets a grain.
+
+    sphere : (4,) of the tile, and words of the grain's hash, or UNKNOWN;  centre : (3,) of the sphere, in units
+    at, normal : (2,), (3,) as in `_grains.next_surface`
+    """
+
+    sphere: np.ndarray
+    centre: np.ndarray
+    at: np.ndarray
+    normal: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def next_surface(grains, flights, p, d, far, met, centre, states, i, at, normal, room):
+def next_surface(grains, flights, ray, far, contact, states, i, scratch):
     """As `_grains.next_surface`, where spheres along the ray are drawn from stream i, and forgotten once the ray has left them.
 
-    met : (4,) sphere of the tile and words of the grain's hash, or UNKNOWN;  centre : (3,) of the sphere, in units
-    Both become those of the sphere of the grain that is met.
+    ray : p (3,) and unit d (3,);  contact : `Contact`, which becomes that with the grain that is met
     """
-    aggregate, radii = grains.aggregate, grains.aggregate.radii
-    begin, fresh = 0.0, met[0] < 0
+    aggregate, radii, (p, d), (sphere, centre, at, normal) = grains.aggregate, grains.aggregate.radii, ray, contact
+    begin, fresh = 0.0, sphere[0] < 0
     if not fresh:
         x, y, z = centre[0] - p[0], centre[1] - p[1], centre[2] - p[2]
-        t = on_grain(grains, met, (centre[0], centre[1], centre[2]), x, y, z, d, 0.0, 0.0, at, normal, room[0][0])
+        t = on_grain(grains, sphere, (centre[0], centre[1], centre[2]), (x, y, z), d, (0.0, 0.0), at, normal, scratch[0][0])
         if t < np.inf:
             return t if t < far else np.inf
-        begin = max(far_side(x, y, z, d, radii[met[0]]), 0.0)
+        begin = max(far_side(x, y, z, d, radii[sphere[0]]), 0.0)
     at[0] = -1
     while True:
         start = within_reach(aggregate, p, d, begin)
         fresh = fresh or start > begin
         if not start < far:
             return np.inf
-        met[0], entry, ahead, x, y, z = _sphere(flights, radii, fresh, start, d, states, i)
+        sphere[0], entry, ahead, x, y, z = _sphere(flights, radii, fresh, start, d, states, i)
         if not entry < far:
             return np.inf
-        begin, fresh = far_side(x, y, z, d, radii[met[0]]), False
+        begin, fresh = far_side(x, y, z, d, radii[sphere[0]]), False
         cx, cy, cz = p[0] + x, p[1] + y, p[2] + z
         share = share_at(aggregate, cx, cy, cz) if aggregate.share.values.size > 0 else 1.0
-        if in_mesh(aggregate, cx, cy, cz, room[0]) and (share >= 1.0 or uniform(states, i) < share):
-            met[1], met[2], met[3] = np.int64(uniform(states, i) * 2.0**53), 0, 0
-            t = on_grain(grains, met, (cx, cy, cz), x, y, z, d, entry, ahead, at, normal, room[0][0])
+        if in_mesh(aggregate, cx, cy, cz, scratch[0]) and (share >= 1.0 or uniform(states, i) < share):
+            sphere[1], sphere[2], sphere[3] = np.int64(uniform(states, i) * 2.0**53), 0, 0
+            t = on_grain(grains, sphere, (cx, cy, cz), (x, y, z), d, (entry, ahead), at, normal, scratch[0][0])
             if t < np.inf:
                 leaves = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2] > 0.0
                 if leaves and grains.exemplars.table[at[1], 0] != DIELECTRIC:  # light does not begin inside of what is opaque
@@ -141,64 +153,61 @@ def _flown(flights, fresh, states, i):
     return flights.void[k] * uniform(states, i)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _start(sphere, triangle, centre, unit, i, contact):
+    """Makes the contact that with which path i starts."""
+    for k in range(3):
+        contact.centre[k] = centre[i, k] / unit
+    for k in range(4):
+        contact.sphere[k] = sphere[i, k]
+    contact.at[0] = triangle[i]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(grains, flights, occupied, origin, direction, weight, states, met, centre, place, far, order, bounces, single,
-            density, normal, kind, status, alive, begin, end):
-    """As `_paths.advance`;  centre : (n, 3) m, of the sphere that each path starts in."""
-    grains, flights = lent(grains), lent(flights)
-    room, p, d, n, middle = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
-    unit = grains.unit
+def advance(grains, flights, occupied, walk, centre, event, begin, end):
+    """As `_paths.advance`, without switching;  centre : (n, 3) m, of the sphere that each path starts in."""
+    grains, flights, walk, event = lent(grains), lent(flights), lent(walk), lent(event)
+    memory, p, d, n, middle = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    contact, unit, status = Contact(sphere, middle, at, n), grains.unit, event.status
     for i in range(begin, end):
-        for k in range(3):
-            p[k], d[k] = origin[i, k] / unit, direction[i, k]
-        while True:
-            for k in range(3):
-                middle[k] = centre[i, k] / unit
-            for k in range(4):
-                now[k] = met[i, k]
-            at[0] = place[i]
-            stream, known = states[i], not math.isnan(far[i])
-            t = next_surface(grains, flights, p, d, far[i] / unit if known else np.inf, now, middle, states, i, at, n, room)
+        ray_of(walk, unit, i, p, d)
+        status[i] = NOTHING
+        while status[i] == NOTHING:
+            _start(walk.sphere, walk.triangle, centre, unit, i, contact)
+            stream, traced = walk.states[i], not math.isnan(walk.far[i])
+            t = next_surface(grains, flights, (p, d), walk.far[i] / unit if traced else np.inf, contact, walk.states, i, memory)
             if t == np.inf:
                 status[i] = LEAVES
-                if known and at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0:  # a surface of the scene in a grain
-                    _absorb(grains, at[1], weight, i, far[i] / unit)
+                leave(grains, d, n, at, walk, i)
                 break
-            if not known and crosses(grains.aggregate, occupied, p, d, t):
-                states[i], status[i] = stream, TRACE  # drawn again, the same, once `far` is known
+            if not traced and crosses(grains.aggregate, occupied, p, d, t):
+                walk.states[i], status[i] = stream, TRACE  # drawn again, the same, once `far` is known
                 break
-            which = at[1]
-            if met[i, 0] != now[0] or met[i, 1] != now[1]:
-                order[i] += 1
-            bounces[i] += 1
-            far[i], place[i] = np.nan, at[0]
+            if walk.sphere[i, 0] != sphere[0] or walk.sphere[i, 1] != sphere[1]:
+                walk.order[i] += 1
+            walk.bounces[i] += 1
+            walk.far[i], walk.triangle[i] = np.nan, at[0]
             for k in range(3):
                 p[k] += t * d[k]
                 centre[i, k] = middle[k] * unit
             for k in range(4):
-                met[i, k] = now[k]
-            needs = at_grain(grains, which, t, p, d, n, weight, states, i, bounces, single, density, normal, kind, alive)
-            if needs != NOTHING:
-                status[i] = needs
-                break
-        for k in range(3):
-            origin[i, k], direction[i, k] = p[k] * unit, d[k]
+                walk.sphere[i, k] = sphere[k]
+            status[i] = at_grain(grains, at[1], t, (p, d, n), walk, event, i)
+        keep_ray(walk, unit, i, p, d)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clear(grains, flights, origin, met, centre, place, towards, distance, states, found, begin, end):
-    """Whether no grain is on the ways from origin (n, 3) m along towards (n, 3) to `distance` (n,) m: found (n,) bool.
+def first_grain(grains, flights, walk, centre, distance, begin, end):
+    """Makes distances (n,) m to the first grain along paths of those before which it comes, inf of others.
 
-    met, centre, place : (n, 4), (n, 3) m, (n,) sphere and triangle that each starts on, as in `next_surface`
+    centre : (n, 3) m, of the sphere that each starts in
     """
-    grains, flights = lent(grains), lent(flights)
-    room, p, d, n, middle = scratch(), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    now, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    grains, flights, walk = lent(grains), lent(flights), lent(walk)
+    memory, p, d = scratch(), np.empty(3), np.empty(3)
+    contact = Contact(np.empty(4, np.int64), np.empty(3), np.empty(2, np.int64), np.empty(3))
     for i in range(begin, end):
-        for k in range(3):
-            p[k], d[k], middle[k] = origin[i, k] / grains.unit, towards[i, k], centre[i, k] / grains.unit
-        for k in range(4):
-            now[k] = met[i, k]
-        at[0] = place[i]
-        found[i] = next_surface(grains, flights, p, d, distance[i] / grains.unit, now, middle, states, i, at, n, room) == np.inf
+        ray_of(walk, grains.unit, i, p, d)
+        _start(walk.sphere, walk.triangle, centre, grains.unit, i, contact)
+        far = distance[i] / grains.unit
+        distance[i] = next_surface(grains, flights, (p, d), far, contact, walk.states, i, memory) * grains.unit

@@ -148,7 +148,7 @@ def difference(world, in_medium, allowance, radiance=None) -> Difference:
     for number in range(_ROUNDS[-1]):
         corners = _corners(world.size, number)
         size = len(corners) // EDGE, EDGE
-        passes.append([transport.one_pass(world, setup, world.camera, *size, _FIRST + number, 0, corners=corners)
+        passes.append([transport.one_pass(world, setup, world.camera, size, _FIRST + number, 0, corners=corners)
                        for setup in setups])
         if number + 1 in _ROUNDS:
             measured = _compared(passes, len(corners), radiance)

@@ -57,7 +57,7 @@ def _at(world, how, place):
     pixels = np.repeat(np.stack([row, column], axis=1), len(_SIDES), axis=0)
     origin, direction = world.camera_rays(np.tile(place + _SIDES, (height * width, 1)), pixels)
     far = world.trace(origin, direction, np.inf)
-    entries = np.array([how.way(body, how.technique).entry(origin, direction, far) for body in range(len(how.bodies))])
+    entries = np.array([how.interactor(body, how.technique).entry(origin, direction, far) for body in range(len(how.bodies))])
     nearest = entries.min(axis=0).reshape(-1, len(_SIDES))
     body = np.where(np.isfinite(nearest).all(axis=1), entries.argmin(axis=0).reshape(-1, len(_SIDES))[:, 0], -1)
     reached = np.where(np.isfinite(nearest), nearest, 0.0)[..., None] * direction.reshape(-1, len(_SIDES), 3)

@@ -6,6 +6,7 @@ import numpy as np
 
 from bakery import kernels
 from renderers.granular import _medium
+from renderers.granular._paths import Event, Walk
 from renderers.granular.paths import Seldom, streams_of
 from renderers.threads import run
 
@@ -39,30 +40,30 @@ class Continuous:
         """As `paths.Explicit.sample_lights`."""
         self.medium = self._seldom.by(share)
 
+    @property
+    def content(self):
+        """What loops take of it."""
+        return _medium.Content(self.medium, self.varied, self.diffuse)
+
     def advance(self, paths):
-        """As `paths.Explicit.advance`; found is, of each that needs LIGHT, the component that scatters, or `_medium.DIFFUSE`."""
-        n = len(paths)
-        kind, status, alive = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
-        run(_medium.advance, n, self.medium, self.varied, self.diffuse, self.occupied, paths.origin, paths.direction,
-            paths.weight, paths.states, paths.met, paths.place, paths.far, paths.density, paths.order, paths.bounces,
-            paths.single, paths.technique, kind, status, alive)
-        return status, (kind,)
+        """As `paths.Explicit.advance`; the kinds of events are components that scatter, or `_medium.DIFFUSE`."""
+        event = Event.empty(paths.count)
+        run(_medium.advance, paths.count, self.content, self.occupied, Walk.of(paths), paths.technique, event)
+        return event
 
-    def lit(self, paths, found, sample, added):
+    def next_event(self, paths, event, sample, added):
         """What light samples send by way of scatterings, added (n, 3)."""
-        run(_medium.light, len(paths), self.medium, self.varied, self.colours, paths.origin, paths.direction, paths.weight,
-            paths.states, *found, *sample[:5], added)
+        run(_medium.next_event, paths.count, self.content, self.colours, Walk.of(paths), event, sample, added)
 
-    def scattered(self, paths, found, alive):
-        """Turns paths at scatterings; alive (n,) becomes whether they go on."""
+    def scatter(self, paths, event):
+        """Turns paths at scatterings; event.alive becomes whether they go on."""
         paths.single[:] = False
-        run(_medium.scatter, len(paths), self.medium, paths.origin, paths.direction, paths.weight, paths.states, paths.bounces,
-            *found, paths.density, alive)
+        run(_medium.scatter, paths.count, self.medium, Walk.of(paths), event)
 
-    def open(self, point, direction, distance, share):
+    def transmittance(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance; the same for the same way."""
         streams = streams_of(point, direction, distance)
-        run(_medium.open_share, len(point), self.medium, self.varied, streams, point, direction, distance, share)
+        run(_medium.transmit, len(point), self.content, streams, point, direction, distance, share)
 
     def entry(self, point, direction, far, inside=True):
         """Distances (n,) m to where rays come into the mesh before far (n,) m, inf where they do not; `inside`: 0 for those that
@@ -72,8 +73,7 @@ class Continuous:
         return t
 
     def arrive(self, paths):
-        """Makes scatterings of the grains that paths have met: what they do (n,), LIGHT, TURNS or PASSES, and what was found."""
-        status, kind = np.empty(len(paths), np.int64), np.empty(len(paths), np.int64)
-        run(_medium.arrive, len(paths), self.medium, self.met_by, paths.origin, paths.weight, paths.states, paths.met,
-            paths.place, paths.far, paths.order, paths.bounces, paths.single, kind, status)
-        return status, (kind,)
+        """Makes scatterings of the grains that paths have met: their events, LIGHT, TURNS or PASSES."""
+        event = Event.empty(paths.count)
+        run(_medium.arrive, paths.count, self.medium, self.met_by, Walk.of(paths), event)
+        return event

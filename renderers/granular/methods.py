@@ -119,15 +119,21 @@ def medium_part(bodies, meshes, colours, world, seed):
 def part(world, how, name, seed, which=transport.ALL) -> Part:
     """Passes by a `Transport`, with layers of orders, lights and techniques.
 
-    Small pictures have several samples a pass: each call of Mitsuba's takes some 10 ms of its own, for however few paths.
+    Paths from grain to grain alone go through shapes of a Mitsuba scene where the grains are few enough (`shapes`), else in
+    wavefronts.  Small pictures have several samples a pass: each call of Mitsuba's takes a ms of its own, for however few paths.
     """
     height, width = world.size
+    if how.switch is None and how.technique == GRAINS:
+        from renderers.granular import shapes
+
+        if shapes.fit(world, [body.grains for body in how.bodies]):
+            return shapes.part(name, world, [body.grains.grains for body in how.bodies], how.colours, seed)
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
 
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        sums = transport.one_pass(world, how, world.camera, height, width, number, seed, which, samples=samples)
+        sums = transport.one_pass(world, how, world.camera, world.size, number, seed, which, samples=samples)
         return _layers(sums, world, how)
 
     return Part(name, one, samples)

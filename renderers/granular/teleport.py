@@ -11,8 +11,9 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.granular import _medium, _paths, _teleport
-from renderers.granular._grains import NOWHERE, UNKNOWN
-from renderers.granular.paths import Explicit, streams_of
+from renderers.granular._grains import NOWHERE
+from renderers.granular._paths import GRAINS, Event, Walk
+from renderers.granular.paths import Explicit, Paths, streams_of
 from renderers.threads import run
 
 _CHORDS, _EACH = 1 << 20, 16  # chords that are measured; how many neighbours of them, sorted, are kept as their mean
@@ -32,28 +33,26 @@ class Teleports(Explicit):
 
     def advance(self, paths):
         """As `paths.Explicit.advance`; no path waits or switches."""
-        n = len(paths)
-        normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
-        run(_teleport.advance, n, self.grains, self.flights, self.occupied, paths.origin, paths.direction, paths.weight,
-            paths.states, paths.met, paths.centre, paths.place, paths.far, paths.order, paths.bounces, paths.single,
-            paths.density, normal, kind, status, alive)
-        return status, (normal, kind)
+        event = Event.empty(paths.count)
+        run(_teleport.advance, paths.count, self.grains, self.flights, self.occupied, Walk.of(paths), paths.centre, event)
+        return event
 
-    def lit(self, paths, found, sample, added):
-        """As `paths.Explicit.lit`; whether the way to a light is clear is drawn."""
-        n, bright = len(paths), (sample.radiance > 0).any(axis=1)
-        clear = self._clear(paths.origin, paths.met, paths.centre, paths.place, sample.direction,
-                            np.where(bright, sample.distance, 0.0), paths.states)
+    def next_event(self, paths, event, sample, added):
+        """As `paths.Explicit.next_event`; whether light gets there is drawn."""
+        bright = (sample.radiance > 0).any(axis=1)
+        walk = Walk.of(paths)._replace(direction=np.ascontiguousarray(sample.direction, float))
+        clear = self._is_clear(walk, paths.centre, np.where(bright, sample.distance, 0.0))
         # nothing is in the way any more: a distance of 0
-        run(_paths.light, n, self.grains, self.colours, paths.origin, paths.direction, paths.weight, np.full((n, 4), NOWHERE),
-            np.full(n, -1), *found, sample.direction, np.zeros_like(sample.distance), sample.radiance * clear[:, None],
-            sample.density, sample.delta, added)
+        sample = sample._replace(distance=np.zeros_like(sample.distance), radiance=sample.radiance * clear[:, None])
+        walk = Walk.of(paths)._replace(sphere=np.full((paths.count, 4), NOWHERE), triangle=np.full(paths.count, -1))
+        run(_paths.next_event, paths.count, self.grains, self.colours, walk, event, sample, added)
 
-    def open(self, point, direction, distance, share):
+    def transmittance(self, point, direction, distance, share):
         """Share (n, L), 0 or 1, of light that gets from points along directions to a distance; the same for the same way."""
         n, states = len(point), streams_of(point, direction, distance)
-        share[:] = self._clear(point, np.full((n, 4), UNKNOWN), np.full((n, 3), np.nan), np.full(n, -1), direction, distance,
-                               states)[:, None]
+        point, direction = (np.ascontiguousarray(values, float) for values in (point, direction))
+        paths = Paths.begun(point, direction, share.shape[1], states, np.arange(n), GRAINS)
+        share[:] = self._is_clear(Walk.of(paths), paths.centre, distance)[:, None]
 
     def entry(self, point, direction, far, inside=True):
         """As `medium.Continuous.entry`: spheres may be anywhere in the mesh."""
@@ -61,12 +60,11 @@ class Teleports(Explicit):
         run(_medium.entry, len(point), self.grains, point, direction, far, inside, t)
         return t
 
-    def _clear(self, origin, met, centre, place, direction, distance, states):
-        found = np.empty(len(origin), bool)
-        origin, direction, distance = (np.ascontiguousarray(one, float) for one in (origin, direction, distance))
-        run(_teleport.clear, len(origin), self.grains, self.flights, origin, met, centre, place, direction, distance, states,
-            found)
-        return found
+    def _is_clear(self, walk, centre, distance):
+        """Whether no grain is on the way of paths to a distance (n,) m; draws from their streams."""
+        first = np.array(distance, float)
+        run(_teleport.first_grain, len(first), self.grains, self.flights, walk, centre, first)
+        return first == np.inf
 
 
 def flights(aggregate, *, exponential=False) -> _teleport.Flights:

@@ -17,9 +17,10 @@ from renderers import wavefront
 from renderers.granular import _paths, bundles
 from renderers.granular._grains import UNKNOWN
 from renderers.granular._paths import GRAINS, MEDIUM
-from renderers.granular.paths import NEVER, Colours, Explicit, Paths, joined
+from renderers.granular.paths import NEVER, Colours, Explicit, Paths
 from renderers.mitsuba.world import LightSample
 from renderers.threads import run
+from renderers.transport.paths import joined
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
@@ -50,7 +51,7 @@ class Transport(NamedTuple):
     technique: int = GRAINS
     switch: bundles.Switch | None = None
 
-    def way(self, body, technique):
+    def interactor(self, body, technique):
         """The loops of a body: those of its grains or those of its medium."""
         return self.bodies[body].grains if technique == GRAINS else self.bodies[body].medium
 
@@ -95,10 +96,10 @@ class Sums:
 
     def skips(self, paths):
         """Whether the light of paths, all of one technique, is left to other passes."""
-        return self.which == AFTER and len(paths) > 0 and bool(paths.technique[0] == GRAINS)
+        return self.which == AFTER and paths.count > 0 and bool(paths.technique[0] == GRAINS)
 
 
-def one_pass(world, transport, camera, height, width, number, seed, which=ALL, corners=None, samples=1) -> Sums:
+def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=None, samples=1) -> Sums:
     """Camera paths, so many `samples` for each pixel, all together.
 
     Parameters
@@ -106,22 +107,23 @@ def one_pass(world, transport, camera, height, width, number, seed, which=ALL, c
     world : `renderers.mitsuba.world.World`
     transport : `Transport`
     camera : `renderers.camera.Camera`
-    number, seed : of the pass: its random numbers
+    size : height and width of the picture;  number, seed : of the pass: its random numbers
     which : light it brings: ALL, that BEFORE the switch or that AFTER it
     corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; those of a film of H x W if None
     """
+    height, width = size
     order = bundles.by_bundle(height, width, samples)
     sums = Sums(height * width, len(world.light_names), which, samples)
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
     begun, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
-    while begun < len(order) or len(paths):
-        if begun < len(order) and len(paths) < _ALL // 2:
+    while begun < len(order) or paths.count:
+        if begun < len(order) and paths.count < _ALL // 2:
             new = _begin(transport, camera, corners, order[begun : begun + _ALL], number, seed, begun)
-            begun += len(new)
-            ready = new if transport.switch is None else _until_switched(world, transport, new, (height, width), sums)
+            begun += new.count
+            ready = new if transport.switch is None else _until_switched(world, transport, new, size, sums)
             paths = joined([paths, ready])
-        if len(paths):
+        if paths.count:
             paths, _ = _on(world, transport, paths, sums)
     sums.average()
     return sums
@@ -142,31 +144,31 @@ def _begin(transport, camera, corners, pixel, number, seed, first):
 def _until_switched(world, transport, paths, size, sums):
     """Takes paths on from grain to grain, all of a bundle together, until they have switched: those that have, and go on."""
     stage, switched = 0, [paths.of(slice(0, 0))]
-    while len(paths):
+    while paths.count:
         stage, waiting = stage + 1, []
         paths.stage[:] = stage
-        while len(paths):
+        while paths.count:
             paths, waits = _on(world, transport, paths, sums)
             switched.append(paths.of(paths.technique != GRAINS))
             waiting.append(waits)
             paths = paths.of(paths.technique == GRAINS)
         paths = joined(waiting)
         radius = np.array([body.radius for body in transport.bodies])[paths.body]
-        paths.switching |= transport.switch.due(paths.pixel, paths.last, radius, size)
+        paths.switching[:] |= transport.switch.due(paths.pixel, paths.last, radius, size)
     return joined(switched)
 
 
 def _on(world, transport, paths, sums):
     """Paths after what each needed next, those that go on, and those that wait."""
-    _look_ahead(world, transport, paths, np.flatnonzero(np.isnan(paths.far) & (paths.met[:, 0] == UNKNOWN)))
-    going, waiting = [], []
+    _look_ahead(world, transport, paths, np.flatnonzero(np.isnan(paths.far) & (paths.sphere[:, 0] == UNKNOWN)))
+    onward, waiting = [], []
     for body, technique in _groups(paths):
         group = paths if technique is None else paths.of(
             (paths.body == body) & ((paths.technique == GRAINS) == (technique == GRAINS)))
-        one, wait = _through(world, transport, group, body, sums)
-        going += one
-        waiting.append(wait)
-    return joined(going), joined(waiting)
+        parts, waits = _through(world, transport, group, body, sums)
+        onward += parts
+        waiting.append(waits)
+    return joined(onward), joined(waiting)
 
 
 def _groups(paths):
@@ -179,16 +181,16 @@ def _through(world, transport, paths, body, sums):
     """Parts of the paths of one body and technique after what each needed next, and those that wait."""
     if body < 0:  # nothing but surfaces of the scene ahead
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
-    way = transport.way(body, paths.technique[0])
-    way.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(len(paths) / sums.many, 1e-9)))))
-    status, found = way.advance(paths)
+    interactor = transport.interactor(body, paths.technique[0])
+    interactor.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(paths.count / sums.many, 1e-9)))))
+    event = interactor.advance(paths)
+    status = event.status
     near = np.flatnonzero(status == _paths.TRACE)
     _look_ahead(world, transport, paths, near)
-    leaves = np.flatnonzero(status == _paths.LEAVES)
+    leaves, sampled = np.flatnonzero(status == _paths.LEAVES), np.flatnonzero(status == _paths.LIGHT)
     onward = _into_next(world, transport, paths, leaves)
-    lit = status == _paths.LIGHT
     return [paths.of(near), paths.of(leaves[onward]),
-            _at_grains(world, transport, way, paths.of(lit), [one[lit] for one in found], sums),
+            _at_events(world, transport, interactor, paths.of(sampled), event.of(sampled), sums),
             _at_surfaces(world, transport, paths.of(leaves[~onward]), sums),
             *_switched(world, transport, paths.of(status == _paths.SWITCHES), sums)], paths.of(status == _paths.WAITS)
 
@@ -215,10 +217,10 @@ def _entries(transport, paths, at, limit):
     for body in range(len(transport.bodies)):
         for technique, mine in ((GRAINS, grains), (MEDIUM, ~grains)):
             for inside in (True, False):
-                here = np.flatnonzero(mine & ((own != body) == inside))
-                if len(here):
-                    t[here, body] = transport.way(body, technique).entry(paths.origin[at[here]], paths.direction[at[here]],
-                                                                         limit[here], inside)
+                rows = np.flatnonzero(mine & ((own != body) == inside))
+                if len(rows):
+                    interactor = transport.interactor(body, technique)
+                    t[rows, body] = interactor.entry(paths.origin[at[rows]], paths.direction[at[rows]], limit[rows], inside)
     return t
 
 
@@ -226,9 +228,9 @@ def _choose(paths, at, surface, entries, anew):
     """Puts paths `at` that choose anew (m,) into the body that comes first; far and beyond are what comes next."""
     rows = np.arange(len(at))
     first = np.argmin(entries, axis=1)
-    some = anew & np.isfinite(entries[rows, first])
-    paths.body[at[anew]] = np.where(some, first, -1)[anew]
-    entries[rows[some], first[some]] = np.inf
+    enters = anew & np.isfinite(entries[rows, first])
+    paths.body[at[anew]] = np.where(enters, first, -1)[anew]
+    entries[rows[enters], first[enters]] = np.inf
     following = np.argmin(entries, axis=1)
     t = entries[rows, following]
     paths.far[at], paths.beyond[at] = np.minimum(t, surface), np.where(t < surface, following, -1)
@@ -246,18 +248,18 @@ def _into_next(world, transport, paths, at):
     onward[ask] = np.isfinite(entries).any(axis=1)
     _choose(paths, asked, surface, entries, np.ones(len(asked), bool))
     moved = at[onward]
-    paths.met[moved], paths.place[moved] = UNKNOWN, -1
+    paths.sphere[moved], paths.triangle[moved] = UNKNOWN, -1
     return onward
 
 
-def _open(transport, technique, point, direction, distance, apart=-1):
+def transmittance(transport, technique, point, direction, distance, apart=-1):
     """Share (n, L) of light that gets through all bodies but one, for paths of a technique."""
     share = np.ones((len(point), len(transport.colours.to_waves)))
-    one = np.empty(share.shape)
+    passed = np.empty(share.shape)
     for body in range(len(transport.bodies)):
         if body != apart:
-            transport.way(body, technique).open(point, direction, distance, one)
-            share *= one
+            transport.interactor(body, technique).transmittance(point, direction, distance, passed)
+            share *= passed
     return share
 
 
@@ -268,81 +270,80 @@ def _switched(world, transport, paths, sums):
     """Parts of paths that go on in the medium, with a scattering where they have met a grain."""
     sums.add_switches(paths)
     parts = []
-    if not len(paths) or sums.which == BEFORE:
+    if not paths.count or sums.which == BEFORE:
         return parts
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
-        here, way = paths.of(paths.body == body), transport.way(body, MEDIUM)
-        way.sample_lights(1.0)
-        status, found = way.arrive(here)
-        sampled, turned = status == _paths.LIGHT, status == _paths.TURNS
-        parts += [_at_grains(world, transport, way, here.of(sampled), [one[sampled] for one in found], sums),
-                  _turned(way, here.of(turned), [one[turned] for one in found]), here.of(status == _paths.PASSES)]
+        group, interactor = paths.of(paths.body == body), transport.interactor(body, MEDIUM)
+        interactor.sample_lights(1.0)
+        event = interactor.arrive(group)
+        sampled, turns = event.status == _paths.LIGHT, event.status == _paths.TURNS
+        parts += [_at_events(world, transport, interactor, group.of(sampled), event.of(sampled), sums),
+                  _turned(interactor, group.of(turns), event.of(turns)), group.of(event.status == _paths.PASSES)]
     return parts
 
 
-def _at_grains(world, transport, way, paths, found, sums):
+def _at_events(world, transport, interactor, paths, event, sums):
     """Paths that go on from where light samples are taken, after those have been added."""
-    n = len(paths)
+    n = paths.count
     if n == 0 or sums.skips(paths):
-        return _turned(way, paths, found)
+        return _turned(interactor, paths, event)
     numbers, added = np.empty((n, 3)), np.empty((n, 3))
     wavefront.draw(paths.states, numbers)
     sample = world.lights(paths.origin, numbers)
-    lit = paths
+    lighted = paths
     if len(transport.bodies) > 1:
-        lit = paths.of(slice(None))
-        lit.weight = paths.weight * _open(transport, paths.technique[0], paths.origin, sample.direction, sample.distance,
-                                          paths.body[0])
-    way.lit(lit, found, sample, added)
+        passed = transmittance(transport, paths.technique[0], paths.origin, sample.direction, sample.distance, paths.body[0])
+        lighted = paths.of(slice(None))._replace(throughput=paths.throughput * passed)
+    interactor.next_event(lighted, event, sample, added)
     sums.add(paths, sample.light, added)
-    return _turned(way, paths, found)
+    return _turned(interactor, paths, event)
 
 
-def _turned(way, paths, found):
+def _turned(interactor, paths, event):
     """Paths that go on in new directions."""
-    if not len(paths):
+    if not paths.count:
         return paths
-    alive = np.empty(len(paths), bool)
-    way.scattered(paths, found, alive)
-    return paths.of(alive)
+    interactor.scatter(paths, event)
+    return paths.of(event.alive)
 
 
 def _at_surfaces(world, transport, paths, sums):
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    n, colours = len(paths), transport.colours
+    n, colours = paths.count, transport.colours
     if n == 0:
         return paths
     numbers, added = np.empty((n, 6)), np.empty((n, 3))
     wavefront.draw(paths.states, numbers)
     shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
-    wavefront.emitted(colours, paths.weight, paths.order, shading.emitted, added)
+    wavefront.emitted(colours, paths.throughput, paths.order, shading.emitted, added)
     sums.add(paths, shading.source, added)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
     if m == 0:
         return paths
-    paths.bounces += 1
-    _lit_surfaces(transport, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
-    run(wavefront.reflect, m, colours, paths.weight, shading.weight[hit])
-    paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
-    paths.met[:], paths.place[:], paths.far[:], paths.body[:], paths.beyond[:] = UNKNOWN, -1, np.nan, -1, -1
-    paths.density, paths.single = shading.density[hit].astype(float), shading.delta[hit]
+    paths.bounces[:] += 1
+    _next_event(transport, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
+    run(wavefront.reflect, m, colours, paths.throughput, shading.weight[hit])
+    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
+    paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = UNKNOWN, -1, np.nan, -1, -1
+    paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
     # nobody tells grains apart in light that a matt surface has scattered
-    paths.switching |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
+    paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
     alive = np.empty(m, bool)
-    run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
+    run(wavefront.roulette, m, paths.throughput, paths.states, paths.bounces, alive)
     return paths.of(alive)
 
 
-def _lit_surfaces(transport, paths, point, sample, sums):
+def _next_event(transport, paths, point, sample, sums):
     """Adds what light samples send by way of surfaces of the scene, through what is between the grains."""
     if sums.skips(paths):
         return
     bright = (sample.radiance > 0).any(axis=1)
     for technique in np.unique(paths.technique[bright]):
-        here = np.flatnonzero(bright & (paths.technique == technique))
-        some, lit = paths.of(here), LightSample(*(values[here] for values in sample))
-        share, added = _open(transport, technique, point[here], lit.direction, lit.distance), np.empty((len(here), 3))
-        wavefront.emitted(transport.colours, some.weight * share, some.order, lit.radiance, added)
-        sums.add(some, lit.light, added)
+        rows = np.flatnonzero(bright & (paths.technique == technique))
+        group, light = paths.of(rows), LightSample(*(values[rows] for values in sample))
+        added = np.empty((len(rows), 3))
+        passed = transmittance(transport, technique, point[rows], light.direction, light.distance)
+        wavefront.emitted(transport.colours, group.throughput * passed, group.order, light.radiance, added)
+        sums.add(group, light.light, added)

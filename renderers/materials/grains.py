@@ -53,9 +53,9 @@ class Grains:
 
     def hides(self, origin, direction, distance, share):
         """Makes shares (n, L) of light 0 where a grain is within distances (n,) m."""
-        clear = np.empty(share.shape)
-        run(_paths.open_share, len(share), self.grains, origin, direction, distance, clear)
-        share *= clear
+        first = np.empty(len(share))
+        run(_paths.first_grain, len(share), self.grains, origin, direction, distance, first)
+        share[first < np.inf] = 0.0
 
     def enter(self, paths, far):
         """Takes paths from grain to grain; far (n,) m, to the first surface of the scene of those inside of a grain, else inf.
@@ -64,45 +64,41 @@ class Grains:
         """
         n = paths.count
         elsewhere = paths.grains != self.number
-        paths.met[elsewhere], paths.place[elsewhere], paths.grains[:] = UNKNOWN, -1, self.number
-        normal, kind, status, alive = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, bool)
-        run(_paths.advance, n, self.grains, self.occupied, paths.origin, paths.direction, paths.throughput, paths.states,
-            paths.met, paths.place, far, paths.order, paths.bounces, paths.single, paths.density, np.empty((n, 3)),
-            np.full(n, NEVER), np.zeros(n, bool), normal, kind, status, alive)
+        paths.sphere[elsewhere], paths.triangle[elsewhere], paths.grains[:] = UNKNOWN, -1, self.number
+        event, never = _paths.Event.empty(n), _paths.Switching(np.empty((n, 3)), np.full(n, NEVER), np.zeros(n, bool))
+        run(_paths.advance, n, self.grains, self.occupied, _paths.Walk.of(paths)._replace(far=far), never, event)
         turned = np.isnan(far)
         paths.far[turned], paths.left_out[turned], paths.shaded[turned] = np.nan, np.nan, False
         paths.drawn[turned] = paths.origin[turned]
-        met = np.where(status == _paths.LIGHT, EVENT, np.where(status == _paths.DEAD, ENDED, AGAIN))
-        met[(status == _paths.LEAVES) & ~turned] = REACHED
-        return met, (normal, kind)
+        met = np.where(event.status == _paths.LIGHT, EVENT, np.where(event.status == _paths.DEAD, ENDED, AGAIN))
+        met[(event.status == _paths.LEAVES) & ~turned] = REACHED
+        return met, tuple(event)
 
     def next_event(self, paths, event, sample, passed, clear, added):
         """clear : (n,) m, up to which grains of this region are looked for here"""
-        normal, kind = event
-        run(_paths.light, paths.count, self.grains, self.colours, paths.origin, paths.direction, paths.throughput * passed,
-            paths.met, paths.place, normal, kind, sample.direction, clear, *sample[2:5], added)
+        walk, sample = _paths.Walk.of(paths)._replace(throughput=paths.throughput * passed), sample._replace(distance=clear)
+        run(_paths.next_event, paths.count, self.grains, self.colours, walk, _paths.Event(*event), sample, added)
 
     def scatter(self, paths, event):
-        alive = np.empty(paths.count, bool)
-        run(_paths.scatter, paths.count, self.grains, paths.origin, paths.direction, paths.throughput, paths.states,
-            paths.bounces, *event, paths.density, paths.single, alive)
-        paths.throughput[~alive] = 0.0
+        event = _paths.Event(*event)
+        run(_paths.scatter, paths.count, self.grains, _paths.Walk.of(paths), event)
+        paths.throughput[~event.alive] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def look(grains, number, paths, distance, within, begin, end):
     """Distances (n,) m to the next grain before the first surface, and whether paths are inside of one; see `Grains.look`."""
     grains, paths = lent(grains), lent(paths)
-    room, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
-    met, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    memory, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
+    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = paths.origin[i, k] / grains.unit, paths.direction[i, k]
-        met[0], at[0] = UNKNOWN, -1
+        sphere[0], at[0] = UNKNOWN, -1
         if paths.grains[i] == number:
             for k in range(4):
-                met[k] = paths.met[i, k]
-            at[0] = paths.place[i]
+                sphere[k] = paths.sphere[i, k]
+            at[0] = paths.triangle[i]
         far = math.inf if math.isnan(paths.far[i]) else paths.far[i] / grains.unit
-        distance[i] = next_surface(grains, p, d, far, met, at, n, room) * grains.unit
+        distance[i] = next_surface(grains, p, d, far, sphere, at, n, memory) * grains.unit
         within[i] = at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0

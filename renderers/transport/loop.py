@@ -8,7 +8,9 @@ is blind, less what the media on the way take.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import drjit as dr
 
@@ -68,26 +70,44 @@ class Event:
     crosses: mi.Bool
 
 
-def trace(scene, key, pixels, lanes, samples, by_light):
+class Turn(NamedTuple):
+    """One turn of the loop, as functions of the scene and the paths.
+
+    begin : the paths of the camera as this kind of turn has them
+    advance : paths after a flight, and their events, which have at least meets, misses and surface of an `Event`
+    next_event : light of light samples, linear sRGB, and its emitters
+    turned : paths that go on
+    """
+
+    begin: Callable
+    advance: Callable
+    next_event: Callable
+    turned: Callable
+
+
+def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
     """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane, and the same by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
     by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
+    turn : `Turn`; that through media if None
     """
+    turn = turn or Turn(lambda scene, path: path, advance, next_event, turned)
     samples = dr.opaque(mi.UInt32, samples)
     lane, pixel, path = begin(scene, key, pixels, lanes)
+    path = turn.begin(scene, path)
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
     of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
 
     def step(path, sums):
-        path, event = advance(scene, path)
+        path, event = turn.advance(scene, path)
         emitted, emitter = _emitted(scene, path, event)
-        sampled, light = next_event(scene, path, event)
+        sampled, light = turn.next_event(scene, path, event)
         _add(sums, path.order, emitted, sampled)
         if by_light:
             for radiance, source in ((emitted, emitter), (sampled, light)):
                 _add_by_light(scene, of_lights, lane, radiance, source)
-        return _renewed(scene, pixel, samples, turned(scene, path, event)), sums
+        return _renewed(scene, pixel, samples, turn.turned(scene, path, event)), sums
 
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
 
@@ -123,8 +143,8 @@ def _camera_paths(scene, pixel, random, samples, alive):
     origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.media.count)],
-                scene.boundaries.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
+    return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
+                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
                 mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
 
 
@@ -177,7 +197,7 @@ def _emitted(scene, path, event):
     seen = mi.DirectionSample3f(scene.scene, event.surface, before)
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
-    share = dr.select(path.single, 1, _balance(path.density, by_light))
+    share = dr.select(path.single, 1, balance(path.density, by_light))
     return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
 
@@ -197,7 +217,7 @@ def next_event(scene, path, event):
     phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(light.d - path.direction))
     albedo = scene.media.albedo(event.medium)
     by_phase = media.mean(media.product(path.throughput, albedo), phase)
-    share = dr.select(light.delta, 1, _balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
+    share = dr.select(light.delta, 1, balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
     radiance *= share * dr.select(event.scatters, mi.Color3f(1), value)
     inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, light.d, path.inside, at_surface))
     active &= dr.any(radiance > 0)
@@ -236,21 +256,21 @@ def turned(scene, path, event):
     path.drawn = dr.select(fresh, path.origin, path.drawn)
     path.bounces += dr.select(fresh, mi.UInt32(1), mi.UInt32(0))
     path.alive &= ~event.misses & (~event.scatters | scene.holds(event.medium, event.position))
-    return _roulette(path, shades, chance, random.next_float32())
+    return roulette(path, shades & (path.bounces > _FAR), chance, random.next_float32())
 
 
-def _roulette(path, shades, return_share, u):
-    """Without paths of little throughput, those that have come far, and those that hardly come back."""
+def roulette(path, far, return_share, u):
+    """Without paths of little throughput, one in twenty of those that have come far, and those that hardly come back."""
     most = media.largest(path.throughput)
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
-    chance *= return_share * dr.select(shades & (path.bounces > _FAR), mi.Float(_GOES_ON), mi.Float(1))
+    chance *= return_share * dr.select(far, mi.Float(_GOES_ON), mi.Float(1))
     path.alive &= u < chance
     scale = dr.select(chance > 0, 1 / chance, 0)
     path.throughput = [weight * scale for weight in path.throughput]
     return path
 
 
-def _balance(mine, rival):
+def balance(mine, rival):
     """Balance heuristic of a sample's density against another's."""
     return dr.select(mine > 0, mine / (mine + rival), 0)

@@ -46,11 +46,24 @@ def part(name, world, entries, colours, seed, by_light=False) -> Part:
     Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
     boundaries that turn light, as no ray meets them.
     """
-    height, width = world.size
-    samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     scene = cache(lambda: Scene(world, entries, colours))  # with the first pass
-    return Part(name, partial(_rendered, scene, (height, width), samples, seed, world.light_names if by_light else ()),
+    return of_loop(name, world, partial(_traced, scene), seed, by_light)
+
+
+def of_loop(name, world, traced, seed, by_light=False, most=_SAMPLES, paths=_PATHS) -> Part:
+    """Passes of a loop, as `part` has them.
+
+    traced : function of the key, pixels, lanes, samples and by_light of `loop.trace`
+    most, paths : samples a pixel and pass;  paths of a pass where a pixel has several samples
+    """
+    height, width = world.size
+    samples = 1 << max(0, min(most, paths // (height * width)).bit_length() - 1)
+    return Part(name, partial(_rendered, traced, (height, width), samples, seed, world.light_names if by_light else ()),
                 samples)
+
+
+def _traced(scene, *arguments):
+    return loop.trace(scene(), *arguments)
 
 
 def materials(world, entries, colours, seed, samples=16):
@@ -73,10 +86,10 @@ def halves(key):
     return int(key) & 0xFFFFFFFF, int(key) >> 32
 
 
-def _rendered(scene, size, samples, seed, lights, number):
+def _rendered(traced, size, samples, seed, lights, number):
     """Layers of a pass."""
     together, key = min(samples, _TOGETHER), halves(stream_key(seed, "render.paths", number))
-    sums, of_lights = loop.trace(scene(), key, size[0] * size[1], samples // together, together, len(lights) > 0)
+    sums, of_lights = traced(key, size[0] * size[1], samples // together, together, len(lights) > 0)
     dr.eval(sums, of_lights)  # all of them by one kernel
     channels = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
     by_order = np.moveaxis(channels.sum(axis=-1, dtype=float) / samples, 1, -1)

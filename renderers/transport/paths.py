@@ -14,6 +14,13 @@ REACHED, EVENT, ENDED = range(3)  # what a material has taken a path to: where i
 UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.granular._grains`)
 
 
+class Colours(NamedTuple):
+    """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
+
+    to_rgb: np.ndarray
+    to_waves: np.ndarray
+
+
 class Paths(NamedTuple):
     """n paths on their way; arrays are changed in place.
 
@@ -23,7 +30,7 @@ class Paths(NamedTuple):
     single : (n,) whether no light sample could have taken the place of the direction
     shaded : (n,) whether a surface of the scene, or the camera, drew it
     far : (n,) m, to the first surface of the scene; nan: not known
-    grains : (n,) material whose grain each is on, or -1;  met, place : (n, 4), (n,) sphere and triangle of that grain
+    grains : (n,) material whose grain each is on, or -1;  sphere, triangle : (n, 4), (n,) of that grain
     left_out : (n, 3) m, the particle that each has just left, or nan
     first : (n,) entry of the material that scattered it first, or -1
     """
@@ -41,8 +48,8 @@ class Paths(NamedTuple):
     shaded: np.ndarray
     far: np.ndarray
     grains: np.ndarray
-    met: np.ndarray
-    place: np.ndarray
+    sphere: np.ndarray
+    triangle: np.ndarray
     left_out: np.ndarray
     first: np.ndarray
 
@@ -54,22 +61,22 @@ class Paths(NamedTuple):
         return cls(origin=origin, direction=direction, throughput=np.ones((n, waves)), states=states, pixel=pixel,
                    order=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64), drawn=origin.copy(), density=np.zeros(n),
                    single=np.ones(n, bool), shaded=np.ones(n, bool), far=np.full(n, np.nan), grains=nothing,
-                   met=np.full((n, 4), UNKNOWN), place=nothing.copy(), left_out=unknown, first=nothing.copy())
+                   sphere=np.full((n, 4), UNKNOWN), triangle=nothing.copy(), left_out=unknown, first=nothing.copy())
 
     @property
     def count(self) -> int:
         """Of paths."""
         return len(self.pixel)
 
-    def of(self, chosen) -> Paths:
+    def of(self, chosen):
         """Some of the paths: a mask (n,), numbers of paths or a slice; copies."""
         # `take` copies whole rows: a third to two thirds of the time of indexing with a mask
         rows = np.arange(self.count)[chosen]
-        return Paths(*(field.take(rows, axis=0) for field in self))
+        return type(self)(*(field.take(rows, axis=0) for field in self))
 
     def off_grains(self):
         """Where they are no grain is known to be."""
-        self.grains[:], self.place[:], self.met[:] = -1, -1, UNKNOWN
+        self.grains[:], self.triangle[:], self.sphere[:] = -1, -1, UNKNOWN
 
     def away_from_surfaces(self):
         """They start at no surface of the scene and no grain, and their directions have been drawn where they are."""
@@ -78,7 +85,7 @@ class Paths(NamedTuple):
         self.drawn[:] = self.origin
 
 
-def joined(parts) -> Paths:
-    """Paths of several records, of at least one."""
+def joined(parts):
+    """Paths of several records of a kind, of at least one."""
     filled = [part for part in parts if part.count] or parts[:1]
-    return filled[0] if len(filled) == 1 else Paths(*map(np.concatenate, zip(*filled)))
+    return filled[0] if len(filled) == 1 else type(filled[0])(*map(np.concatenate, zip(*filled)))

@@ -17,43 +17,30 @@ import mitsuba as mi  # isort: skip
 MOST = 32  # media: a bit each
 
 
-class Scene:
-    """Surfaces, lights, camera, and media; those inside of others come before them.
+class View:
+    """Surfaces, lights, camera and colours.
 
-    scene : of Mitsuba;  media : `Media`, one an entry;  entries : numbers of those in the order of the media
-    boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
+    scene : of Mitsuba;  waves : number of wavelengths
     light_number : of emitters, their places among `lights` lights, -1 for none
-    extent : middle and size of a ball around all surfaces and more
+    around_camera : what the camera stands in, as a path's `inside`
     """
 
-    def __init__(self, world, entries, colours):
+    around_camera = 0
+
+    def __init__(self, world, scene, colours):
         """
         Parameters
         ----------
         world : `renderers.mitsuba.world.World`
-        entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
-            vertices, faces, medium, matched as a `renderers.translucent.bodies.Body` has them
+        scene : of Mitsuba, the world's, or one of the same lights and more surfaces
         colours : to_rgb (3, L) and to_waves (L, 3)
         """
-        self.entries = sorted(range(len(entries)), key=lambda number: _place(entries[number]))
-        numbered = dict(enumerate(entries[number] for number in self.entries))
-        unbounded = {number: entry for number, entry in numbered.items() if isinstance(entry, Medium)}
-        bodies = {number: entry for number, entry in numbered.items() if number not in unbounded}
-        unit = world.unit
-        self.scene, self.light_number, self.lights = world.scene, world.light_number, len(world.light_names)
-        self.media = Media([entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()], unit)
-        self.boundaries = Boundaries(world, bodies)
-        self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
-        self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
-                             len(numbered), unit)
-        self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
-        self._sampled = mi.UInt32([int(number in unbounded or entry.matched) for number, entry in numbered.items()])
-        self._camera = [mi.Point3f(*row) for row in _camera(world.camera, unit).tolist()]
-        low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
-        self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
+        self.scene, self.light_number, self.lights = scene, world.light_number, len(world.light_names)
+        self.waves = len(colours.to_waves)
+        self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
-        dr.make_opaque(self._camera, self._width, self.extent)
+        dr.make_opaque(self._camera, self._width)
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
@@ -62,6 +49,50 @@ class Scene:
         column = pixel - row * self._width
         on_film = corner + (mi.Float(column) + offset.x) * right + (mi.Float(row) + offset.y) * down
         return origin + dr.zeros(mi.Point3f, dr.width(pixel)), dr.normalize(mi.Vector3f(on_film))
+
+    def seen(self, throughput, radiance, active):
+        """What throughput of each wavelength makes of radiance, both as linear sRGB."""
+        waves = [weight * wave for weight, wave in zip(throughput, _times(self._to_waves, radiance))]
+        return [dr.select(active & dr.isfinite(value), value, 0) for value in _times(self._to_rgb, waves)]
+
+    def reflectance(self, colour):
+        """Of each wavelength, of what is linear sRGB."""
+        return _times(self._to_waves, colour)
+
+
+class Scene(View):
+    """A view with media; those inside of others come before them.
+
+    media : `Media`, one an entry;  entries : numbers of those in the order of the media
+    boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
+    extent : middle and size of a ball around all surfaces and more
+    """
+
+    def __init__(self, world, entries, colours):
+        """
+        Parameters
+        ----------
+        world, colours : as those of a `View`
+        entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
+            vertices, faces, medium, matched as a `renderers.translucent.bodies.Body` has them
+        """
+        super().__init__(world, world.scene, colours)
+        self.entries = sorted(range(len(entries)), key=lambda number: _place(entries[number]))
+        numbered = dict(enumerate(entries[number] for number in self.entries))
+        unbounded = {number: entry for number, entry in numbered.items() if isinstance(entry, Medium)}
+        bodies = {number: entry for number, entry in numbered.items() if number not in unbounded}
+        unit = world.unit
+        self.media = Media([entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()], unit)
+        self.boundaries = Boundaries(world, bodies)
+        self.around_camera = self.boundaries.around_camera
+        self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
+        self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
+                             len(numbered), unit)
+        self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
+        self._sampled = mi.UInt32([int(number in unbounded or entry.matched) for number, entry in numbered.items()])
+        low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
+        self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
+        dr.make_opaque(self.extent)
 
     def innermost(self, inside):
         """Whether paths are in a medium, and its number."""
@@ -75,15 +106,6 @@ class Scene:
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""
         return (dr.gather(mi.UInt32, self._is_body, medium) == 0) | self.boundaries.near(point)
-
-    def seen(self, throughput, radiance, active):
-        """What throughput of each wavelength makes of radiance, both as linear sRGB."""
-        waves = [weight * wave for weight, wave in zip(throughput, _times(self._to_waves, radiance))]
-        return [dr.select(active & dr.isfinite(value), value, 0) for value in _times(self._to_rgb, waves)]
-
-    def reflectance(self, colour):
-        """Of each wavelength, of what is linear sRGB."""
-        return _times(self._to_waves, colour)
 
 
 def _place(entry):

@@ -16,7 +16,7 @@ from bakery.kernels import stream_key
 from renderers import wavefront
 from renderers.mitsuba.world import LightSample
 from renderers.threads import run
-from renderers.transport.paths import EVENT, REACHED, Paths, joined
+from renderers.transport.paths import EVENT, REACHED, Colours, Paths, joined
 from renderers.transport.places import NOWHERE, Places
 
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
@@ -27,13 +27,6 @@ _ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary its
 # grains many paths are as long as some hundred grains: what ends them earlier makes the others bright
 _FAR, _FAR_IN_GRAINS, _GOES_ON = 64, 1024, 0.95
 SURFACE, BOUNDARY, BLIND, GRAIN = range(4)  # what ends a flight
-
-
-class Colours(NamedTuple):
-    """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
-
-    to_rgb: np.ndarray
-    to_waves: np.ndarray
 
 
 class Scene(NamedTuple):

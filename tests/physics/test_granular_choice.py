@@ -82,7 +82,7 @@ def ways(world, one):
 
 def light_of(world, how, numbers):
     """Luminance by orders 1, 2 and more, and all of them, means of passes: (passes, 4)."""
-    found = np.array([transport.one_pass(world, how, world.camera, *world.size, number, 0).by_order[1:].mean(axis=(1, 2))
+    found = np.array([transport.one_pass(world, how, world.camera, world.size, number, 0).by_order[1:].mean(axis=(1, 2))
                       for number in numbers])
     return np.column_stack([found, found.sum(axis=1)])
 

@@ -79,7 +79,8 @@ def test_nothing_is_lost_among_those_that_are_left():
     whole = grains(kinds, BODY)
     left = whole._replace(aggregate=kernels.aggregate(*tile(), *BODY, grid(np.linspace(0, 1, 6).reshape(1, 1, 6))),
                           mixture=grid(np.array([[0.0, 1.0], [1.0, 1.0]]).reshape(1, 1, 2, 2)))
-    sums = [transport.one_pass(Sky(above=1, below=1), through(place(one)), view, 24, 24, 0, 0).by_order for one in (whole, left)]
+    sums = [transport.one_pass(Sky(above=1, below=1), through(place(one)), view, (24, 24), 0, 0).by_order
+            for one in (whole, left)]
     assert all(np.allclose(one.sum(axis=0), 1, rtol=1e-12) for one in sums)
     assert sums[1][0].sum() > 1.05 * sums[0][0].sum()  # seen past the grains
 
@@ -90,7 +91,7 @@ def test_teleports_agree():
     kinds, view = [Kind(GLASS)], camera((32, 32), (0.0, -60.0, 3.0), (0.0, 0.0, 0.0), 34)
     loose = grid(np.linspace(0, 0.6, 6).reshape(1, 1, 6))
     left = grains(kinds, BODY)._replace(aggregate=kernels.aggregate(*tile(), *BODY, loose))
-    found = [[transport.one_pass(Sky(above=1, below=1), through(way), view, 32, 32, number, 0).by_order[0].mean()
+    found = [[transport.one_pass(Sky(above=1, below=1), through(way), view, (32, 32), number, 0).by_order[0].mean()
               for number in range(20)] for way in (place(left), Teleports(left, NOTHING, COLOURS))]
     assert np.mean(found[0]) < 0.8 and np.mean(found[1]) == pytest.approx(np.mean(found[0]), rel=0.02)
 

@@ -60,6 +60,6 @@ def test_white_grains_in_a_white_world(name):
     how = through(WAYS[name]())
     sky = Sky(above=1, below=1)
     first = 1000 * list(WAYS).index(name)
-    mean, error = averaged([transport.one_pass(sky, how, CLOSE, 24, 24, number, 0).by_order.sum(axis=0).mean()
+    mean, error = averaged([transport.one_pass(sky, how, CLOSE, (24, 24), number, 0).by_order.sum(axis=0).mean()
                             for number in range(first, first + 400)])
     assert 3 * error < 0.01 and abs(mean - 1) < SIGMAS * error

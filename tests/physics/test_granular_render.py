@@ -60,7 +60,7 @@ def through(way):
 
 def passes(world, where, view, size, numbers):
     """Pictures (passes, H, W, 3)."""
-    return np.array([transport.one_pass(world, through(where), view, *size, number, 0).by_order.sum(axis=0).reshape(*size, 3)
+    return np.array([transport.one_pass(world, through(where), view, size, number, 0).by_order.sum(axis=0).reshape(*size, 3)
                      for number in numbers])
 
 
@@ -111,7 +111,7 @@ def test_orders_are_grains():
     alone = np.array([[0.5, 0.5, 0.5]]), np.ones(1), np.full(3, 2.5)
     one = grains([Kind(GLASS)], (0.2 * CUBE[0] + 0.4, CUBE[1]), alone)
     view = camera((16, 16), (0.5, -20.0, 0.5), (0.5, 0.5, 0.5), 5)
-    sums = transport.one_pass(Sky(above=1, below=1), through(place(one)), view, 16, 16, 0, 0)
+    sums = transport.one_pass(Sky(above=1, below=1), through(place(one)), view, (16, 16), 0, 0)
     by_order, by_light = sums.by_order, sums.by_light
     assert np.all(by_order[2:] == 0) and np.allclose(by_order.sum(axis=0), 1) and np.allclose(by_light.sum(axis=0), 1)
     assert by_order[1].mean() == pytest.approx(np.pi / (2 * 20.5 * np.tan(np.radians(2.5))) ** 2, rel=0.1)

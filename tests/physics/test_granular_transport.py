@@ -76,7 +76,7 @@ def test_nothing_is_lost_where_paths_switch():
     kinds = [Kind(GLASS), Kind(MATT, STONE)]
     how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))])
     sky = Sky(above=1, below=1)
-    found, *apart = [[transport.one_pass(sky, how, VIEW, 24, 24, number, which, which) for number in range(24)]
+    found, *apart = [[transport.one_pass(sky, how, VIEW, (24, 24), number, which, which) for number in range(24)]
                      for which in (transport.ALL, transport.BEFORE, transport.AFTER)]
     whole, *parts = [np.array([one.by_order.mean() * len(one.by_order) for one in part]) for part in (found, *apart)]
     for mean in (whole, sum(parts)):
@@ -93,7 +93,7 @@ def test_the_first_grain_is_explicit():
     """However far away: no path switches before it has met a grain, also where a bundle is wider than the body."""
     one = grains([Kind(GLASS)], bumpy(9.0))
     far = camera((24, 24), (0.0, -4000.0, 300.0), (0.0, 0.0, 0.0), 1)
-    sums = transport.one_pass(Sky(above=1, below=1), joined([one]), far, 24, 24, 0, 0)
+    sums = transport.one_pass(Sky(above=1, below=1), joined([one]), far, (24, 24), 0, 0)
     count = sums.switched[sums.switched[:, 1] > 0, 0]
     assert len(count) > 10 and np.all(count >= 1)
 
@@ -108,9 +108,9 @@ def test_what_grains_do_not_turn_goes_on():
         n = 4000
         states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
         some = paths.Paths.begun(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
-        status, _ = stands.arrive(some)
+        status = stands.arrive(some).status
         found.append(np.mean(status == PASSES))
-        assert np.allclose(some.weight, 1) and np.array_equal(some.order, status != PASSES)
+        assert np.allclose(some.throughput, 1) and np.array_equal(some.order, status != PASSES)
         assert np.array_equal(some.single, status == PASSES)
     assert np.allclose(found, passed, atol=5.4 * np.sqrt(0.25 / n))
 
@@ -129,7 +129,7 @@ def test_bodies_that_touch_are_as_one(technique):
         how = joined(bodies, technique, albedo=0.0)._replace(switch=None)
         if technique == transport.MEDIUM:
             point = np.tile(VIEW.origin, (576, 1))
-            pictures.append(transport._open(how, technique, point, VIEW.rays(24, 24).reshape(-1, 3), np.full(576, 1e12)))
+            pictures.append(transport.transmittance(how, technique, point, VIEW.rays(24, 24).reshape(-1, 3), np.full(576, 1e12)))
         else:
             pictures.append(passes(Sky(above=1, below=1), how, VIEW, (24, 24), [0]))
     assert np.allclose(pictures[0], pictures[1], rtol=1e-9) and pictures[0].min() < 0.2

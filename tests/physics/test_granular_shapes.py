@@ -1,0 +1,78 @@
+"""Grains as shapes of a Mitsuba scene: the light of the wavefronts by order and by light, and a room that stays white.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery import kernels
+from bakery.physics.packing.instances import instances
+from renderers.granular import methods, paths, shapes, transport
+from renderers.granular.listed import listed
+from renderers.mitsuba.world import World
+from tests.conftest import slow
+from tests.odds import SIGMAS
+from tests.physics.test_aggregate import bumpy, tile
+from tests.physics.test_aggregate import listed as reference
+from tests.physics.test_granular_medium import agree
+from tests.physics.test_granular_render import COLOURS, GLASS, MATT, ROOM, SCENE, STEEL, STEELY, STONE, Kind, grains, place
+
+BODY, PASSES = bumpy(4.0), 12
+
+
+def test_every_grain_is_listed():
+    """Those of the plain list, each with the type and the rotation of the hash."""
+    spheres = tile(0.5, 40)
+    packed = grains([Kind(GLASS), Kind(MATT, STONE)], BODY, spheres, weights=[0.3, 0.7])
+    sphere, centre, radius = reference(*spheres, *BODY)
+    kind, _ = instances(int(packed.seed), sphere[:, 1:], sphere[:, 0], np.diff(packed.shares, prepend=0.0))
+    found = listed(packed)
+    order, expected = np.lexsort(found.centre.round(6).T), np.lexsort(centre.round(6).T)
+    assert len(centre) > 20 and np.allclose(found.centre[order], centre[expected])
+    assert np.array_equal(found.kind[order], kind[expected]) and np.allclose(found.radius[order], radius[expected])
+    assert np.allclose(found.turn @ found.turn.transpose(0, 2, 1), np.eye(3))
+
+
+def test_the_loop_is_the_wavefronts(tmp_path):
+    """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them."""
+    (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
+    world, (vertices, faces) = World(tmp_path / "scene.xml", size=(9, 12)), bumpy(2.5)
+    kinds = [Kind(GLASS, STONE), Kind(kernels.diffuse([0.9, 0.6, 0.2]), STONE), Kind(STEELY, radius=0.8), Kind(GLASS),
+             Kind(kernels.dielectric(1.5, 0.4), STONE)]
+    meshes = [(vertices + side * np.array([abs(vertices[:, 0]).max(), 0, 0]), faces) for side in (-1, 1)]
+    bodies = [grains(kinds, mesh, tile(0.5, 40), absorption=0.2) for mesh in meshes]
+    everywhere = [np.ones(body.aggregate.voxels.shape, np.uint8) for body in bodies]
+    how = transport.Transport(tuple(transport.Body(paths.Explicit(body, occupied, COLOURS), None, 1.0)
+                                    for body, occupied in zip(bodies, everywhere)), COLOURS)
+    part = methods.part(world, how, "ept", 0)
+    assert part.samples == 64, "by shapes"
+    loop = [part.render(number) for number in range(PASSES)]
+    sums = [transport.one_pass(world, how, world.camera, (9, 12), number, 0, samples=64) for number in range(PASSES)]
+    agree(loop, sums, world.light_names, 0.01)
+
+
+@pytest.mark.parametrize("eye", [slow((0.0, -15.0, 3.0)), (0.2, 0.1, 0.3)], ids=["outside", "in a grain"])
+def test_a_white_room(tmp_path, eye):
+    """Walls that emit 0.8 and reflect 0.2: radiance 1 everywhere, with all kinds of grains, also from inside of glass."""
+    (tmp_path / "room.xml").write_text(ROOM)
+    view = {"origin": eye, "target": (0.1, 2.0, 0.0), "up": (0.0, 0.0, 1.0), "fov": 50.0}
+    world = World(tmp_path / "room.xml", view=view, size=(16, 16))
+    kinds = [Kind(GLASS), Kind(MATT, STONE), Kind(STEEL), Kind(GLASS, STONE)]
+    how = transport.Transport((transport.Body(place(grains(kinds, bumpy(6.0), tile(0.5, 40)), world), None, 1.0),), COLOURS)
+    assert shapes.fit(world, [how.bodies[0].grains])
+    part = methods.part(world, how, "ept", 0)
+    means = np.array([part.render(number)[""].mean() for number in range(16)])
+    error = means.std(ddof=1) / 4
+    assert error < 1.5e-3 and abs(means.mean() - 1) < SIGMAS * error
+
+
+def test_scenes_with_instances_have_wavefronts(tmp_path):
+    """The groups of instances are no shapes that another scene could take over."""
+    group = """<shape type="shapegroup" id="group"><shape type="cube"/></shape><shape type="instance"><ref id="group"/></shape>"""
+    (tmp_path / "room.xml").write_text(ROOM.replace("</scene>", group + "</scene>"))
+    world = World(tmp_path / "room.xml", view={"origin": (0.0, -15.0, 3.0), "target": (0.0, 0.0, 0.0), "up": (0.0, 0.0, 1.0),
+                                               "fov": 50.0}, size=(4, 4))
+    assert not shapes.fit(world, [place(grains([Kind(GLASS)], bumpy(1.0), tile(0.5, 40)), world)])
