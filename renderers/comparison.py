@@ -196,24 +196,37 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
 
     try:
         report = drawn(job.scene, on)
-        lost = compiled()[0] - begin[2]
-        if report.get("stopped_by") == "time" and lost > _LITTLE * report["seconds"]["total"]:
-            # its time is for passes: a machine that has the kernels already would have used it for them
-            again = min(lost, limit(job.scene.values.stop.time, quality)) * coarser(quality) ** 2
-            longer = job.scene.values.stop.model_copy(update={"time": again})
-            report = _together(report, drawn(_stopping(job, longer).scene, True))
+        report = _with_lost_time(job, report, compiled()[0] - begin[2], quality, drawn)
     except Interrupted as error:
         if _stamp(job.pair[1]) != before:
             keep(False, pace.interrupted())
-        again = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and the "
-                            "same call goes on with it")
-        again.exit_status = error.exit_status
-        raise again from None
+        raise _interrupted(job, error) from None
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
     values = keep(True, pace.paced(report.get("parts") or {}), report=report, asked=asked)
     return Made(job, report, values["processor"], values["compiling"], values["pace"], False, resume and not on and bool(kept))
+
+
+def _with_lost_time(job, report, lost, quality, drawn):
+    """The report of a render, which went on for as long as kernels were compiled (`lost`, s) where its time stopped it.
+
+    drawn : function of (scene, whether it goes on) -> report
+    """
+    if report.get("stopped_by") != "time" or lost <= _LITTLE * report["seconds"]["total"]:
+        return report
+    # its time is for passes: a machine that has the kernels already would have used it for them
+    more_time = min(lost, limit(job.scene.values.stop.time, quality)) * coarser(quality) ** 2
+    longer = job.scene.values.stop.model_copy(update={"time": more_time})
+    return _together(report, drawn(_stopping(job, longer).scene, True))
+
+
+def _interrupted(job, error) -> Interrupted:
+    """What to say of an interruption, with its exit status."""
+    interruption = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and "
+                               "the same call goes on with it")
+    interruption.exit_status = error.exit_status
+    return interruption
 
 
 def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:
