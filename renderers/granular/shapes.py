@@ -55,10 +55,7 @@ class Meeting:
 
 
 class Scene(View):
-    """A view with bodies of grains; types of grain are counted through all of them.
-
-    waves : number of wavelengths
-    """
+    """A view with bodies of grains; types of grain are counted through all of them."""
 
     def __init__(self, world, bodies, colours):
         """world : `renderers.mitsuba.world.World`;  bodies : list of `renderers.granular._grains.Grains`;  colours : `Colours`"""
