@@ -35,7 +35,8 @@ class SceneMethod:
     measured : what measures its error in a scene, a function of the renderer; None: nothing does
     keys : dotted keys of an entry that it takes, of those that not all methods take
     points : settings with which `bake trade` tries it, "" for those of the scene; () where it does not
-    candidates : names of the methods that it chooses from
+    candidates : names of the methods that it chooses from (`renderers.choice`); the first one without pilots
+    pilot : seconds that a pilot of it takes at least, with what it loads
     continuous : whether a medium stands for the material, of which nothing is told apart
     beside : whether a material by it may stand beside materials of other kinds
     kind : of materials, as `renderers.entries` names them
@@ -53,6 +54,7 @@ class SceneMethod:
     keys: tuple[str, ...] = ()
     points: tuple[str, ...] = ("",)
     candidates: tuple[str, ...] = ()
+    pilot: float = 1.0
     continuous: bool = False
     beside: bool = False
 
@@ -70,6 +72,11 @@ def table(places: Iterable[str]) -> dict[str, Any]:
     parts = (place.partition(":") for place in places)
     methods = (getattr(import_module(module), name) for module, _, name in parts)
     return {method.name: method for method in methods}
+
+
+def settled(methods: Mapping[str, Any], name: str) -> str:
+    """The method of a name; of one that chooses from others the one that it is without pilots."""
+    return next(iter(methods[name].candidates), name)
 
 
 def points(methods: Mapping[str, SceneMethod]) -> Points:

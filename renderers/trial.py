@@ -1,0 +1,236 @@
+"""Pilots of methods: a few passes of two small pictures of a scene, and what they say of the picture that is asked for.
+
+A pass costs a fixed time and a time for each pixel, which two sizes tell apart.  Noise that pixels share is told from their own
+by the means of regions.  Light is compared by regions and by orders of scattering, each with its standard error.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.errors import Interrupted
+from renderers import colour
+from renderers.engine import Passes, Stop
+from renderers.means import tiled
+
+TINY, SMALL = 24**2, 64**2  # pixels of the two pictures
+ORDERS = ("", "order0", "order1", "order2", "orders")  # layers that are compared; "" is the picture
+_SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
+_BLACK = 1e-6  # of the light that others have found; less counts as that
+_MANY = 16  # passes of which a bright spot is no chance any more (`renderers.pace`)
+
+
+class Cost(NamedTuple):
+    """One kind of pass of the larger pilot.
+
+    Attributes
+    ----------
+    fixed, by_pixel : processor seconds of a pass, and of each of its pixels
+    samples : of a pixel, in a pass
+    pixel : variance of a pixel by a pass over the squared mean of the picture, mean over pixels
+    region : the same of what the means of regions have beyond that of independent pixels
+    spread : relative standard error of `pixel`
+    """
+
+    fixed: float
+    by_pixel: float
+    samples: int
+    pixel: float
+    region: float
+    spread: float
+
+
+class Light(NamedTuple):
+    """Means (rows, columns) of the luminance over regions, and their variances."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+
+
+class Trial(NamedTuple):
+    """What a pilot showed.
+
+    Attributes
+    ----------
+    setup : processor seconds before the passes
+    costs : of each kind of pass
+    light : by layer, of `ORDERS`
+    pixels, passes : of the larger picture, and of the kind that has fewest
+    seconds : of the clock, that the pilot took but for compiling
+    """
+
+    setup: float
+    costs: tuple[Cost, ...]
+    light: dict[str, Light]
+    pixels: int
+    passes: int
+    seconds: float
+
+    @property
+    def level(self) -> float:
+        """Mean luminance."""
+        return float(self.light[""].mean.mean())
+
+    @property
+    def spread(self) -> float:
+        """Standard error of the logarithm of the seconds to a noise."""
+        roots = np.sqrt([cost.pixel * (cost.fixed + cost.by_pixel * self.pixels) for cost in self.costs])
+        return float(np.linalg.norm(roots * [cost.spread for cost in self.costs])) / max(float(roots.sum()), 1e-300)
+
+    def rate(self, pixels: int, missing: float = 0.0) -> float:
+        """Processor seconds of passes, times noise^2, of a picture of so many pixels, its kinds of passes shared out best.
+
+        missing : light, over that of the picture, that others have found and this has not: it counts as if the next pass brought
+            it, in one pixel
+        """
+        seconds = np.array([cost.fixed + cost.by_pixel * pixels for cost in self.costs])
+        unseen = missing**2 * self.passes / len(self.costs)
+        return max(float(np.sqrt((np.array([each.pixel for each in self.costs]) + unseen * self.pixels) * seconds).sum()),
+                   float(np.sqrt((np.array([each.region for each in self.costs]) + unseen) * seconds).sum())) ** 2
+
+    def of_samples(self, pixels: int, samples: int) -> float:
+        """Processor seconds of passes with so many samples a pixel."""
+        return sum((cost.fixed + cost.by_pixel * pixels) * max(samples / cost.samples, 2.0) for cost in self.costs)
+
+
+class Bias(NamedTuple):
+    """How the light of a pilot differs from another's, over the mean luminance of that.
+
+    Attributes
+    ----------
+    size, error : root mean square over the regions beneath the noise, and what two standard errors of it may add
+    resolved : whether it stands out of the noise by three standard errors
+    by_order : layer -> difference of its mean, and its standard error
+    """
+
+    size: float
+    error: float
+    resolved: bool
+    by_order: dict[str, tuple[float, float]]
+
+
+NO_BIAS = Bias(0.0, 0.0, False, {})  # of a method without an error of its own
+
+
+def smaller(world, pixels: int):
+    """A world with the same view on a film of at most so many pixels."""
+    height, width = world.size
+    shrink = min(1.0, math.sqrt(pixels / (width * height)))
+    size = max(2, round(shrink * height)), max(2, round(shrink * width))
+    other = copy.copy(world)
+    other.camera, other.size = world.camera.refitted(height, width, *size), size
+    other.coarser = math.sqrt(height * width / (size[0] * size[1]))
+    return other
+
+
+def of(prepare: Callable, world, seconds: float) -> Trial:
+    """The pilot of a method.
+
+    Parameters
+    ----------
+    prepare : (world, seed) -> what has `parts`, as `renderers.passes.Method`
+    world : of the picture
+    seconds : of the passes of both sizes, but for two of each kind that there have to be; what compiles comes to that
+
+    Raises
+    ------
+    BakeryError : the scene cannot be rendered so, or the pilot was interrupted
+    """
+    small = _Run(prepare, smaller(world, TINY), 0.3 * seconds, compiles=True)
+    large = _Run(prepare, smaller(world, SMALL), 0.7 * seconds)
+    level = max(float(large.light[""].mean.mean()), 1e-300)
+    costs = []
+    for part in large.passes.parts:
+        mean, first, second = large.passes.means[part.name], small.of_pass(part), large.of_pass(part)
+        pixel, regions = mean.square[..., 3] / (mean.count - 1), mean.regions / (mean.count - 1)
+        own = float(pixel.mean())
+        shared = max(float(np.mean(regions)) - own * regions.size / pixel.size, 0.0)
+        by_pixel = max((second - first) / max(large.pixels - small.pixels, 1), 0.0) or second / large.pixels
+        even = float(np.linalg.norm(pixel)) / max(float(pixel.sum()), 1e-300)
+        costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, own / level**2, shared / level**2,
+                          even * math.sqrt(min(1.0, _MANY / mean.count))))
+    passes = min(mean.count for mean in large.passes.means.values())
+    return Trial(large.setup, tuple(costs), large.light, large.pixels, passes, small.clock + large.clock)
+
+
+class _Run:
+    """Passes of one small picture."""
+
+    def __init__(self, prepare, world, seconds, compiles=False):
+        self.pixels, clock, begin = world.size[0] * world.size[1], time.process_time(), time.monotonic()
+        parts = prepare(world, _SEED).parts
+        self.setup, self.clock = time.process_time() - clock, time.monotonic() - begin
+        for part in parts if compiles else ():
+            part.render(1 << 30)
+        begin = time.monotonic()
+        self._regions: dict[str, list] = {part.name: [] for part in parts}
+        self.passes = Passes([part._replace(render=self._noted(part)) for part in parts])
+        clock = time.process_time()
+        self.passes.run(Stop(time=seconds))
+        spent = time.process_time() - clock
+        self.clock += time.monotonic() - begin
+        counted = sum(mean.count * mean.expected for mean in self.passes.means.values())
+        self._processors = spent / max(counted, 1e-9)  # passes run on several
+        if self.passes.signal:
+            fault = Interrupted("interrupted before there was a picture; nothing was written")
+            fault.exit_status = 128 + self.passes.signal
+            raise fault
+        self.light = {layer: self._light(layer) for layer in ORDERS}
+
+    def of_pass(self, part) -> float:
+        """Processor seconds of a pass."""
+        return self.passes.means[part.name].expected * self._processors
+
+    def _noted(self, part):
+        def render(number):
+            layers = part.render(number)
+            self._regions[part.name].append({layer: tiled(np.asarray(layers[layer], float) @ colour.LUMINANCE)
+                                             for layer in ORDERS if layer in layers})
+            return layers
+
+        return render
+
+    def _light(self, layer):
+        black = np.zeros_like(next(iter(self._regions.values()))[0][""])
+        by_part = [np.array([regions.get(layer, black) for regions in passes]) for passes in self._regions.values()]
+        return Light(sum(each.mean(axis=0) for each in by_part), sum(each.var(axis=0, ddof=1) / len(each) for each in by_part))
+
+
+def missing(trial: Trial, others: list[Trial]) -> float:
+    """Light, over the most that one of some pilots without an error has found, that a pilot lacks by three standard errors."""
+    lacks = [0.0]
+    for other in others:
+        light, found = trial.light[""], other.light[""]
+        error = math.sqrt(light.variance.sum() + found.variance.sum()) / light.mean.size
+        if other.level - trial.level > 3 * error:
+            lacks.append((other.level - trial.level) / max(trial.level, _BLACK * other.level))
+    return max(lacks)
+
+
+def bias(trial: Trial, reference: Trial) -> Bias:
+    """How much the light of a pilot is off, by one of a method without an error.
+
+    Notes
+    -----
+    The mean squared difference of regions less its variance; the standard error of that is known from the scatter over regions.
+    """
+    level = max(reference.level, 1e-300)
+    here, there = trial.light[""], reference.light[""]
+    variance = (here.variance + there.variance) / level**2
+    excess = ((here.mean - there.mean) / level) ** 2 - variance
+    # of few regions the scatter may be small by chance: no less than that of normal noise alone
+    scatter = max(float(excess.std()), math.sqrt(2) * float(variance.mean()))
+    square, deviation = float(excess.mean()), scatter / math.sqrt(excess.size)
+    size = math.sqrt(max(square, 0.0))
+    by_order = {}
+    for layer in ORDERS[1:]:
+        one, other = trial.light[layer], reference.light[layer]
+        by_order[layer] = (float((one.mean - other.mean).mean()) / level,
+                           math.sqrt(one.variance.sum() + other.variance.sum()) / one.mean.size / level)
+    return Bias(size, math.sqrt(max(square, 0.0) + 2 * deviation) - size, square > 3 * deviation, by_order)
