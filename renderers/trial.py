@@ -36,6 +36,8 @@ class Cost(NamedTuple):
     pixel : variance of a pixel by a pass over the squared mean of the picture, mean over pixels
     region : the same of what the means of regions have beyond that of independent pixels
     spread : relative standard error of `pixel`
+    grows : power of the number of pixels with which `pixel` grows: 0, or up to 1 of light that comes from places smaller than a
+        pixel, such as particles
     """
 
     fixed: float
@@ -44,6 +46,7 @@ class Cost(NamedTuple):
     pixel: float
     region: float
     spread: float
+    grows: float = 0.0
 
 
 class Light(NamedTuple):
@@ -90,8 +93,9 @@ class Trial(NamedTuple):
             it, in one pixel
         """
         seconds = np.array([cost.fixed + cost.by_pixel * pixels for cost in self.costs])
+        of_pixels = np.array([cost.pixel * max(pixels / self.pixels, 1.0) ** cost.grows for cost in self.costs])
         unseen = missing**2 * self.passes / len(self.costs)
-        return max(float(np.sqrt((np.array([each.pixel for each in self.costs]) + unseen * self.pixels) * seconds).sum()),
+        return max(float(np.sqrt((of_pixels + unseen * self.pixels) * seconds).sum()),
                    float(np.sqrt((np.array([each.region for each in self.costs]) + unseen) * seconds).sum())) ** 2
 
     def of_samples(self, pixels: int, samples: int) -> float:
@@ -148,15 +152,29 @@ def of(prepare: Callable, world, seconds: float) -> Trial:
     costs = []
     for part in large.passes.parts:
         mean, first, second = large.passes.means[part.name], small.of_pass(part), large.of_pass(part)
-        pixel, regions = mean.square[..., 3] / (mean.count - 1), mean.regions / (mean.count - 1)
-        own = float(pixel.mean())
-        shared = max(float(np.mean(regions)) - own * regions.size / pixel.size, 0.0)
+        (own, spread), coarse = _of_pixels(mean), _of_pixels(small.passes.means[part.name])
+        regions = mean.regions / (mean.count - 1)
+        shared = max(float(np.mean(regions)) - own * regions.size / large.pixels, 0.0)
         by_pixel = max((second - first) / max(large.pixels - small.pixels, 1), 0.0) or second / large.pixels
-        even = float(np.linalg.norm(pixel)) / max(float(pixel.sum()), 1e-300)
         costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, own / level**2, shared / level**2,
-                          even * math.sqrt(min(1.0, _MANY / mean.count))))
+                          spread, _growth(own / max(coarse[0], 1e-300), math.hypot(spread, coarse[1]),
+                                          large.pixels / small.pixels)))
     passes = min(mean.count for mean in large.passes.means.values())
     return Trial(large.setup, tuple(costs), large.light, large.pixels, passes, small.clock + large.clock)
+
+
+def _of_pixels(mean):
+    """Mean variance of a pixel by a pass, and its relative standard error."""
+    pixel = mean.square[..., 3] / (mean.count - 1)
+    even = float(np.linalg.norm(pixel)) / max(float(pixel.sum()), 1e-300)
+    return float(pixel.mean()), even * math.sqrt(min(1.0, _MANY / mean.count))
+
+
+def _growth(times, spread, pixels) -> float:
+    """`Cost.grows` where so many times the pixels have so many times the variance, as far as that is sure."""
+    if not times > 0 or pixels <= 1:
+        return 0.0
+    return float(np.clip((math.log(times) - 2 * spread) / math.log(pixels), 0.0, 1.0))
 
 
 class _Run:

@@ -143,12 +143,15 @@ class World:
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
+    coarser : side of a pixel over that of the picture that this is a pilot of (`renderers.trial.smaller`)
 
     Notes
     -----
     Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
+
+    coarser = 1.0
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """

@@ -53,6 +53,22 @@ def test_a_pilot_tells_noise_of_pixels_from_noise_that_they_share():
     assert tried.rate(10**6) > alone.rate(10**6)
 
 
+def test_noise_that_grows_as_pixels_get_smaller_is_carried_on():
+    """One place smaller than a pixel lights one pixel of each pass: its variance goes with the number of pixels."""
+
+    def prepare(small, seed):
+        def render(number):
+            random, image = np.random.default_rng((seed, number)), np.ones((*small.size, 3))
+            image[tuple(random.integers(small.size))] += 0.1 * small.size[0] * small.size[1] * random.integers(2)
+            return {"": image}
+
+        return SimpleNamespace(parts=(Part("splat", render),))
+
+    dots, even = trial.of(prepare, world(), 0.3), trial.of(passes(own=0.5), world(), 0.3)
+    assert dots.costs[0].grows > 0.2 and even.costs[0].grows < 0.1
+    assert dots.rate(2**20) / dots.rate(2**16) > 16 * 1.5 and even.rate(2**20) / even.rate(2**16) < 16 * 1.4
+
+
 def test_bias_is_told_by_regions_and_by_orders():
     exact, tilted = trial.of(passes(own=0.3), world(), 0.1), trial.of(passes(own=0.3, tilt=0.05, order="order2"), world(), 0.1)
     bias = trial.bias(tilted, exact)
