@@ -14,6 +14,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import bakery
@@ -119,6 +120,9 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
     names = candidates(opened.scene)
     if not names:
         return None
+    declared = entries.declared(opened.scene.values.materials[0].kind)
+    lacks = {name: reason for name in names if (reason := declared[name].lacks(opened.assets, world))}
+    names = tuple(name for name in names if name not in lacks) or names
     if picture is not None and (earlier := _of_picture(picture)) in names:
         return _taken(earlier, "the picture that is gone on with is by it")
     stop = stop_of(opened.scene, quality)
@@ -129,7 +133,7 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
     kept = _choice_of(remembered.get("choice", key), names)
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
-    choice = _Pilots(prepare, opened, world, stop, names).choice()
+    choice = _Pilots(prepare, opened, world, stop, names, lacks).choice()
     remembered.put("choice", key, choice._asdict())
     return choice
 
@@ -179,7 +183,8 @@ def _figures(row):
 class _Pilots:
     """The pilots of a scene's candidates."""
 
-    def __init__(self, prepare, opened, world, stop, names):
+    def __init__(self, prepare, opened, world, stop, names, lacks=MappingProxyType({})):
+        self._lacks = lacks
         self._prepare, self._opened, self._world, self._stop = prepare, opened, world, stop
         self._declared = {name: entries.declared(opened.scene.values.materials[0].kind)[name] for name in names}
         self._pixels = world.size[0] * world.size[1]
@@ -209,7 +214,7 @@ class _Pilots:
 
     def _seconds_to_end(self, tried) -> float:
         """Until noise or samples end the passes."""
-        ends = [] if not self._stop.noise else [self._seconds(tried)]
+        ends = [self._seconds(tried)] if self._stop.noise and tried.level > 0 else []
         ends += [] if self._stop.samples is None else [tried.of_samples(self._pixels, self._stop.samples)]
         return min(ends, default=math.inf)
 
@@ -219,14 +224,18 @@ class _Pilots:
 
     def choice(self) -> Choice:
         """The cheapest that fits."""
-        exact = {name: one for name, one in self._trials.items() if self._declared[name].exact and one.level > 0}
-        table, best, room = [], (next(iter(self._declared)), math.inf), {}
+        others = {name: {other: one for other, one in self._trials.items() if other != name} for name in self._trials}
+        without_error = {name for name in self._trials if self._declared[name].exact}
+        missing = {name: trial.missing(one, others[name], without_error) for name, one in self._trials.items()}
+        exact = {name: self._trials[name] for name in without_error if self._trials[name].level > 0 and not missing[name]}
+        table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
+        best, room = (next(iter(self._declared)), math.inf), {}
         for name in self._declared:
             if name not in self._trials:
                 table.append(self._row(name, None, None, self._why[name]))
                 continue
             tried = self._trials[name]
-            cost = self._seconds(tried, trial.missing(tried, [one for other, one in exact.items() if other != name]))
+            cost = self._seconds(tried, missing[name])
             fits, bias, why, room[name] = self._fits(name, exact)
             table.append(self._row(name, cost, bias, why))
             if not fits:
@@ -249,12 +258,15 @@ class _Pilots:
     def _fits(self, name, exact: Mapping[str, Trial]):
         """Whether a candidate's own error fits, `trial.Bias` or None, in words, and the error to make room for, or None."""
         declared, tried = self._declared[name], self._trials[name]
+        if not tried.level > 0:
+            return False, None, "its pilot found no light", None
         if declared.exact:
-            return tried.level > 0, trial.NO_BIAS, "without an error of its own" if tried.level > 0 else "found no light", 0.0
+            lacking = ", and has not found all of the light" if name not in exact else ""
+            return True, trial.NO_BIAS, f"without an error of its own{lacking}", 0.0
         allowed, stated = budget.ROOM * self._tolerance, declared.error(self._tolerance)
         by_statement = (stated <= allowed, f"it states {percent(stated)}, of {percent(allowed)} that it may have")
         if not exact:
-            return by_statement[0], None, f"no pilot without an error to compare with: {by_statement[1]}", None
+            return True, None, "how far it is off is not known: none without an error has found all of the light", None
         reference = min(exact.values(), key=lambda one: float(one.light[""].variance.sum()) / one.level**2)
         bias = trial.bias(tried, reference)
         if bias.size + bias.error <= allowed:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Container, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from renderers.means import tiled
 
 TINY, SMALL = 24**2, 64**2  # pixels of the two pictures
 ORDERS = ("", "order0", "order1", "order2", "orders")  # layers that are compared; "" is the picture
+LAMP = "light."  # layers of light from each lamp, by this and its name
 _SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
 _BLACK = 1e-6  # of the light that others have found; less counts as that
 _MANY = 16  # passes of which a bright spot is no chance any more (`renderers.pace`)
@@ -63,7 +64,7 @@ class Trial(NamedTuple):
     ----------
     setup : processor seconds before the passes
     costs : of each kind of pass
-    light : by layer, of `ORDERS`
+    light : by layer, of `ORDERS` and of lamps
     pixels, passes : of the larger picture, and of the kind that has fewest
     seconds : of the clock, that the pilot took but for compiling
     """
@@ -129,11 +130,11 @@ def smaller(world, pixels: int):
     size = max(2, round(shrink * height)), max(2, round(shrink * width))
     other = copy.copy(world)
     other.camera, other.size = world.camera.refitted(height, width, *size), size
-    other.coarser = math.sqrt(height * width / (size[0] * size[1]))
+    other.whole, other.coarser = world, math.sqrt(height * width / (size[0] * size[1]))
     return other
 
 
-def of(prepare: Callable, world, seconds: float) -> Trial:
+def of(prepare: Callable, world, seconds: float | None, samples: int | None = None) -> Trial:
     """The pilot of a method.
 
     Parameters
@@ -141,21 +142,23 @@ def of(prepare: Callable, world, seconds: float) -> Trial:
     prepare : (world, seed) -> what has `parts`, as `renderers.passes.Method`
     world : of the picture
     seconds : of the passes of both sizes, but for two of each kind that there have to be; what compiles comes to that
+    samples : a pixel, after which they end, so that no clock decides how many
 
     Raises
     ------
     BakeryError : the scene cannot be rendered so, or the pilot was interrupted
     """
-    small = _Run(prepare, smaller(world, TINY), 0.3 * seconds, compiles=True)
-    large = _Run(prepare, smaller(world, SMALL), 0.7 * seconds)
-    level = max(float(large.light[""].mean.mean()), 1e-300)
+    small = _Run(prepare, smaller(world, TINY), Stop(time=seconds and 0.3 * seconds, samples=samples), compiles=True)
+    large = _Run(prepare, smaller(world, SMALL), Stop(time=seconds and 0.7 * seconds, samples=samples))
+    level = max(float(large.light[""].mean.mean()), 1e-100)
     costs = []
     for part in large.passes.parts:
         mean, first, second = large.passes.means[part.name], small.of_pass(part), large.of_pass(part)
         (own, spread), coarse = _of_pixels(mean), _of_pixels(small.passes.means[part.name])
         regions = mean.regions / (mean.count - 1)
         shared = max(float(np.mean(regions)) - own * regions.size / large.pixels, 0.0)
-        by_pixel = max((second - first) / max(large.pixels - small.pixels, 1), 0.0) or second / large.pixels
+        more = large.pixels - small.pixels
+        by_pixel = (max(second - first, 0.0) / more if more else 0.0) or second / large.pixels
         costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, own / level**2, shared / level**2,
                           spread, _growth(own / max(coarse[0], 1e-300), math.hypot(spread, coarse[1]),
                                           large.pixels / small.pixels)))
@@ -180,7 +183,7 @@ def _growth(times, spread, pixels) -> float:
 class _Run:
     """Passes of one small picture."""
 
-    def __init__(self, prepare, world, seconds, compiles=False):
+    def __init__(self, prepare, world, stop, compiles=False):
         self.pixels, clock, begin = world.size[0] * world.size[1], time.process_time(), time.monotonic()
         parts = prepare(world, _SEED).parts
         self.setup, self.clock = time.process_time() - clock, time.monotonic() - begin
@@ -190,7 +193,7 @@ class _Run:
         self._regions: dict[str, list] = {part.name: [] for part in parts}
         self.passes = Passes([part._replace(render=self._noted(part)) for part in parts])
         clock = time.process_time()
-        self.passes.run(Stop(time=seconds))
+        self.passes.run(stop)
         spent = time.process_time() - clock
         self.clock += time.monotonic() - begin
         counted = sum(mean.count * mean.expected for mean in self.passes.means.values())
@@ -199,7 +202,8 @@ class _Run:
             fault = Interrupted("interrupted before there was a picture; nothing was written")
             fault.exit_status = 128 + self.passes.signal
             raise fault
-        self.light = {layer: self._light(layer) for layer in ORDERS}
+        every = dict.fromkeys([*ORDERS, *(layer for passes in self._regions.values() for layer in passes[0])])
+        self.light = {layer: self._light(layer) for layer in every}
 
     def of_pass(self, part) -> float:
         """Processor seconds of a pass."""
@@ -208,8 +212,8 @@ class _Run:
     def _noted(self, part):
         def render(number):
             layers = part.render(number)
-            self._regions[part.name].append({layer: tiled(np.asarray(layers[layer], float) @ colour.LUMINANCE)
-                                             for layer in ORDERS if layer in layers})
+            self._regions[part.name].append({name: tiled(np.asarray(image, float) @ colour.LUMINANCE) for name, image
+                                             in layers.items() if name in ORDERS or name.startswith(LAMP)})
             return layers
 
         return render
@@ -220,15 +224,29 @@ class _Run:
         return Light(sum(each.mean(axis=0) for each in by_part), sum(each.var(axis=0, ddof=1) / len(each) for each in by_part))
 
 
-def missing(trial: Trial, others: list[Trial]) -> float:
-    """Light, over the most that one of some pilots without an error has found, that a pilot lacks by three standard errors."""
+def missing(trial: Trial, others: Mapping[str, Trial], exact: Container[str]) -> float:
+    """Light, over its own, that a pilot lacks by three standard errors of what one of some others has found: of all light where
+    that is without an error; of a lamp, and of what has scattered, only what is found less than half of, as others may be off.
+
+    others : by the names of their methods;  exact : names of those without an error
+    """
     lacks = [0.0]
-    for other in others:
-        light, found = trial.light[""], other.light[""]
-        error = math.sqrt(light.variance.sum() + found.variance.sum()) / light.mean.size
-        if other.level - trial.level > 3 * error:
-            lacks.append((other.level - trial.level) / max(trial.level, _BLACK * other.level))
+    for name, other in others.items():
+        scattered = [layer for layer in ORDERS[2:] if layer in other.light]
+        whole = [[""]] if name in exact else []
+        for layers, share in [*((each, 1.0) for each in whole),
+                              *(([layer], 0.5) for layer in other.light if layer.startswith(LAMP)), (scattered, 0.5)]:
+            (own, error), (found, its) = _mean(trial, layers), _mean(other, layers)
+            if share * found - own > 3 * math.hypot(error, its):
+                lacks.append((found - own) / max(trial.level, _BLACK * other.level))
     return max(lacks)
+
+
+def _mean(trial, layers):
+    """Of the light of layers together, and its standard error."""
+    lights = [trial.light[layer] for layer in layers if layer in trial.light]
+    return (sum(float(each.mean.mean()) for each in lights),
+            math.sqrt(sum(float(each.variance.sum()) / each.mean.size**2 for each in lights)))
 
 
 def bias(trial: Trial, reference: Trial) -> Bias:
@@ -238,7 +256,7 @@ def bias(trial: Trial, reference: Trial) -> Bias:
     -----
     The mean squared difference of regions less its variance; the standard error of that is known from the scatter over regions.
     """
-    level = max(reference.level, 1e-300)
+    level = max(reference.level, 1e-100)
     here, there = trial.light[""], reference.light[""]
     variance = (here.variance + there.variance) / level**2
     excess = ((here.mean - there.mean) / level) ** 2 - variance

@@ -143,7 +143,7 @@ class World:
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
-    coarser : side of a pixel over that of the picture that this is a pilot of (`renderers.trial.smaller`)
+    coarser, whole : of a pilot (`renderers.trial.smaller`): side of a pixel over that of the picture's, and its world; 1 and None
 
     Notes
     -----
@@ -151,7 +151,7 @@ class World:
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
 
-    coarser = 1.0
+    coarser, whole = 1.0, None
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
