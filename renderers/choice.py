@@ -253,6 +253,7 @@ class _Pilots:
 
     def _row(self, name, seconds, bias, why) -> dict:
         size, error = (None, None) if bias is None else (bias.size, bias.error)
+        seconds = seconds if seconds is not None and math.isfinite(seconds) else None  # JSON has no infinity
         return {"method": name, "seconds": seconds, "bias": size, "error": error, "chosen": False, "why": why}
 
     def _fits(self, name, exact: Mapping[str, Trial]):

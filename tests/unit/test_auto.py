@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -148,7 +149,9 @@ def test_light_that_a_method_has_not_found_counts_as_noise(monkeypatch):
     paths, tables = method("paths", exact=True), method("vrl", exact=True)
     best = taken(monkeypatch, (paths, tried(0.1, level=0.5)), (tables, tried(1.0)))
     assert best.method == "vrl" and best.table[0]["seconds"] > 100 * best.table[1]["seconds"]
-    assert taken(monkeypatch, (paths, tried(0.1, level=0.0)), (tables, tried(1.0))).method == "vrl"
+    best = taken(monkeypatch, (paths, tried(0.1, level=0.0)), (tables, tried(1.0)))
+    assert best.method == "vrl" and "found no light" in best.table[0]["why"]
+    json.dumps(best._asdict(), allow_nan=False)
 
 
 def test_what_is_not_possible_or_not_worth_it_is_said(monkeypatch):
