@@ -277,12 +277,12 @@ def test_fog_says_what_its_tables_do_not_reach(call, place):
 @pytest.mark.slow
 def test_a_missing_asset_is_baked_from_the_recipe_beside_it(call, place):
     """With what the scene requires; one that holds all that the recipe asks for is taken as it is."""
-    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: haze.h5"))
+    (place / "s.yaml").write_text(AUTO.replace("recipe: wax.yaml", "asset: haze.h5"))
     (place / "haze.yaml").write_text((place / "haze.yaml").read_text() + TABLES)
     status, _, err = call("render", place / "s.yaml")
     assert status == 0, err
     assert set(bakery.open(place / "haze.h5").stages) == {"medium"}
-    assert "no multiple, optical depth" in err and "event by event" in err
+    assert "no multiple, paths find all lights" in err and "auto is paths here" in err
     assert call(place / "haze.yaml", "-o", place / "haze.h5")[0] == 0
     assert call("render", place / "s.yaml")[0] == 0 and set(bakery.open(place / "haze.h5").stages) == {"medium", "multiple"}
     (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: gone.h5"))
