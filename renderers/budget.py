@@ -17,6 +17,7 @@ DEFAULT = 0.05  # tolerance of scenes that say none
 # Squares of the error of tables over what approximations leave.  Tables never have more than half: a scene that names a ready
 # asset is rendered as if they had half, whatever it was baked for
 HALF = 0.5
+ROOM = 0.5  # of a tolerance, that a method which `auto` takes may be off by; in squares a quarter
 SHARES = HALF, 1 / 4, 1 / 8
 # Error of one pixel over the root mean square error of all, by tables: 4.0 in the rainbow of tests/adversarial.py, at most 1.1 in
 # others

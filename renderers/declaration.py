@@ -7,7 +7,7 @@ Each renderer of materials has a class of its own with what its passes go by, `r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 from bakery.errors import Problem
 from bakery.grammar import fields
 from bakery.grammar.text import Mapping as MappingNode
-from bakery.grammar.text import Sequence, owner
+from bakery.grammar.text import Sequence as SequenceNode
+from bakery.grammar.text import owner
 from renderers.common import node_at
 
 
@@ -35,7 +36,9 @@ class SceneMethod:
     measured : what measures its error in a scene, a function of the renderer; None: nothing does
     keys : dotted keys of an entry that it takes, of those that not all methods take
     points : settings with which `bake trade` tries it, "" for those of the scene; () where it does not
-    candidates : names of the methods that it chooses from
+    candidates : names of the methods that it chooses from (`renderers.choice`); the first one without pilots
+    lacks : (assets, world) -> what of the light it cannot find there, so that it is no candidate; "" where it finds all
+    pilot : seconds that a pilot of it takes at least, with what it loads
     continuous : whether a medium stands for the material, of which nothing is told apart
     beside : whether a material by it may stand beside materials of other kinds
     kind : of materials, as `renderers.entries` names them
@@ -53,6 +56,8 @@ class SceneMethod:
     keys: tuple[str, ...] = ()
     points: tuple[str, ...] = ("",)
     candidates: tuple[str, ...] = ()
+    lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
+    pilot: float = 1.0
     continuous: bool = False
     beside: bool = False
 
@@ -72,6 +77,11 @@ def table(places: Iterable[str]) -> dict[str, Any]:
     return {method.name: method for method in methods}
 
 
+def settled(methods: Mapping[str, Any], name: str) -> str:
+    """The method of a name; of one that chooses from others the one that it is without pilots."""
+    return next(iter(methods[name].candidates), name)
+
+
 def points(methods: Mapping[str, SceneMethod]) -> Points:
     """What they declare; those without an error come first."""
     tried = [":".join(filter(None, (method.name, settings)))
@@ -83,7 +93,7 @@ def points(methods: Mapping[str, SceneMethod]) -> Points:
 def unused(root: MappingNode, values: Mapping[str, Any], methods: Mapping[str, SceneMethod]) -> Iterator[Problem]:
     """Keys of entries that their method does not take; `values` as `problems` of a renderer has them."""
     entries = root.get("materials")
-    for number in range(len(entries) if isinstance(entries, Sequence) else 0):
+    for number in range(len(entries) if isinstance(entries, SequenceNode) else 0):
         method = methods.get(values.get(f"materials[{number}].method", ""))
         for key in dict.fromkeys(key for each in methods.values() for key in each.keys):
             node = node_at(root, f"materials[{number}].{key}")

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from renderers import budget, denoise, images, reached
+from renderers import budget, choice, denoise, images, reached
 from renderers.budget import percent
 from renderers.means import student, tiled
 from renderers.mitsuba.lights import DARK
@@ -60,22 +60,29 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
         raise scene.no_camera()
     images.refuse_too_large(scene.path, *world.size)
     job.part_over("scene")
+    taken = choice.chosen(prepare, choice.Opened(scene, job.assets, job.asset), world, quality, job.pair[1] if resume else None)
+    if taken is not None:
+        job.part_over("choice")
+        job.scene = choice.with_method(scene, taken.method)
     method = prepare(job, world, seed)
     job.part_over("preparation")
     estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
                                        "asset": [asset.content_hash for asset in job.assets]})
     if resume:
         estimate.resume(job.pair[1])
-    split = budget.of(scene, approximations=method.approximations)
+    measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
+    split = budget.of(job.scene, approximations=measured)
     stop = Stop.of(split, scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
-    reasons = [*method.reasons, *split.lacking]
+    reasons = [*(taken.reasons if taken else []), *method.reasons, *split.lacking]
     if world.dark:
         # no pass will find anything by chance; the picture has its layers all the same
         stop, reasons = Stop(samples=1), [DARK]
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
-    after = method.after(estimate)
+    after = method.after(estimate) | ({"text": taken.text(), "choice": taken.table} if taken else {})
     after["layers"] = (after.get("layers") or {}) | {DEPTH: world.depth(method.entry)}
+    if taken and taken.approximations:
+        after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
     denoised, remarks = (None, []) if world.dark else _denoised(scene.values, quality, method, estimate)
     if denoised is not None:
         job.part_over("denoising")

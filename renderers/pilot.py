@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bakery.system import resources
-from renderers import budget, denoise, reached
-from renderers.engine import TRUSTED, Stop
+from renderers import choice, denoise, reached
+from renderers.engine import TRUSTED
 from renderers.pace import shared_out
 
 TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
@@ -42,6 +42,7 @@ class Forecast(NamedTuple):
     missed : sentences, what the scene asks for and will not get
     remarks : sentences, what it gets less of than by default
     pilot : what was measured: `size`, `passes`, `seconds`, `noise`
+    choice : sentences, how `auto` chose the method; () where it did not
     """
 
     size: tuple[int, int]
@@ -56,6 +57,17 @@ class Forecast(NamedTuple):
     missed: tuple[str, ...]
     remarks: tuple[str, ...]
     pilot: dict
+    choice: tuple[str, ...] = ()
+
+
+def _taken(scene, quality, variant):
+    """The `renderers.choice.Choice` that a render will make or find; None where its method is none that chooses."""
+    if not choice.candidates(scene):
+        return None
+    from renderers.mitsuba.world import World
+
+    prepare = import_module(f"{scene.renderer}.methods").prepare
+    return choice.chosen(prepare, choice.Opened.of(scene), World.of(scene, variant), quality)
 
 
 class _Pilot(NamedTuple):
@@ -77,8 +89,11 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     ------
     BakeryError : as the renderer
     """
-    stop = Stop.of(budget.of(scene), scene.values.measure, time=scene.values.stop.time, samples=scene.values.stop.samples,
-                   quality=quality)
+    taken = _taken(scene, quality, variant)
+    if taken is not None:
+        chosen = forecast(choice.with_method(scene, taken.method), quality=quality, variant=variant, seed=seed)
+        return chosen._replace(choice=tuple(taken.reasons))
+    stop = choice.stop_of(scene, quality)
     options = {"variant": variant, "seed": seed}
     with tempfile.TemporaryDirectory(prefix="bakery-pilot-") as folder:
         if scene.rules.RESUMES:

@@ -63,7 +63,7 @@ class Estimate(Passes):
         ----------
         job : `renderers.running.Render`
         layers : further channels (H, W) by name
-        reasons, more : as `Render.finish` takes them; a `noise` of None among them where the scatter of passes does not tell it
+        reasons, text, more : as `Render.finish` takes them; a `noise` of None where the scatter of passes does not tell it
 
         Returns
         -------
@@ -88,7 +88,8 @@ class Estimate(Passes):
         reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
         reasons += picture.reasons
         report = job.finish(picture.rgb, layers=channels | picture.layers,
-                            text={_STATE: json.dumps({"identity": self.identity, "parts": kept})}, samples=self.samples,
+                            text=more.pop("text", {}) | {_STATE: json.dumps({"identity": self.identity, "parts": kept})},
+                            samples=self.samples,
                             noise=more.pop("noise", self.noise), noise_mean=more.pop("noise_mean", self.noise_mean),
                             noise_region=more.pop("noise_region", self.noise_region), pixel_noise=self.pixel_noise,
                             mean=self.rgb.mean(axis=(0, 1)).tolist(), below_zero=picture.figures,

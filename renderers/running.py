@@ -87,7 +87,7 @@ class Render:
         reasons : texts, why this method, and what is left out
         denoised : `renderers.denoise.Denoised`, which the PNG shows and the EXR holds besides; None where there is none
         more : what this renderer says besides; `unreached`, sentences of `renderers.reached.unreached`, of which the scene's
-            values and quality decide what they are; `materials`, where methods mix
+            values and quality decide what they are; `materials`, where methods mix; `choice`, what pilots showed of candidates
 
         Returns
         -------
@@ -98,7 +98,7 @@ class Render:
             where all was), `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
         missed, remarks = reached.verdict(self.scene.values, self._quality, more.pop("unreached", ()), bias)
-        layers, text, shown = layers or {}, text or {}, rgb
+        layers, text, shown, pilots = layers or {}, text or {}, rgb, more.pop("choice", None)
         if denoised is not None:
             layers, text, shown = layers | denoised.channels, text | denoised.text, denoised.rgb
         display, words = images.shown(shown, **dict(self.scene.values.display))
@@ -112,13 +112,13 @@ class Render:
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
                 "measure": self.scene.values.measure, "denoised": denoised is not None,
                 "denoising": None if denoised is None else denoised.figures,
-                "materials": self._materials(method, bias, [*reasons, *remarks]),
+                "materials": self._materials(method, bias, [*reasons, *remarks], pilots),
                 "reasons": [*reasons, *remarks], "missed": list(missed), "tone_curve": words,
                 "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
 
-    def _materials(self, method, bias, reasons):
+    def _materials(self, method, bias, reasons, pilots):
         """Of each entry what made it; `pilot` is what its method was chosen by, None where by none."""
-        return [{"kind": one.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": None}
+        return [{"kind": one.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": pilots}
                 for one in getattr(self.scene.values, "materials", ())]
 
 

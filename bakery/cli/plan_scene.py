@@ -38,7 +38,8 @@ def as_dict(plan, pair) -> dict:
             "bakes": [{"asset": str(bake.asset), "due": bake.due, "plan": bake.plan and bake.plan.as_dict()}
                       for bake in plan.bakes],
             "render": forecast and forecast._asdict() | {"size": list(forecast.size), "missed": list(forecast.missed),
-                                                         "remarks": list(forecast.remarks)},
+                                                         "remarks": list(forecast.remarks),
+                                                         "choice": list(forecast.choice)},
             "seconds": plan.seconds, "memory": plan.memory}
 
 
@@ -76,6 +77,8 @@ def _show_forecast(plan) -> None:
     width, height = forecast.size
     say(f"  render {plan.scene.section} by {forecast.method}, {width} x {height}: {duration(forecast.seconds)}, "
         f"{in_words(forecast.memory)} memory{noise}{ended}")
+    for line in forecast.choice:
+        say(f"         {line}")
     samples = f", {pilot['samples']} samples a pixel" if pilot["samples"] is not None else ""
     scatter = f", noise {percent(pilot['noise'])}" if pilot["noise"] is not None else ""
     spread = f"; seconds to a noise to {percent(forecast.spread)} at best" if forecast.spread else ""

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.kernels import BOX
 from renderers import budget, colour
+from renderers.declaration import settled
 from renderers.discrete import place, walk
 from renderers.discrete.declared import methods
 from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
@@ -46,8 +47,9 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     seed : of the passes
     tolerance : relative deviation of a pixel that taking the continuous medium for particles may make; the scene's if None
     """
-    tolerance = budget.of(job.scene).approximations if tolerance is None else tolerance
-    name, (height, width) = job.scene.values.method, world.size
+    # a pixel of a pilot shows more particles, which deviate less: it has the depths that pixels of the picture have
+    tolerance = (budget.of(job.scene).approximations if tolerance is None else tolerance) / world.coarser
+    (height, width), name = world.size, settled(methods(), job.scene.values.method)
     angle = peak_angle(job.scene.values.materials[0], world)
     setup = _setup(job, world, angle)
     declared = methods()[name]

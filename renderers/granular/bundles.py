@@ -35,6 +35,17 @@ class Switch(NamedTuple):
         return spread | (left == 1)[number]
 
 
+def spread_over(world):
+    """Corners (H W, 2) of the pixels of a pilot's film, in those of the picture: bundles of it, as close as there."""
+    rows, columns = (_spread(small, whole) for small, whole in zip(world.size, world.whole.size))
+    return np.stack(np.broadcast_arrays(columns[None, :], rows[:, None]), axis=-1).reshape(-1, 2)
+
+
+def _spread(small, whole):
+    bundle, within = np.divmod(np.arange(small), EDGE)
+    return EDGE * ((2 * bundle + 1) * max(whole // EDGE, 1) // (2 * -(-small // EDGE))) + within
+
+
 def _bundle(pixel, height, width):
     sample, pixel = np.divmod(pixel, height * width)
     down, across = -(-height // EDGE), -(-width // EDGE)

@@ -8,8 +8,6 @@ from typing import Any
 
 from renderers.declaration import SceneMethod
 
-ROOM = 0.5  # of a tolerance, that a method may be off by which goes on in the medium if that is as good; in squares a quarter
-
 
 def explicit(*grains) -> Any:
     """Paths from grain to grain; parameters as those of `paths.Explicit`."""

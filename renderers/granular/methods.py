@@ -7,9 +7,9 @@ import numpy as np
 from bakery import kernels
 from renderers import budget
 from renderers.budget import percent
+from renderers.declaration import settled
 from renderers.engine import Part
 from renderers.granular import bundles, local, material, medium, transport
-from renderers.granular.choice import Choice
 from renderers.granular.declared import methods
 from renderers.granular.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.passes import Method
@@ -40,18 +40,15 @@ def prepare(job, world, seed) -> Method:
 
 
 def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT) -> Method:
-    """The method of a name.
+    """The method of a name, which is another where that chooses.
 
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
     spread, tolerance : as in a scene
     """
+    name = settled(methods(), name)
     declared = methods()[name]
     how, reasons = transport_of(name, world, assets, meshes, grains, spread)
-    best = Choice(how.switch is not None)
-    if declared.measured:
-        best = declared.measured(world, assets, meshes, how, tolerance)
-        how = how if best.switches else how._replace(switch=None)
-    elif stated := declared.error(tolerance):
+    if stated := declared.error(tolerance):
         reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(stated)}")
     if how.switch is not None and declared.diffuses and any(body.medium.varies for body in how.bodies):
         reasons.append("no light diffuses in bodies whose fraction or mixture varies")
@@ -63,11 +60,10 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     parts = (loop,) if loop else tuple(part(world, how, kind, seed, which) for kind, which in kinds)
 
     def after(estimate):
-        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": best.bias, "bias_error": best.error}
+        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
 
-    return Method(name, parts, [*best.reasons, *reasons], after, best.approximations if declared.measured else None,
-                  lambda: _features(world, how, assets, meshes, seed), (kinds[0][0],) if how.technique == GRAINS else (),
-                  how.entry)
+    return Method(name, parts, reasons, after, features=lambda: _features(world, how, assets, meshes, seed),
+                  apart=(kinds[0][0],) if how.technique == GRAINS else (), entry=how.entry)
 
 
 def _features(*scene):
@@ -129,11 +125,12 @@ def part(world, how, name, seed, which=transport.ALL) -> Part:
         if shapes.fit(world, [body.grains for body in how.bodies]):
             return shapes.part(name, world, [body.grains.grains for body in how.bodies], how.colours, seed)
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
+    camera, corners = (world.camera, None) if world.whole is None else (world.whole.camera, bundles.spread_over(world))
 
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        sums = transport.one_pass(world, how, world.camera, world.size, number, seed, which, samples=samples)
+        sums = transport.one_pass(world, how, camera, world.size, number, seed, which, corners, samples)
         return _layers(sums, world, how)
 
     return Part(name, one, samples)

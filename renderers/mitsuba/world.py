@@ -143,12 +143,15 @@ class World:
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
+    coarser, whole : of a pilot (`renderers.trial.smaller`): side of a pixel over that of the picture's, and its world; 1 and None
 
     Notes
     -----
     Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
+
+    coarser, whole = 1.0, None
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """

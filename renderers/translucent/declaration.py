@@ -46,9 +46,6 @@ class BodyMethod(SceneMethod):
     beams_of_events : whether light behind smooth boundaries is gathered from the beams that begin at its first events, too
     blurred : whether light that scatters in a body is blurred where boundaries turn it, and where they do not
     fewest_beams : as `FEWEST_GATHERED`; 0 where it needs none
-    choose : (beams to a square transport mean free path of each body, whether all have tables) -> name of the method that is
-        taken; None of a method that is one itself
-    chosen_because : sentence of the report where another method chose it
     """
 
     kind: str = "body"
@@ -62,8 +59,6 @@ class BodyMethod(SceneMethod):
     beams_of_events: bool = False
     blurred: tuple[bool, bool] = (False, False)
     fewest_beams: float = 0.0
-    choose: Callable[..., str] | None = None
-    chosen_because: str = ""
 
     @property
     def joined(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from bakery import kernels
 from bakery.grammar import fields
 from renderers import colour
+from renderers.declaration import settled
 from renderers.engine import Part
 from renderers.passes import Method
 from renderers.translucent import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
@@ -44,7 +45,7 @@ def prepare(job, world, seed) -> Method:
     if world.dark:
         return Method(name, made, [], lambda estimate: {"bias": None})
     declared = methods()[name]
-    reasons = _reasons(assets, how.bodies, declared, name != values.method)
+    reasons = _reasons(assets, how.bodies, declared)
     reasons += shells.reasons(shells.laid(how)) if declared.spheres else []
     missing, sentences = chains.left_out(how, seed)
 
@@ -66,13 +67,11 @@ def features_of(how, seed):
 
 
 def of(how, name, boundary, seed):
-    """The method of a name, with what `auto` stands for, and its parts; parameters as those of `parts`."""
+    """The method of a name, which is another where that chooses, and its parts; parameters as those of `parts`."""
+    name = settled(methods(), name)
     if how.world.dark:
         # no beams begin, and tables and spheres need not be there
-        return _UNLIT_METHOD if methods()[name].choose else name, parts(how, _UNLIT_METHOD, boundary, seed)
-    if choose := methods()[name].choose:
-        beams_of = [thin.density(body.vertices, body.faces, smooth.reduced(body.medium)) for body in how.bodies]
-        name = choose(beams_of, all(body.tables for body in how.bodies))
+        return name, parts(how, _UNLIT_METHOD, boundary, seed)
     return name, parts(shells.laid(how) if methods()[name].spheres else how, name, boundary, seed)
 
 
@@ -108,9 +107,7 @@ def _body(shapes, name, asset, index, wrong, method):
     declared = methods()[method]
     if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), declared):
         raise wrong("where.shape", fault)
-    few = np.max(thin.later(thin.chord(vertices, faces) * medium.sigma_t, medium.albedo, shape.index)) <= thin.FEW
-    wanted = declared.reads_tables and not (declared.choose and (few or thin.sparse(vertices, faces, smooth.reduced(medium))))
-    tabled = has_tables(asset) or wanted
+    tabled = has_tables(asset) or declared.reads_tables
     if tabled and not hasattr(asset.multiple, "segment"):
         raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
                              "in its recipe would do")
@@ -250,9 +247,9 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies, method, was_chosen):
+def _reasons(assets, bodies, method):
     tabled = [asset for asset in assets if has_tables(asset)]
-    said = [sentence for sentence in (method.chosen_because if was_chosen else "", method.leaves_out) if sentence]
+    said = [method.leaves_out] if method.leaves_out else []
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
         said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
     said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "

@@ -23,32 +23,24 @@ _ORDERS = (16, 24, 32, 48, 64)  # Legendre orders from which a rule chooses
 # it goes with the moment g^N of the last order: largest of g = 0.7 to 0.95, N = 12 to 48
 _WIDEST, _OF_HG = 10.0, ((1e-3, 4.1), (0.035, 6.5))
 _LARGER = 1.25  # margin of lengths
-_SURER = 1.25  # margin of the share of later events: the renderer asks again, with the coefficients that were baked
 
 
 def needs(about) -> list[Need]:
     """Requirements of the stages medium and multiple; see `renderers.requirements`."""
     medium = Need("medium", True, "bodies are filled with it")
     method = methods()[about.scene.values.method]
-    if not method.reads_tables:
+    if not (method.reads_tables or method.candidates):
         return [medium, Need("multiple", False, f"method {method.name} looks up no tables")]
     if about.dark:
         return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
-    if method.choose and len(about.bodies) == len(about.scene.materials) and all(
-            thin.sparse(shape.vertices, shape.faces, _reduced(about.medium)) for shape in about.measured(_shapes)):
-        return [medium, Need("multiple", False, "bodies are so wide that light jumps through empty spheres in them")]
+    if method.candidates and not (_index(about) > 1 and about.world.without_extent):
+        return [medium, Need("multiple", False, "paths find all lights, and take less time than tables")]
     depth, across = about.measured(_sizes)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
     said = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
-    if method.choose and _SURER * later[worst] <= thin.FEW and len(about.bodies) == len(about.scene.materials):
-        return [medium, Need("multiple", False, said + ", and paths follow them")]
     knobs, lacking = _tolerance(about, later[worst])
     return [medium, Need("multiple", True, said, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
-
-
-def _reduced(medium):
-    return medium.sigma_t * (1 - medium.albedo * medium.g)
 
 
 def _percent(share) -> str:

@@ -1,16 +1,11 @@
-"""Bodies that need no tables of multiple scattering: thin ones, in which light hardly scatters three times, and wide ones."""
+"""How large bodies are for light: chords, the share of light that is scattered three times and more, beams on their boundary."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Third and later events that carry less of the light than that are followed one by one: nothing is left out, and they are so few
-# that paths have hardly more noise than tables
-FEW = 0.01
+FEW = 0.01  # share of light below which it is as good as none
 WALKS = 8192  # of light, in a pass
-# beams a square transport mean free path of the boundary, below which the shells' jumps take less time to equal error: of 0.05
-# (bust, marble) a fifth of the time, of 0.23 (head, skin) five times as much
-DENSE = 0.1
 _OUTSIDE = 0.1  # of diffuse light, what a boundary reflects from outside: 0.09 at index 1.5, 0.07 at 1.33
 
 
@@ -21,16 +16,11 @@ def chord(vertices, faces) -> float:
     return 4 * volume / _area(vertices, faces)
 
 
-def sparse(vertices, faces, reduced) -> bool:
-    """Whether beams of a pass are further apart, on the boundary of a body, than light in it forgets its direction.
+def density(vertices, faces, reduced) -> float:
+    """Beams of a pass to a square transport mean free path of the boundary, of the wavelength that has fewest.
 
     vertices, faces : (V, 3) m, (F, 3), of a closed mesh;  reduced : (L,) 1/m, over transport mean free paths
     """
-    return bool(density(vertices, faces, reduced) < DENSE)
-
-
-def density(vertices, faces, reduced) -> float:
-    """Beams of a pass to a square transport mean free path of the boundary, of the wavelength that has fewest; as `sparse`."""
     squares = _area(vertices, faces) * np.max(reduced) ** 2
     return WALKS / squares if squares > 0 else np.inf
 

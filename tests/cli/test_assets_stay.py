@@ -22,7 +22,7 @@ TABLES = "multiple_scattering: {tolerance: 30%, orders: 4, extent: 1, length: 0.
 def wax(place):  # noqa: F811
     """A scene of a body of wax; its recipe asks for tables that bake in a moment."""
     (place / "wax.yaml").write_text(RECIPE.format(name="wax", path="0.5 mm") + TABLES)
-    (place / "s.yaml").write_text(SCENE.replace("20%", "100%").replace("materials:", "method: paths\nmaterials:"))
+    (place / "s.yaml").write_text(SCENE.replace("20%", "100%").replace("vrl+tables", "paths"))
     return place
 
 

@@ -83,7 +83,7 @@ def picture(found, name=""):
 
 def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a", "materials[0].method=auto", "tolerance=20%")
-    assert report["renderer"] == "discrete" and report["method"] == "auto" and report["size"] == [80, 64]
+    assert report["renderer"] == "discrete" and report["method"] == "particles+continuous" and report["size"] == [80, 64]
     assert report["files"] == [str(place / "a.png"), str(place / "a.exr")] and report["particles"] == 200
     assert report["samples"] == 2 and report["stopped_by"] == "samples" and report["passes"] == {"walk": 2, "splat": 2}
     assert 0 < report["noise"] < 10 and len(report["optical_depth"]) == 2 and 0 < report["optical_depth"][0] < 3
@@ -199,7 +199,7 @@ def test_baked_from_its_recipe(call, assets, place):
 
 @pytest.mark.parametrize(("settings", "said"), [
     (["materials[0].asset=bare.h5"], "give its recipe a section `discrete`"),
-    (["materials[0].method=fog"], 'found "fog"; expected auto, particles, continuous, query or explicit'),
+    (["materials[0].method=fog"], 'found "fog"; expected auto, particles, particles+continuous, continuous, query or explicit'),
     (["materials[0].metod=auto"], "materials[0].metod"),
     (["materials[0].footprint=1"], "which method particles does not use"),
     (["materials[0].method=explicit", "materials[0].peak=keep"], "found peak, which method explicit does not use"),

@@ -119,10 +119,10 @@ def test_grains_and_medium(call, place):
 
 
 def test_auto_of_opaque_grains_is_explicit(call, place):
-    """The same picture as that of `ept`, and the report says why."""
+    """The same picture as that of `ept`, without pilots where the picture is small, and the report says why."""
     report, found = rendered(call, place, "a", "materials[0].method=auto")
-    assert report["method"] == "auto" and report["bias"] is None and "switch" not in found
-    assert any("auto is ept here" in said and "opaque" in said for said in report["reasons"])
+    assert report["method"] == "ept" and report["bias"] is None and "switch" not in found
+    assert any("auto is ept here" in said and "pilots" in said for said in report["reasons"])
     assert np.array_equal(picture(found), picture(rendered(call, place, "b")[1]))
 
 

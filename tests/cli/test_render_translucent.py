@@ -11,7 +11,7 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers import scene
+from renderers import choice, scene
 from tests.conftest import ROOT, slow
 from tests.exr import layers
 
@@ -85,7 +85,7 @@ def picture(found, name=""):
 
 
 def test_report_and_layers(call, place):
-    report, found = rendered(call, place, "a", "materials[0].asset=short.h5")
+    report, found = rendered(call, place, "a", "materials[0].asset=short.h5", "materials[0].method=vrl+tables")
     assert report["renderer"] == "translucent" and report["method"] == "vrl+tables" and report["size"] == [20, 16]
     assert report["passes"] == {"few": 2, "beams": 2} and {"scene", "preparation", "passes", "total"} <= report["seconds"].keys()
     assert any("the tables of ball end at 2 mean free paths, and it is 1" in said for said in report["reasons"])
@@ -93,6 +93,29 @@ def test_report_and_layers(call, place):
     estimate = picture(found, "signed." if "signed.R" in found else "")
     assert np.allclose(sum(orders), estimate, rtol=1e-5, atol=1e-6) and all(one.any() for one in orders[1:])
     assert np.isfinite(picture(found)).all() and (found["noise.Y"] >= 0).all() and "closer.R" in found
+
+
+def test_auto_measures_and_remembers(call, place, monkeypatch):
+    """Pilots of both, whose choice the same scene finds again, with the same bytes, and a picture that is gone on with."""
+    monkeypatch.setattr(choice, "candidates", lambda scene: ("paths", "vrl+tables") * (scene.values.method == "auto"))
+    for name, value in (("_LEAST_PIXELS", 1), ("_LEAST_SAMPLES", 1), ("_SHARE", 1e6), ("_LONGEST", 0.1)):
+        monkeypatch.setattr(choice, name, value)
+    report, _ = rendered(call, place, "a")
+    (first, second), (entry,) = entry_pilots(report), report["materials"]
+    assert (first["method"], second["method"]) == ("paths", "vrl+tables") and first["seconds"] > 0 and second["seconds"] > 0
+    assert first["bias"] == 0 and second["error"] > 0 and first["chosen"] != second["chosen"]
+    assert entry["method"] == report["method"] == next(row["method"] for row in (first, second) if row["chosen"])
+    assert any("auto is" in line and "by pilots" in line for line in report["reasons"])
+    monkeypatch.setattr(choice.trial, "of", None)
+    again, _ = rendered(call, place, "b")
+    assert entry_pilots(again) == [first, second] and any("of an earlier render" in line for line in again["reasons"])
+    assert (place / "a.exr").read_bytes() == (place / "b.exr").read_bytes()
+    more, _ = rendered(call, place, "a", "stop={samples: 48, noise: 0.01%}", options=("--resume",))
+    assert more["method"] == report["method"] and more["samples"] > report["samples"]
+
+
+def entry_pilots(report):
+    return report["materials"][0]["pilot"]
 
 
 @pytest.mark.slow
@@ -156,8 +179,8 @@ def test_a_light_that_is_no_number_is_refused(call, place):
     ("materials=[{where: {shape: ball}, asset: wax.h5, method: paths, boundary: {tables: none}}]",
      "found boundary.tables, which method paths does not use"),
     ("materials[0].method=magic", "expected auto, paths"),
-    ("materials[0].asset=bare.h5", "no stage 'multiple'"),
-    ("materials[0].asset=points.h5", "no tables of segments"),
+    ("materials=[{where: {shape: ball}, asset: bare.h5, method: vrl+tables}]", "no stage 'multiple'"),
+    ("materials=[{where: {shape: ball}, asset: points.h5, method: vrl+tables}]", "no tables of segments"),
     ("materials=[{where: {shape: ball}, recipe: gone.yaml}]", 'recipe: found "gone.yaml"'),
     ("materials=[]", "at least 1"),
     ("film.wavelengths=rgb", "found a key that translucent does not use"),

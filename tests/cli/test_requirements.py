@@ -27,8 +27,10 @@ name: lit
 tolerance: 20%
 scene: {mitsuba: lit.xml, unit: 1 mm}
 stop: {samples: 1}
+method: vrl+tables
 materials: [{where: {shape: ball}, recipe: wax.yaml}]
 """
+AUTO = SCENE.replace("method: vrl+tables\n", "")
 ENTRY = "{where: {shape: ball}, recipe: wax.yaml}"
 FOG = """\
 bakery_scene: 2
@@ -71,18 +73,20 @@ def needs(call, recipe, *words):
 
 
 def test_the_depth_of_a_body_decides(call, place):
-    """Tables where light is scattered often; none, though the recipe asks for them, where it is not; none without light."""
+    """Tables for a method that reads them; none without light, nor for `auto` where paths find all lights."""
     stages, said, knobs, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
     assert stages == ["medium", "multiple"] and "multiple, because" in err
     assert "optical depth" in said["multiple"]["why"] and knobs["multiple_scattering.orders"] == "16"
-    thin = place / "haze.yaml"
-    thin.write_text(thin.read_text() + TABLES)
-    (place / "s.yaml").write_text(SCENE.replace("wax", "haze"))
-    stages, said, knobs, err = needs(call, thin, "--scene", place / "s.yaml")
-    assert stages == ["medium"] and not said["multiple"]["needed"] and "no multiple, optical depth 0.06" in err
-    out = call("plan", thin, "--scene", place / "s.yaml")[1]
-    assert "leave  multiple not needed: optical depth 0.06" in out
-    (place / "s.yaml").write_text(SCENE)
+    (place / "wax.yaml").write_text((place / "wax.yaml").read_text() + TABLES)
+    (place / "s.yaml").write_text(AUTO)
+    stages, said, knobs, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
+    assert stages == ["medium"] and not said["multiple"]["needed"] and "no multiple, paths find all lights" in err
+    assert "leave  multiple not needed: paths find all lights" in call("plan", place / "wax.yaml", "--scene", place / "s.yaml")[1]
+    point = '<emitter type="point"><point name="position" value="0, -9, 9"/><rgb name="intensity" value="9"/></emitter>'
+    for boundary, tabled in (("null", False), ("dielectric", True)):
+        lit(place, point)
+        (place / "lit.xml").write_text((place / "lit.xml").read_text().replace('"null"', f'"{boundary}"'))
+        assert needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[1]["multiple"]["needed"] == tabled
     for light in ("", '<emitter type="constant"><rgb name="radiance" value="0"/></emitter>',
                   '<emitter type="point"><point name="position" value="0, -9, 9"/><rgb name="intensity" value="0"/></emitter>'):
         lit(place, light)
@@ -155,7 +159,7 @@ def test_a_scene_that_cannot_be_rendered_is_told_before_the_bake(call, place):
     ("where: {mesh: ball.ply, unit: 1 mm}, as: grains", "grains and no section packing"),
     ("where: {box: {lo: [0, 0, 0] m, hi: [1, 1, 1] m}}, as: particles", "discrete")])
 def test_recipes_without_a_section_that_a_scene_needs(call, place, scene, section):
-    (place / "s.yaml").write_text(SCENE.replace("where: {shape: ball}", scene))
+    (place / "s.yaml").write_text(AUTO.replace("where: {shape: ball}", scene))
     for words in (("plan", place / "wax.yaml", "--scene", place / "s.yaml"), ("render", place / "s.yaml")):
         status, _, err = call(*words)
         assert status == 2 and f"has no section {section}, which {place / 's.yaml'} needs" in err and "--set" not in err, err
@@ -166,10 +170,10 @@ def test_what_a_body_says_is_held_against_its_shape(call, place):
     (place / "s.yaml").write_text(SCENE.replace("{shape: ball}", "{shape: ball}, boundary: {index: 1.3}"))
     assert "found 1.3, and the BSDF of ball has 1; the same" in needs(call, place / "wax.yaml", "--scene", place / "s.yaml")[3]
     status, _, err = call("render", place / "s.yaml")
-    assert status == 2 and "s.yaml:6: materials[0].boundary.index" in err and not (place / "wax.h5").exists()
+    assert status == 2 and "s.yaml:7: materials[0].boundary.index" in err and not (place / "wax.h5").exists()
     (place / "s.yaml").write_text(SCENE.replace(ENTRY, f"{ENTRY}, {ENTRY}"))
     status, _, err = call("render", place / "s.yaml")
-    assert status == 2 and 'found "ball", which is materials[0] already' in err and "s.yaml:6" in err
+    assert status == 2 and 'found "ball", which is materials[0] already' in err and "s.yaml:7" in err
 
 
 def test_a_scene_of_another_material_is_taken_for_this_one(call, place):
@@ -181,7 +185,7 @@ def test_a_scene_of_another_material_is_taken_for_this_one(call, place):
 
 def test_an_asset_that_a_scene_left_without_tables(call, place):
     """The recipe has the section: what helps is to bake it for the scene that needs the stage."""
-    (place / "s.yaml").write_text(SCENE.replace("where:", "method: paths, where:"))
+    (place / "s.yaml").write_text(AUTO)
     assert call(place / "wax.yaml", "-o", place / "wax.h5", "--scene", place / "s.yaml")[0] == 0
     (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: wax.h5"))
     status, _, err = call("render", place / "s.yaml")
@@ -199,7 +203,7 @@ def test_bodies_of_two_recipes_never_share_an_asset(call, place, first, second):
     two = (place / "lit.xml").read_text().replace("</scene>", ball.replace("ball", "other", 1) + "</scene>")
     (place / "lit.xml").write_text(two)
     both = f"{{where: {{shape: ball}}, {first}}}, {{where: {{shape: other}}, {second}}}"
-    (place / "s.yaml").write_text("method: paths\n" + SCENE.replace(ENTRY, both))
+    (place / "s.yaml").write_text(AUTO.replace(ENTRY, both))
     scene = assets.baked(load(place / "s.yaml"))
     paths = [0.1 if "b/" in one else 5e-4 for one in (first, second)]
     assert [1 / float(bakery.open(asset).medium.sigma_t[0]) for asset in scene.assets] == pytest.approx(paths)
@@ -273,12 +277,12 @@ def test_fog_says_what_its_tables_do_not_reach(call, place):
 @pytest.mark.slow
 def test_a_missing_asset_is_baked_from_the_recipe_beside_it(call, place):
     """With what the scene requires; one that holds all that the recipe asks for is taken as it is."""
-    (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: haze.h5"))
+    (place / "s.yaml").write_text(AUTO.replace("recipe: wax.yaml", "asset: haze.h5"))
     (place / "haze.yaml").write_text((place / "haze.yaml").read_text() + TABLES)
     status, _, err = call("render", place / "s.yaml")
     assert status == 0, err
     assert set(bakery.open(place / "haze.h5").stages) == {"medium"}
-    assert "no multiple, optical depth" in err and "event by event" in err
+    assert "no multiple, paths find all lights" in err and "auto is paths here" in err
     assert call(place / "haze.yaml", "-o", place / "haze.h5")[0] == 0
     assert call("render", place / "s.yaml")[0] == 0 and set(bakery.open(place / "haze.h5").stages) == {"medium", "multiple"}
     (place / "s.yaml").write_text(SCENE.replace("recipe: wax.yaml", "asset: gone.h5"))
@@ -293,7 +297,7 @@ def test_a_changed_scene_bakes_what_it_must(call, place):
     (place / "s.yaml").write_text(SCENE.replace("20%", "2%"))
     status, out, _ = call("plan", *words)
     assert status == 0 and "multiple_scattering.tolerance: 0.1 -> 0.0" in out and "reuse  medium" in out
-    (place / "s.yaml").write_text(SCENE.replace("where:", "method: paths, where:"))
+    (place / "s.yaml").write_text(AUTO)
     assert call(*words)[0] == 0 and set(bakery.open(asset).stages) == {"medium", "multiple"}, "tables are nothing to throw away"
     assert call(*words, "--force")[0] == 2 and set(bakery.open(asset).stages) == {"medium", "multiple"}
     assert call(*words, "--force", "--overwrite")[0] == 0 and set(bakery.open(asset).stages) == {"medium"}

@@ -10,6 +10,7 @@ from renderers.discrete.declaration import ParticleMethod
 METHODS = (
     "renderers.discrete.declared.auto:METHOD",
     "renderers.discrete.declared.particles:METHOD",
+    "renderers.discrete.declared.particles_continuous:METHOD",
     "renderers.discrete.declared.continuous:METHOD",
     "renderers.discrete.declared.query:METHOD",
     "renderers.discrete.declared.explicit:METHOD",

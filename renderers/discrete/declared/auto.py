@@ -1,33 +1,11 @@
-"""Particles where they can be told apart."""
+"""The cheapest method that keeps the tolerance, by pilots."""
 
 from __future__ import annotations
 
-import numpy as np
-
-from renderers.discrete.declaration import ParticleMethod, Passes
-from renderers.discrete.declared.particles import walk_and_splat
-
-
-def passes(setup, tolerance, seed) -> Passes:
-    from renderers.discrete import detail
-
-    depth = detail.depths(setup.world, setup.medium, setup.world.camera, *setup.world.size, tolerance, seed)
-    # of a realisation that is known light meets the others: a particle is not in its own surroundings
-    others = 1 - 1 / max(float(setup.group.number[0]), 1.0) if "position" in setup.group else 1.0
-    setup = setup._replace(medium=setup.medium._replace(others=others))
-    return Passes(walk_and_splat(setup, depth, later=0.0, drawn=True), depth, (_detail(depth, tolerance),))
-
-
-def _detail(depth, tolerance):
-    shown = float(np.mean(depth > 0))
-    return (f"{100 * shown:.3g} % of the pixels show particles as particles; elsewhere, and beyond the depths of layer detail, "
-            f"they deviate from the continuous medium by less than {100 * tolerance:.2g} %; scattering after the first is the "
-            "continuous medium's")
-
+from renderers.discrete.declaration import ParticleMethod
+from renderers.discrete.declared import particles_continuous
 
 METHOD = ParticleMethod(
-    name="auto", words="particles where they can be told apart, the continuous medium elsewhere", keeps=True, keys=("peak",),
-    candidates=("particles", "continuous"), points=("", "peak=keep"), passes=passes,
-    error=lambda tolerance: 0.5 * tolerance,  # that the continuous medium may make where it takes the place of particles
-    brings="first scattering by particles up to a depth, for each pixel, by the continuous medium beyond; all later ones "
-           "by the medium")
+    name="auto", words="particles+continuous or particles, whichever is cheaper by pilots; else particles+continuous", keeps=True,
+    keys=("peak",), candidates=("particles+continuous", "particles"), points=(), passes=particles_continuous.passes,
+    error=particles_continuous.METHOD.error, brings="as the method that it takes")

@@ -28,5 +28,5 @@ def walk_and_splat(setup, depth, later, drawn):
 
 
 METHOD = ParticleMethod(
-    name="particles", words="particles everywhere, one by one", exact=True, beside=True, keys=("peak",), passes=passes,
+    name="particles", words="particles everywhere, one by one", exact=True, beside=True, keys=("peak",), passes=passes, pilot=1.5,
     brings="splats of all particles that the camera can see; walks from particle to particle, next event from each to the lights")

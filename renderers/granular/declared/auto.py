@@ -1,19 +1,12 @@
-"""From grain to grain, and on in the medium where that is measured to be as good."""
+"""The cheapest method that keeps the tolerance, by pilots."""
 
 from __future__ import annotations
 
-from renderers.granular.declaration import ROOM, GrainMethod
-
-
-def chosen(world, assets, meshes, in_medium, tolerance):
-    """Whether paths go on in the medium, and by how much that is off; parameters as those of `choice.chosen`."""
-    from renderers.granular import choice
-
-    return choice.chosen(world, assets, meshes, in_medium, tolerance)
-
+from renderers.budget import ROOM
+from renderers.granular.declaration import GrainMethod
 
 METHOD = GrainMethod(
-    name="auto", words="ept+vpt+da where it is measured to be as good as ept, or ept does not find the light; else ept",
-    keeps=True, keys=("spread",), candidates=("ept", "ept+vpt+da"), points=(), medium=True, diffuses=True, measured=chosen,
+    name="auto", words="ept, ept+vpt+da or ept+vpt, the cheapest that keeps the tolerance, by pilots; else ept", keeps=True,
+    keys=("spread",), candidates=("ept", "ept+vpt+da", "ept+vpt"), points=(), medium=True, diffuses=True,
     error=lambda tolerance: ROOM * tolerance,  # the most that it lets itself have, before it has measured it
-    brings="reflection, refraction and absorption at each grain's own surface, later light in the medium")
+    brings="as the method that it takes")

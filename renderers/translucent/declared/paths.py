@@ -6,6 +6,5 @@ from renderers.translucent.declaration import BodyMethod
 
 METHOD = BodyMethod(
     name="paths", words="event by event", exact=True, beside=True, in_one_loop=True,
-    chosen_because="event by event, as an asset holds no tables of multiple scattering: few events do for thin bodies",
     brings="from the eye, event by event; lights are sampled at each event where the boundary is matched, or where they stand in "
            "the body")

@@ -6,6 +6,6 @@ from renderers.translucent.declaration import BodyMethod
 
 METHOD = BodyMethod(
     name="shells", words="event by event, but far from surfaces light jumps", exact=True, spheres=True,
-    chosen_because="light jumps through empty spheres, as beams would be few on bodies this wide",
+    pilot=4.0,
     brings="as paths, but far from surfaces light jumps to the surface of the largest empty sphere, by ends of walks "
            "stored before")

@@ -1,0 +1,34 @@
+"""What was measured of scenes, kept in the cache of bakes by the content that it was measured of."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from bakery.run.cache import Cache
+from bakery.store.tree import Group, read_text, text
+
+
+def key_of(*content: Any) -> str:
+    """The hash of texts, numbers, lists and dicts."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def get(kind: str, key: str) -> Any:
+    """What is kept; None where nothing is, or nothing that can be read."""
+    entry = _cache().get(kind, key)
+    try:
+        return None if entry is None else json.loads(read_text(entry[0]["json"]))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def put(kind: str, key: str, content: Any) -> None:
+    """Keeps it, unless the cache cannot be written, of which nobody needs to be told: it is measured again."""
+    group = Group({"json": text(json.dumps(content), "what was measured")}, {"input_hash": key})
+    _cache().put(kind, key, group, Group())
+
+
+def _cache() -> Cache:
+    return Cache()

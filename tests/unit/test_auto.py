@@ -1,0 +1,172 @@
+"""How `auto` is chosen: what pilots say of made-up passes, and what is taken by that.  No clock is asserted."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bakery.errors import UsageError
+from renderers import choice, trial
+from renderers.camera import Camera
+from renderers.declaration import SceneMethod
+from renderers.engine import Part, Stop
+from renderers.granular import bundles
+from renderers.trial import Cost, Light, Trial
+
+REGIONS, STOP = (8, 8), Stop(noise=0.01)
+
+
+def world(height=128, width=128):
+    camera = Camera.looking((0, 0, 0), (1, 0, 0), (0, 0, 1), 1.0, height, width)
+    return SimpleNamespace(size=(height, width), camera=camera, dark=False)
+
+
+def passes(own=0.0, shared=0.0, tilt=0.0, order="order1"):
+    """What prepares a part of mean 1 whose pixels have noise of their own, share some, and are off by `tilt` across."""
+
+    def prepare(small, seed):
+        height, width = small.size
+
+        def render(number):
+            random = np.random.default_rng((seed, number))
+            image = 1 + own * random.normal(size=(height, width)) + shared * random.normal() \
+                + tilt * np.linspace(-1, 1, width) * np.sqrt(3)
+            image = np.repeat(image[..., None], 3, axis=2)
+            return {"": image, order: image}
+
+        return SimpleNamespace(parts=(Part("walk", render),))
+
+    return prepare
+
+
+def test_a_pilot_tells_noise_of_pixels_from_noise_that_they_share():
+    """Within 5 standard errors of a variance from 64 passes."""
+    tried = trial.of(passes(own=0.5, shared=0.2), world(), None, 64)
+    (cost,) = tried.costs
+    assert tried.pixels == trial.SMALL
+    assert cost.pixel == pytest.approx(0.29, rel=5 * np.sqrt(2 / tried.passes))
+    assert cost.region == pytest.approx(0.04, rel=5 * np.sqrt(2 / tried.passes))
+    alone = trial.of(passes(own=0.5), world(), None, 64)
+    assert alone.costs[0].pixel == pytest.approx(0.25, rel=0.05) and alone.costs[0].region < 0.25 / 200
+
+
+def test_noise_that_grows_as_pixels_get_smaller_is_carried_on():
+    """One place smaller than a pixel lights one pixel of each pass: its variance goes with the number of pixels."""
+
+    def prepare(small, seed):
+        def render(number):
+            random, image = np.random.default_rng((seed, number)), np.ones((*small.size, 3))
+            image[tuple(random.integers(small.size))] += 0.1 * small.size[0] * small.size[1] * random.integers(2)
+            return {"": image}
+
+        return SimpleNamespace(parts=(Part("splat", render),))
+
+    dots, even = trial.of(prepare, world(), None, 64), trial.of(passes(own=0.5), world(), None, 64)
+    assert dots.costs[0].grows > 0.2 and even.costs[0].grows < 0.1
+    rates = [one._replace(costs=(one.costs[0]._replace(fixed=0.0),)) for one in (dots, even)]
+    growth = [one.rate(2**20) / one.rate(2**16) for one in rates]
+    assert growth[0] > 16 * 1.5 and growth[1] < 16 * 1.4
+
+
+def test_bias_is_told_by_regions_and_by_orders():
+    exact = trial.of(passes(own=0.3), world(), None, 64)
+    tilted = trial.of(passes(own=0.3, tilt=0.05, order="order2"), world(), None, 64)
+    bias = trial.bias(tilted, exact)
+    assert bias.resolved and bias.size == pytest.approx(0.05, rel=0.2) and bias.error < 0.01
+    assert bias.by_order["order1"][0] == pytest.approx(-1, rel=0.05) and bias.by_order["order2"][0] == pytest.approx(1, rel=0.05)
+    same = trial.bias(trial.of(passes(own=0.4), world(), None, 64), exact)
+    assert not same.resolved and same.size + same.error < 0.02
+
+
+def test_bundles_of_a_pilot_are_as_close_as_in_the_picture():
+    """Squares of 4 x 4 pixels of the film, one after the other over all of it."""
+    small = trial.smaller(world(300, 400), trial.SMALL)
+    corners = bundles.spread_over(small).reshape(*small.size, 2)
+    assert small.size == (55, 74) and corners.min() >= 0 and (corners.max(axis=(0, 1)) < (400, 300)).all()
+    assert (corners[:4, :4] - corners[0, 0] == np.moveaxis(np.mgrid[:4, :4][::-1], 0, -1)).all()
+    assert corners[..., 0].max() > 370 and corners[..., 1].max() > 270 and (np.diff(corners[0, ::4, 0]) >= 16).all()
+
+
+def tried(seconds, noise=1.0, shift=0.0, error=1e-4, level=1.0):
+    """A pilot whose passes of the larger picture take so many seconds, of a picture of that level and that much more."""
+    cost = Cost(0.0, seconds / trial.SMALL, 1, noise**2, 0.0, 0.0)
+    light = Light(np.full(REGIONS, level + shift), np.full(REGIONS, error**2))
+    return Trial(0.0, (cost,), dict.fromkeys(trial.ORDERS, light), trial.SMALL, 4, 1.0)
+
+
+def method(name, exact=False, stated=0.0, pilot=0.0):
+    return SceneMethod(name=name, kind="toy", words="", brings="", exact=exact, error=lambda tolerance: stated, pilot=pilot)
+
+
+def taken(monkeypatch, *pairs, stop=STOP, tolerance=0.1):
+    """The choice among (method, its pilot or what it raises)."""
+    declared, pilots = {one.name: one for one, _ in pairs}, {one.name: result for one, result in pairs}
+
+    def of(prepare, small, seconds):
+        result = pilots[prepare(small, 0)]
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    entry = SimpleNamespace(kind="toy")
+    scene = SimpleNamespace(values=SimpleNamespace(materials=[entry], tolerance=tolerance))
+    monkeypatch.setattr(choice.entries, "declared", lambda kind: declared)
+    monkeypatch.setattr(choice.trial, "of", of)
+    monkeypatch.setattr(choice, "with_method", lambda scene, name: name)
+    opened = choice.Opened(scene, [], None)
+    return choice._Pilots(lambda opened, small, seed: opened.scene, opened, world(), stop, list(declared)).choice()
+
+
+def test_the_cheapest_that_fits_is_taken(monkeypatch):
+    slow, quick = method("paths", exact=True), method("tables", stated=0.01)
+    best = taken(monkeypatch, (slow, tried(1.0)), (quick, tried(0.1)))
+    assert best.method == "tables" and best.approximations < 1e-3 and best.row["seconds"] == pytest.approx(4e3, rel=0.01)
+    assert any("tables: 4e+03 s" in line for line in best.reasons)
+    best = taken(monkeypatch, (slow, tried(1.0)), (quick, tried(0.1, shift=0.2)))
+    assert best.method == "paths" and best.approximations == 0.0 and best.table[1]["bias"] == pytest.approx(0.2, rel=1e-3)
+    assert "off by more than the 5 %" in best.table[1]["why"]
+
+
+def test_clocks_that_differ_little_leave_the_first(monkeypatch):
+    first, second = method("paths", exact=True), method("shells", exact=True)
+    assert taken(monkeypatch, (first, tried(1.0)), (second, tried(0.85))).method == "paths"
+    assert taken(monkeypatch, (first, tried(1.0)), (second, tried(0.75))).method == "shells"
+
+
+def test_what_few_passes_cannot_tell_goes_by_what_is_declared(monkeypatch):
+    exact = method("paths", exact=True), tried(1.0, error=1.0)
+    best = taken(monkeypatch, exact, (method("tables", stated=0.01), tried(0.1, error=1.0)))
+    assert best.method == "tables" and best.approximations is None and "states 1 %" in best.row["why"]
+    assert taken(monkeypatch, exact, (method("tables", stated=0.06), tried(0.1, error=1.0))).method == "paths"
+
+
+def test_light_that_a_method_has_not_found_counts_as_noise(monkeypatch):
+    """A lamp that paths come upon by chance: their few passes lack half of the light and look clean."""
+    paths, tables = method("paths", exact=True), method("vrl", exact=True)
+    best = taken(monkeypatch, (paths, tried(0.1, level=0.5)), (tables, tried(1.0)))
+    assert best.method == "vrl" and best.table[0]["seconds"] > 100 * best.table[1]["seconds"]
+    best = taken(monkeypatch, (paths, tried(0.1, level=0.0)), (tables, tried(1.0)))
+    assert best.method == "vrl" and "found no light" in best.table[0]["why"]
+    json.dumps(best._asdict(), allow_nan=False)
+
+
+def test_what_is_not_possible_or_not_worth_it_is_said(monkeypatch):
+    first = method("paths", exact=True), tried(1e-3)
+    best = taken(monkeypatch, first, (method("tables"), UsageError("no tables")), stop=Stop(noise=0.01, time=60.0))
+    assert best.method == "paths" and best.table[1]["why"] == "not possible: no tables"
+    best = taken(monkeypatch, first, (method("tables", pilot=2.0), tried(1e-6)), stop=Stop(noise=0.1, time=60.0))
+    assert best.method == "paths" and "not tried: a pilot takes 2 s, and the picture 0.4 s" in best.table[1]["why"]
+
+
+def test_a_choice_is_kept_and_found(monkeypatch):
+    best = taken(monkeypatch, (method("paths", exact=True), tried(1.0)), (method("tables", stated=0.01), tried(0.1)))
+    key = choice.remembered.key_of("scene", dataclasses.astuple(Stop(noise=0.01)))
+    assert choice.remembered.get("choice", key) is None
+    choice.remembered.put("choice", key, best._asdict())
+    assert choice._choice_of(choice.remembered.get("choice", key), ["paths", "tables"]) == best
+    assert choice._choice_of(choice.remembered.get("choice", key), ["paths"]) is None
+    assert choice._choice_of({"method": "paths"}, ["paths"]) is None
