@@ -38,7 +38,6 @@ STREAMS = {
     "discrete.extra": Stream(0x65787472, ("class", "attempt")),
     "discrete.cells": Stream(0x63656C6C, ()),
     "render.grains": Stream(0x72677261, ("pass",)),
-    "render.pilot": Stream(0x7270696C, ("pass",)),
     "render.chords": Stream(0x72636872, ()),
     "render.clear": Stream(0x72636C65, ()),
     "render.walk": Stream(0x7277616C, ("pass",)),

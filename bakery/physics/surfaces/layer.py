@@ -1,16 +1,16 @@
 """Reflection and transmission of a homogeneous layer, and of layers on each other, of one Fourier order.
 
-Operators act on radiance times the square root of the flux that a direction stands for: they are symmetric, and energy is the length of a vector.
-With u and v the sum and the difference of downward and upward radiance, du/dt = -Y v and dv/dt = -X u (t optical depth; X and Y
-are symmetric, Y positive definite, X too unless nothing is absorbed).  Of light that enters both faces alike, v = E u at the upper
-face; of light that enters them with opposite signs, v = O u.  In g = (Y^(1/2) X Y^(1/2))^(1/2) and half the thickness h,
+Operators act on radiance times the square root of the flux that a direction stands for: they are symmetric, and energy is the
+length of a vector.  With u and v the sum and the difference of downward and upward radiance, du/dt = -Y v and dv/dt = -X u (t
+optical depth; X and Y are symmetric, Y positive definite, X too unless nothing is absorbed).  Of light that enters both faces
+alike, v = E u at the upper face; of light that enters them with opposite signs, v = O u.  In g = (Y^(1/2) X Y^(1/2))^(1/2) and half the thickness h,
 
     E = Y^(-1/2) g tanh(g h) Y^(-1/2)        O = Y^(-1/2) g coth(g h) Y^(-1/2)
 
 and as coth 2x is the arithmetic mean of tanh x and coth x, and tanh 2x their harmonic mean, a layer twice as thick has the mean
-of E and O for its O, and their harmonic mean for its E.  Doubling is nothing but sums and parallel sums of positive matrices: no digits cancel,
-from layers of any thinness to thick ones.  Rounding of X absorbs some 1e-16 of the light of a lossless medium: thicker than 2e8, layers are taken
-as infinite, and infinite lossless ones as that thick, which costs 1e-8 of the light.
+of E and O for its O, and their harmonic mean for its E.  Doubling is nothing but sums and parallel sums of positive matrices: no
+digits cancel, from layers of any thinness to thick ones.  Rounding of X absorbs some 1e-16 of the light of a lossless medium:
+thicker than 2e8, layers are taken as infinite, and infinite lossless ones as that thick, which costs 1e-8 of the light.
 """
 
 from __future__ import annotations

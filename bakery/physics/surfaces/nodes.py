@@ -1,8 +1,8 @@
 """Directions at which a layer is solved: Gauss nodes over the cosine, dense at grazing angles, on both sides of a boundary.
 
-Radiance has terms in mu ln mu at grazing angles, which Gauss nodes over mu resolve poorly: in s = sqrt(mu) they are s^2 ln s, and a
-polynomial in s through n nodes is within n^-4 of them.  Under a boundary of an index above 1 the kernel jumps at the critical angle, so that
-directions that leave (images of the nodes in air) and those that are totally reflected have nodes of their own.
+Radiance has terms in mu ln mu at grazing angles, which Gauss nodes over mu resolve poorly: in s = sqrt(mu) they are s^2 ln s, and
+a polynomial in s through n nodes is within n^-4 of them.  Under a boundary of an index above 1 the kernel jumps at the critical
+angle, so that directions that leave (images of the nodes in air) and those that are totally reflected have nodes of their own.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ def harmonics(mu, order: int, count: int):
 def phase_matrices(moments, mu, order: int):
     """Even and odd part of the phase function of one Fourier order between the directions mu (N,), each (N, N).
 
-    Their sum is the phase function between directions of one hemisphere, their difference between opposite ones; its integral over
-    the sphere is 4 pi.
+    Their sum is the phase function between directions of one hemisphere, their difference between opposite ones; its integral
+    over the sphere is 4 pi.
     """
     values = harmonics(mu, order, len(moments))
     weights = (2 * np.arange(order, len(moments)) + 1) * moments[order:]

@@ -49,8 +49,8 @@ class Solution:
 
     Attributes
     ----------
-    reflected, transmitted : (M, N, N) Fourier orders of what is scattered more than once, inside of the boundary, times the sum of
-        the cosines inside
+    reflected, transmitted : (M, N, N) Fourier orders of what is scattered more than once, inside of the boundary, times the sum
+        of the cosines inside
     albedo : (N,) share of light from the nodes' directions in air that comes back, mirrored light included
     passed : (N,) share that leaves below, unscattered light included; 0 over a base
     """
@@ -78,7 +78,8 @@ class Solution:
 
         Notes
         -----
-        Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if once.
+        Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if
+        once.
         """
         return self._value(self.transmitted, mu, mu0, phi, 1)
 

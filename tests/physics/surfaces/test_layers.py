@@ -23,7 +23,8 @@ def chandrasekhar(albedo: float, mu):
     with mpmath.workdps(20):
         def of(cosine):
             def integrand(angle):
-                return mpmath.log(1 - albedo * angle * mpmath.cot(angle)) / (mpmath.cos(angle) ** 2 + cosine**2 * mpmath.sin(angle) ** 2)
+                square = mpmath.cos(angle) ** 2 + cosine**2 * mpmath.sin(angle) ** 2
+                return mpmath.log(1 - albedo * angle * mpmath.cot(angle)) / square
             return mpmath.exp(-cosine / mpmath.pi * mpmath.quad(integrand, [0, 0.01, 0.1, 0.5, 1, 1.4, mpmath.pi / 2]))
         return np.array([float(of(mpmath.mpf(float(value)))) for value in mu])
 
@@ -75,7 +76,8 @@ def test_free_layers_lose_nothing(depth, index):
     np.testing.assert_allclose(solution.albedo + solution.passed, 1, atol=1e-6)
 
 
-@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.9), 0.95, 2.0, 1.4), Slab(*henyey_greenstein(0.5), 0.5, 1.0, 0.9, 0.3)])
+@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.9), 0.95, 2.0, 1.4),
+                                  Slab(*henyey_greenstein(0.5), 0.5, 1.0, 0.9, 0.3)])
 def test_reciprocity(slab):
     solution = solve(slab, (0.9 if slab.albedo > 0.9 else 0.5) ** np.arange(33.0), 32, 1e-3)
     mu, mu0, phi = EVERYWHERE
@@ -122,7 +124,8 @@ def test_boundary():
     assert fresnel.outside(fresnel.inside(0.4, 1.33), 1.33) == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.95), 0.99, math.inf), Slab(*henyey_greenstein(0.8), 0.9, 4.0, 1.33, 0.2)])
+@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.95), 0.99, math.inf),
+                                  Slab(*henyey_greenstein(0.8), 0.9, 4.0, 1.33, 0.2)])
 def test_refined_until_it_no_longer_changes(slab):
     """The stated error bounds the true one, by a solution of twice the moments."""
     mu, mu0, phi = EVERYWHERE
