@@ -6,6 +6,7 @@ sample of a pass.
 
 from __future__ import annotations
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +36,15 @@ class Switch(NamedTuple):
         return spread | (left == 1)[number]
 
 
-def spread_over(world):
-    """Corners (H W, 2) of the pixels of a pilot's film, in those of the picture: bundles of it, as close as there."""
+def as_close(world):
+    """A pilot's world whose pixels are bundles of the picture's, as close as there; any other world as it is."""
+    if world.whole is None:
+        return world
     rows, columns = (_spread(small, whole) for small, whole in zip(world.size, world.whole.size))
-    return np.stack(np.broadcast_arrays(columns[None, :], rows[:, None]), axis=-1).reshape(-1, 2)
+    bundled = copy.copy(world)
+    bundled.camera = world.whole.camera
+    bundled.corners = np.stack(np.broadcast_arrays(columns[None, :], rows[:, None]), axis=-1).reshape(-1, 2)
+    return bundled
 
 
 def _spread(small, whole):

@@ -56,8 +56,10 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
     kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
-    loop = medium_part(how.bodies, meshes, how.colours, world, seed) if how.technique == MEDIUM else None
-    parts = (loop,) if loop else tuple(part(world, how, kind, seed, which) for kind, which in kinds)
+    # when paths switch depends on how close the pixels of a bundle are: pilots of all methods look through the same pixels
+    view = bundles.as_close(world)
+    loop = medium_part(how.bodies, meshes, how.colours, view, seed) if how.technique == MEDIUM else None
+    parts = (loop,) if loop else tuple(part(view, how, kind, seed, which) for kind, which in kinds)
 
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
@@ -125,12 +127,11 @@ def part(world, how, name, seed, which=transport.ALL) -> Part:
         if shapes.fit(world, [body.grains for body in how.bodies]):
             return shapes.part(name, world, [body.grains.grains for body in how.bodies], how.colours, seed)
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
-    camera, corners = (world.camera, None) if world.whole is None else (world.whole.camera, bundles.spread_over(world))
 
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        sums = transport.one_pass(world, how, camera, world.size, number, seed, which, corners, samples)
+        sums = transport.one_pass(world, how, world.camera, world.size, number, seed, which, world.corners, samples)
         return _layers(sums, world, how)
 
     return Part(name, one, samples)

@@ -144,6 +144,7 @@ class World:
     without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
     coarser, whole : of a pilot (`renderers.trial.smaller`): side of a pixel over that of the picture's, and its world; 1 and None
+    corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; None: rows of pixels, all of it
 
     Notes
     -----
@@ -151,7 +152,7 @@ class World:
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
 
-    coarser, whole = 1.0, None
+    coarser, whole, corners = 1.0, None, None
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """

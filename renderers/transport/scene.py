@@ -40,14 +40,18 @@ class View:
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
+        self._corners = None if world.corners is None else [mi.Float(column.astype(np.float32)) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
         origin, corner, right, down = self._camera
-        row = pixel // self._width
-        column = pixel - row * self._width
-        on_film = corner + (mi.Float(column) + offset.x) * right + (mi.Float(row) + offset.y) * down
+        if self._corners is None:
+            row = pixel // self._width
+            x, y = mi.Float(pixel - row * self._width), mi.Float(row)
+        else:
+            x, y = (dr.gather(mi.Float, column, pixel) for column in self._corners)
+        on_film = corner + (x + offset.x) * right + (y + offset.y) * down
         return origin + dr.zeros(mi.Point3f, dr.width(pixel)), dr.normalize(mi.Vector3f(on_film))
 
     def seen(self, throughput, radiance, active):

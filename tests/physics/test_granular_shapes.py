@@ -10,7 +10,8 @@ import pytest
 
 from bakery import kernels
 from bakery.physics.packing.instances import instances
-from renderers.granular import methods, paths, shapes, transport
+from renderers import trial
+from renderers.granular import bundles, methods, paths, shapes, transport
 from renderers.granular.listed import listed
 from renderers.mitsuba.world import World
 from tests.conftest import slow
@@ -37,9 +38,12 @@ def test_every_grain_is_listed():
 
 
 def test_the_loop_is_the_wavefronts(tmp_path):
-    """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them."""
+    """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them; through
+    the pixels of a pilot, which are bundles of the picture's."""
     (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
-    world, (vertices, faces) = World(tmp_path / "scene.xml", size=(9, 12)), bumpy(2.5)
+    world = bundles.as_close(trial.smaller(World(tmp_path / "scene.xml", size=(36, 48)), 9 * 12))
+    assert world.size == (9, 12) and world.corners.max() > 40
+    vertices, faces = bumpy(2.5)
     kinds = [Kind(GLASS, STONE), Kind(kernels.diffuse([0.9, 0.6, 0.2]), STONE), Kind(STEELY, radius=0.8), Kind(GLASS),
              Kind(kernels.dielectric(1.5, 0.4), STONE)]
     meshes = [(vertices + side * np.array([abs(vertices[:, 0]).max(), 0, 0]), faces) for side in (-1, 1)]
@@ -50,7 +54,7 @@ def test_the_loop_is_the_wavefronts(tmp_path):
     part = methods.part(world, how, "ept", 0)
     assert part.samples == 64, "by shapes"
     loop = [part.render(number) for number in range(PASSES)]
-    sums = [transport.one_pass(world, how, world.camera, (9, 12), number, 0, samples=64) for number in range(PASSES)]
+    sums = [transport.one_pass(world, how, world.camera, (9, 12), number, 0, corners=world.corners, samples=64) for number in range(PASSES)]
     agree(loop, sums, world.light_names, 0.01)
 
 

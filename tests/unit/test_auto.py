@@ -85,7 +85,7 @@ def test_bias_is_told_by_regions_and_by_orders():
 def test_bundles_of_a_pilot_are_as_close_as_in_the_picture():
     """Squares of 4 x 4 pixels of the film, one after the other over all of it."""
     small = trial.smaller(world(300, 400), trial.SMALL)
-    corners = bundles.spread_over(small).reshape(*small.size, 2)
+    corners = bundles.as_close(small).corners.reshape(*small.size, 2)
     assert small.size == (55, 74) and corners.min() >= 0 and (corners.max(axis=(0, 1)) < (400, 300)).all()
     assert (corners[:4, :4] - corners[0, 0] == np.moveaxis(np.mgrid[:4, :4][::-1], 0, -1)).all()
     assert corners[..., 0].max() > 370 and corners[..., 1].max() > 270 and (np.diff(corners[0, ::4, 0]) >= 16).all()
