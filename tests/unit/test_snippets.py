@@ -93,8 +93,15 @@ def test_python_of_tables_by_photons(folder):
 
 @pytest.mark.parametrize("page", sorted(set(blocks("yaml")) - {"docs/scenes.md"}))
 def test_recipes(page, folder):
-    """Whole recipes as they are, sections in a recipe that has a place for them."""
+    """Whole recipes as they are, sections in a recipe that has a place for them, and scenes."""
+    from renderers import scene
+
     for text in blocks("yaml")[page]:
+        if "bakery_scene:" in text:
+            (folder / "drink.xml").touch()
+            (folder / "drink.yaml").write_text(text)
+            assert scene.load("drink.yaml").materials[0].kind == "body"
+            continue
         if "watr" in text:
             continue  # shown for its errors, which tests/unit/test_recipe.py compares
         if "bakery: 1" not in text:
