@@ -58,8 +58,8 @@ class Transport(NamedTuple):
     def entry(self, origin, direction, far):
         """Distances (n,) m along rays to the first grain before far (n,) m, or to the mesh where paths begin in the medium; inf
         where there is none."""
-        ways = (self.way(body, self.technique) for body in range(len(self.bodies)))
-        return np.min([way.entry(origin, direction, far) for way in ways], axis=0)
+        interactors = (self.interactor(body, self.technique) for body in range(len(self.bodies)))
+        return np.min([interactor.entry(origin, direction, far) for interactor in interactors], axis=0)
 
 
 class Sums:
