@@ -38,8 +38,8 @@ def test_every_grain_is_listed():
 
 
 def test_the_loop_is_the_wavefronts(tmp_path):
-    """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them; through
-    the pixels of a pilot, which are bundles of the picture's."""
+    """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them;
+    through the pixels of a pilot, which are bundles of the picture's."""
     (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
     world = bundles.as_close(trial.smaller(World(tmp_path / "scene.xml", size=(36, 48)), 9 * 12))
     assert world.size == (9, 12) and world.corners.max() > 40
@@ -49,12 +49,13 @@ def test_the_loop_is_the_wavefronts(tmp_path):
     meshes = [(vertices + side * np.array([abs(vertices[:, 0]).max(), 0, 0]), faces) for side in (-1, 1)]
     bodies = [grains(kinds, mesh, tile(0.5, 40), absorption=0.2) for mesh in meshes]
     everywhere = [np.ones(body.aggregate.voxels.shape, np.uint8) for body in bodies]
-    how = transport.Transport(tuple(transport.Body(paths.Explicit(body, occupied, COLOURS), None, 1.0)
-                                    for body, occupied in zip(bodies, everywhere)), COLOURS)
-    part = methods.part(world, how, "ept", 0)
+    explicit = tuple(paths.Explicit(body, occupied, COLOURS) for body, occupied in zip(bodies, everywhere))
+    scene = transport.Transport(tuple(transport.Body(grain, None, 1.0) for grain in explicit), COLOURS)
+    part = methods.part(world, scene, "ept", 0)
     assert part.samples == 64, "by shapes"
     loop = [part.render(number) for number in range(PASSES)]
-    sums = [transport.one_pass(world, how, world.camera, (9, 12), number, 0, corners=world.corners, samples=64) for number in range(PASSES)]
+    sums = [transport.one_pass(world, scene, world.camera, (9, 12), number, 0, corners=world.corners, samples=64)
+            for number in range(PASSES)]
     agree(loop, sums, world.light_names, 0.01)
 
 

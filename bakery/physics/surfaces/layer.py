@@ -3,7 +3,8 @@
 Operators act on radiance times the square root of the flux that a direction stands for: they are symmetric, and energy is the
 length of a vector.  With u and v the sum and the difference of downward and upward radiance, du/dt = -Y v and dv/dt = -X u (t
 optical depth; X and Y are symmetric, Y positive definite, X too unless nothing is absorbed).  Of light that enters both faces
-alike, v = E u at the upper face; of light that enters them with opposite signs, v = O u.  In g = (Y^(1/2) X Y^(1/2))^(1/2) and half the thickness h,
+alike, v = E u at the upper face; of light that enters them with opposite signs, v = O u.  In g = (Y^(1/2) X Y^(1/2))^(1/2) and
+half the thickness h,
 
     E = Y^(-1/2) g tanh(g h) Y^(-1/2)        O = Y^(-1/2) g coth(g h) Y^(-1/2)
 

@@ -27,6 +27,6 @@ def downward(mu, mu0, depth: float):
 
 
 def turned(mu, mu0, phi, side: int):
-    """Scattering angle (rad) from light that travels down at mu0 to what leaves upward (side -1) or downward (+1) at mu and phi."""
+    """Scattering angle, rad, from light that goes down at mu0 to what leaves upward (side -1) or downward (+1) at mu and phi."""
     sines = np.sqrt(np.maximum((1 - mu * mu) * (1 - mu0 * mu0), 0.0))
     return np.arccos(np.clip(side * mu * mu0 + sines * np.cos(phi), -1, 1))
