@@ -1,7 +1,7 @@
 """Surfaces, lights and camera of a Mitsuba scene for renderers that trace wavefronts of rays themselves.
 
 Arrays in, arrays out: n rays a call, positions and distances in m, radiance as RGB in the units of the scene file.  Each method
-is one launch of Dr.Jit's, with some 10 ms of its own: wavefronts of 10^5 rays and more cost half a us a ray and core to shade.
+is one launch of Dr.Jit's, with 1 to 3 ms of its own: wavefronts of 10^5 rays and more cost half a us a ray and core to shade.
 Samples of lights and of directions are joined by the balance heuristic (Veach and Guibas, SIGGRAPH 1995), so a walk reads
 
     shading = world.shade(origin, direction, random, density, delta)
@@ -15,6 +15,7 @@ and at a scattering event in a medium, with the phase function's value `phase` t
 
 from __future__ import annotations
 
+from functools import cached_property
 from os import PathLike
 from typing import NamedTuple
 
@@ -320,12 +321,16 @@ class World:
         import mitsuba as mi
 
         if not len(point):
-            return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2)), hidden=hidden))
+            return self._no_light
         here = dr.zeros(mi.Interaction3f, len(point))
         here.p = self._inside(mi, point)
         sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self.light_number(sample.emitter)))
+
+    @cached_property
+    def _no_light(self):
+        return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
 
     @property
     def sky(self) -> bool:
@@ -421,39 +426,25 @@ class World:
         density : (n,) 1/sr, of the direction
         delta : (n,) bool, the direction has no density, as camera rays and reflections have none: emission counts in full
         """
-        import drjit as dr
         import mitsuba as mi
 
         if not len(origin):
             return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1), power=power))
-        mode = mi.TransportMode.Importance if power else mi.TransportMode.Radiance
-        scene, context = self._scene, mi.BSDFContext(mode)
-        si = scene.ray_intersect(self._ray(mi, origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
-        valid, delta = si.is_valid(), _single(mi, delta) > 0
-
-        before = dr.zeros(mi.Interaction3f, len(origin))
-        before.p = self._inside(mi, origin if drawn is None else drawn)
-        seen = mi.DirectionSample3f(scene, si, before)
-        by_ray = _single(mi, density)
-        by_light = scene.pdf_emitter_direction(before, seen, ~delta)
-        emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
-
-        bsdf = si.bsdf()
-        lit = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*_uniform(mi, random, 0, 2)), True, lit)
-        towards = si.to_local(light.d)
-        lobe, *turn = _uniform(mi, random, LOBE, 3)
-        value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, lobe, mi.Point2f(*turn), valid)
-        radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
-        away = si.spawn_ray(si.to_world(next_way.wo))
-
+        places = self._inside(mi, origin)
+        drawn = places if drawn is None else self._inside(mi, drawn)
         hit, point, emitted, source, by_light, *sample, start, way, weight, by_next, smooth = _arrays(
-            len(origin), valid, si.p, _finite(emitted), self.light_number(seen.emitter), by_light,
-            light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, self.light_number(light.emitter),
-            away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
-            mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
+            len(origin), *self._meets(power, self._scene, self._positions, places, mi.Vector3f(*_columns(mi, direction)), drawn,
+                                             _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta)))
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), way,
                        weight, by_next, ~smooth)
+
+    @cached_property
+    def _meets(self):
+        """`_met` without what is the same for all rays: Dr.Jit's work to trace and assemble what all kinds of surfaces and lights
+        do was 12 of the 15 ms of a call with few rays."""
+        import drjit as dr
+
+        return dr.freeze(_met, limit=64, warn_after=1 << 30)  # as many rays as an array of the scene is long are recorded anew
 
     def _light(self, direction, distance, radiance, density, delta, light):
         distance = np.where(self._infinite[light], FAR, self._metres(distance))
@@ -461,10 +452,7 @@ class World:
 
     def light_number(self, emitter):
         """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""
-        import drjit as dr
-        import mitsuba as mi
-
-        return dr.gather(mi.Int32, self._positions, dr.reinterpret_array(mi.UInt32, emitter))
+        return _number(self._positions, emitter)
 
     def _metres(self, inside):
         return inside.astype(float) * self._unit
@@ -474,6 +462,42 @@ class World:
 
     def _ray(self, mi, origin, direction):
         return mi.Ray3f(self._inside(mi, origin), mi.Vector3f(*_columns(mi, direction)))
+
+
+def _number(positions, emitter):
+    import drjit as dr
+    import mitsuba as mi
+
+    return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
+
+
+def _met(power, scene, positions, origin, direction, drawn, random, by_ray, delta):
+    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`."""
+    import drjit as dr
+    import mitsuba as mi
+
+    context = mi.BSDFContext(mi.TransportMode.Importance if power else mi.TransportMode.Radiance)
+    si = scene.ray_intersect(mi.Ray3f(origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
+    valid, delta = si.is_valid(), delta > 0
+
+    before = dr.zeros(mi.Interaction3f)
+    before.p = drawn
+    seen = mi.DirectionSample3f(scene, si, before)
+    by_light = scene.pdf_emitter_direction(before, seen, ~delta)
+    emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
+
+    bsdf = si.bsdf()
+    lit = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), True, lit)
+    towards = si.to_local(light.d)
+    value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, random[LOBE], mi.Point2f(*random[LOBE + 1:]),
+                                                            valid)
+    radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
+    away = si.spawn_ray(si.to_world(next_way.wo))
+    return (valid, si.p, _finite(emitted), _number(positions, seen.emitter), by_light,
+            light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, _number(positions, light.emitter),
+            away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
+            mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
 
 
 def _index(bsdf):
@@ -543,5 +567,9 @@ def _arrays(count, *values):
 
 
 def _row(count, value):
-    # a copy: the memory is Dr.Jit's
-    return np.array(np.broadcast_to(np.asarray(value), count))
+    import drjit as dr
+
+    # of a recording, `World._meets`, a constant has the length of the call that was recorded
+    constant = value.state == dr.VarState.Literal
+    row = np.asarray(value)
+    return np.full(count, row[0]) if constant or len(row) == 1 else row.copy()  # a copy: the memory is Dr.Jit's

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
-from renderers.mitsuba.world import FAR, World
+from renderers.mitsuba.world import FAR, World, _met
 from tests.conftest import slow
 
 DEPTH = 5  # surfaces
@@ -179,6 +179,21 @@ def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
             kernels = [kernel for kernel in dr.kernel_history() if kernel["type"] == dr.KernelType.JIT]
         compiled.append([kernel["hash"] for kernel in kernels])
     assert len(compiled[0]) == 3 and all(hashes == compiled[0] for hashes in compiled)
+
+
+@pytest.mark.parametrize("lights", ["many", ""])
+def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path, lights):
+    """To the bit, for wavefronts of any length, also those as long as an array of the scene; a constant has the length of its."""
+    world = World(written(tmp_path, SENSOR, BOX, LIGHTS[lights] if lights else ""))
+    plain = World(world.scene)
+    plain.__dict__["_meets"] = _met
+    for count in (50, 3, 1, 700, 8, 12, 50):
+        random = np.random.default_rng(count).random((count, 5))
+        rays = random[:, :3], np.tile([0.0, 0.0, -1.0], (count, 1)), random, np.ones(count), random[:, 3] < 0.5
+        for drawn in (None, random[:, :3] + 1):
+            ours, theirs = (one.shade(*rays, drawn) for one in (world, plain))
+            for field, other in zip((*ours[:5], *ours.light, *ours[6:]), (*theirs[:5], *theirs.light, *theirs[6:]), strict=True):
+                assert field.dtype == other.dtype and np.array_equal(field, other, equal_nan=field.dtype.kind == "f")
 
 
 def test_numbers_next_to_one(tmp_path):
