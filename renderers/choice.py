@@ -1,4 +1,4 @@
-"""What `auto` is for a scene: the cheapest of the candidates that its method declares, by pilots of each.
+"""What `auto` is for a scene: the cheapest of its candidates (`renderers.candidates`), by pilots of each.
 
 The first candidate is the one that is taken where no pilots are worth their time.  The others are tried while pilots together
 take less than a tenth of the render, that of the first, whose kernels the render needs most likely, apart.  A candidate with an
@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import bakery
 from bakery.errors import AssetError, UsageError
-from renderers import budget, entries, remembered, trial
+from renderers import budget, candidates, entries, remembered, trial
 from renderers.budget import percent
+from renderers.candidates import Candidate
 from renderers.engine import Stop
 from renderers.mitsuba import bitmaps
 from renderers.progressive import fingerprint, made_of
@@ -30,6 +31,7 @@ TEXT = "bakery_method"  # attribute of the pictures
 _VERSION = 1  # of the rules below; another one does not go by what was kept
 _SHARE = 0.1  # of the render, that pilots of others than the first may take together
 _LONGEST = 1.5  # s of passes of a pilot
+_LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
 _CHEAPER = 1.25  # times, that a later candidate has to be: clocks differ
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
@@ -62,6 +64,18 @@ class Choice(NamedTuple):
         """Sentences of a report."""
         return [self.sentence, *(f"  {row['method']}: {_figures(row)}{row['why']}" for row in self.table)]
 
+    def of_entries(self, listed: Sequence[dict]) -> list[dict]:
+        """What a report says of each entry where methods mix, with what the pilots showed: of media that stand for materials how
+        far the picture is off by them together."""
+        return [self._of_entry(one) for one in listed]
+
+    def _of_entry(self, entry):
+        shown = {"pilot": self.table} if len(candidates.beside(entry["kind"])) > 1 else {}
+        if entry["bias"] is None:
+            why = f"{_figures(self.row)}{self.row['why']}"
+            shown |= {"bias": self.approximations, "reasons": [*entry["reasons"], why]}
+        return entry | shown
+
     def text(self) -> dict[str, str]:
         """Attributes of the pictures: no seconds, so that the same scene gives the same bytes."""
         return {TEXT: self.method}
@@ -82,17 +96,9 @@ class Opened(NamedTuple):
         return cls(scene, listed, listed[0])
 
 
-def candidates(scene) -> tuple[str, ...]:
-    """Names of the methods that the method of a scene chooses from; () of one that is taken as it is."""
-    if scene.renderer not in entries.PACKAGES.values():
-        return ()
-    return entries.declared(scene.values.materials[0].kind)[scene.values.method].candidates
-
-
-def with_method(scene, name: str):
-    """The scene by another method."""
-    listed = [entry.model_copy(update={"method": name}) for entry in scene.values.materials]
-    return dataclasses.replace(scene, values=scene.values.model_copy(update={"materials": listed, "method": name}))
+def applied(scene, choice: Choice):
+    """The scene as it was chosen."""
+    return candidates.applied(scene, next(one for one in candidates.of(scene) if one.name == choice.method))
 
 
 def stop_of(scene, quality) -> Stop:
@@ -117,57 +123,86 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
     BakeryError : the scene cannot be rendered by the first candidate
     Interrupted : a pilot was interrupted
     """
-    names = candidates(opened.scene)
-    if not names:
+    offered = candidates.of(opened.scene)
+    if not offered:
         return None
-    declared = entries.declared(opened.scene.values.materials[0].kind)
-    lacks = {name: reason for name in names if (reason := declared[name].lacks(opened.assets, world))}
-    names = tuple(name for name in names if name not in lacks) or names
-    if picture is not None and (earlier := _of_picture(picture)) in names:
-        return _taken(earlier, "the picture that is gone on with is by it")
+    lacks = {one.name: reason for one in offered if (reason := one.lacks(opened.assets, world))}
+    offered = tuple(one for one in offered if one.name not in lacks) or offered
     stop = stop_of(opened.scene, quality)
-    if alone := _without_pilots(opened.scene, names, world, stop):
-        return _taken(names[0], alone)
-    key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size), names,
-                            [asset.content_hash for asset in opened.assets], dataclasses.astuple(stop))
-    kept = _choice_of(remembered.get("choice", key), names)
+    key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
+                            [one.name for one in offered], [asset.content_hash for asset in opened.assets],
+                            dataclasses.astuple(stop))
+    kept = _choice_of(remembered.get("choice", key), offered)
+    earlier = _of_picture(picture, offered) if picture is not None else None
+    if earlier is not None and (kept is None or kept.method != earlier):
+        return _taken(offered, earlier, "the picture that is gone on with is by it")
+    if alone := _without_pilots(world, offered, stop):
+        return _taken(offered, offered[0].name, alone)
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
-    choice = _Pilots(prepare, opened, world, stop, names, lacks).choice()
+    others, seen = _unseen(opened, offered, world)
+    choice = _Pilots(prepare, opened, world, stop, others, lacks | seen).choice()
+    choice = choice._replace(sentence=f"{_said(offered, choice.method)}, {choice.sentence}")
     remembered.put("choice", key, choice._asdict())
     return choice
 
 
-def _without_pilots(scene, names, world, stop) -> str:
+def _unseen(opened, offered, world) -> tuple[list[Candidate], dict[str, str]]:
+    """Candidates whose media hide nothing that would be seen, with what they state of that; of the others by name what would."""
+    scene = opened.scene
+    methods = {number: one.methods[number] for one in offered for number in one.media}
+    deviations = {number: entries.declared(scene.values.materials[number].kind)[method].deviation(
+        scene, number, opened.assets[number], world) for number, method in methods.items()}
+    allowed, unseen, seen = budget.ROOM * (scene.values.tolerance or budget.DEFAULT), [], {}
+    for one in offered:
+        if math.hypot(*(deviations[number] for number in one.replaced)) > allowed:
+            told = ", ".join(f"materials[{number}] {percent(deviations[number])}" for number in one.replaced)
+            seen[one.name] = f"single particles and grains are seen, by which pixels deviate: {told}"
+        else:
+            unseen.append(one._replace(stated=_with(one.stated, [deviations[number] for number in one.media])))
+    return unseen, seen
+
+
+def _with(stated, deviations):
+    return lambda tolerance: math.hypot(stated(tolerance), *deviations)
+
+
+def _without_pilots(world, offered, stop) -> str:
     """Why the first candidate is taken without a pilot; "" where pilots are worth their time."""
-    pixels, declared = world.size[0] * world.size[1], entries.declared(scene.values.materials[0].kind)
+    pixels = world.size[0] * world.size[1]
     if world.dark:
         return "nothing shines"
     if pixels < _LEAST_PIXELS or stop.samples is not None and stop.samples * pixels < _LEAST_SAMPLES:
         return "pilots of other methods would take longer than so small a picture"
-    shortest = min((declared[name].pilot for name in names[1:]), default=math.inf)
+    shortest = min((one.pilot for one in offered[1:]), default=math.inf)
     if stop.time is not None and _SHARE * stop.time < shortest:
         return f"pilots of other methods take {shortest:.2g} s and more, and the picture {stop.time:.3g} s"
     return ""
 
 
-def _taken(name, why) -> Choice:
+def _taken(offered, name, why) -> Choice:
     row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": "taken without a pilot"}
-    return Choice(name, [row], None, f"auto is {name} here: {why}")
+    return Choice(name, [row], None, f"{_said(offered, name)}: {why}")
 
 
-def _of_picture(path) -> str | None:
-    """The method that a picture was made by; None where it does not say."""
+def _said(offered, name) -> str:
+    return f"auto is {name} here" if sum(one.eligible for one in offered) > 1 else f"{name}, as asked for"
+
+
+def _of_picture(path, offered) -> str | None:
+    """The candidate that a picture was made by, the first one where it does not say; None where it cannot be gone on with."""
     try:
-        return bitmaps.read(path)[1].get(TEXT)
+        name = bitmaps.read(path)[1].get(TEXT, offered[0].name)
     except (UsageError, OSError):
         return None  # `renderers.progressive` says what is wrong with the picture
+    return name if name in [one.name for one in offered if one.eligible] else None
 
 
-def _choice_of(kept, names) -> Choice | None:
+def _choice_of(kept, offered) -> Choice | None:
     """A choice that was kept; None where it is none."""
     try:
         choice = Choice(**kept)
+        names = [one.name for one in offered if one.eligible]
         return choice if choice.method in names and choice.row["method"] == choice.method else None
     except (TypeError, KeyError, StopIteration):
         return None
@@ -181,24 +216,28 @@ def _figures(row):
 
 
 class _Pilots:
-    """The pilots of a scene's candidates."""
+    """The pilots of a scene's candidates; lacks : of others by name why they are none."""
 
-    def __init__(self, prepare, opened, world, stop, names, lacks=MappingProxyType({})):
+    def __init__(self, prepare, opened, world, stop, offered: Sequence[Candidate], lacks=MappingProxyType({})):
         self._lacks = lacks
         self._prepare, self._opened, self._world, self._stop = prepare, opened, world, stop
-        self._declared = {name: entries.declared(opened.scene.values.materials[0].kind)[name] for name in names}
+        self._offered = {one.name: one for one in offered}
         self._pixels = world.size[0] * world.size[1]
         self._noise = stop.noise or budget.of(opened.scene).noise  # of a scene that asks for none
         self._tolerance = opened.scene.values.tolerance or budget.DEFAULT
         self._trials: dict[str, Trial] = {}
         self._why: dict[str, str] = {}
-        first, *others = names
-        limit = math.inf if stop.time is None else stop.time
+        if len(self._offered) > 1:
+            self._run()
+
+    def _run(self):
+        first, *others = self._offered
+        limit = math.inf if self._stop.time is None else self._stop.time
         self._try(first, min(_LONGEST, 0.3 * _SHARE * limit))
         whole = min(limit, self._seconds_to_end(self._trials[first]))
         left = _SHARE * whole
         for name in others:
-            needed = self._declared[name].pilot
+            needed = self._offered[name].pilot
             if left < needed:
                 self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
                 continue
@@ -207,10 +246,32 @@ class _Pilots:
                 left -= self._trials[name].seconds
             except (AssetError, UsageError) as fault:
                 self._why[name] = f"not possible: {fault}"
+        self._tell_more(left)
 
     def _try(self, name, seconds):
-        opened = self._opened._replace(scene=with_method(self._opened.scene, name))
+        opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))
         self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
+
+    def _tell_more(self, left):
+        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
+        does not tell enough and would then do so."""
+        exact, allowed = self._exact(), budget.ROOM * self._tolerance
+        open_ones = [name for name in self._trials if self._offered[name].stated(self._tolerance) > allowed]
+        if not exact or not open_ones:
+            return
+        name = min(open_ones, key=lambda name: self._seconds(self._trials[name]))
+        reference = min(exact, key=lambda name: self._variance(exact[name]))
+        bias, both = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
+        if bias.resolved or bias.size + bias.error <= allowed or bias.size >= allowed:
+            return
+        # the error goes with the root of the variance
+        times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
+        needed = times * sum(one.seconds for one in both)
+        if needed > left or times > _LONGER:
+            self._why[name] = f"how far it is off takes {needed:.2g} s to tell, and pilots have {left:.2g} s left"
+            return
+        for one, pilot in zip((name, reference), both):
+            self._try(one, times * pilot.seconds)
 
     def _seconds_to_end(self, tried) -> float:
         """Until noise or samples end the passes."""
@@ -222,30 +283,42 @@ class _Pilots:
         """Processor seconds of a render to the noise that is asked for."""
         return tried.setup + tried.rate(self._pixels, missing) / self._noise**2
 
+    def _missing(self) -> dict[str, float]:
+        """What each lacks of the light that the others have found."""
+        without_error = {name for name in self._trials if self._offered[name].exact}
+        return {name: trial.missing(one, {other: its for other, its in self._trials.items() if other != name}, without_error)
+                for name, one in self._trials.items()}
+
+    def _exact(self) -> dict[str, Trial]:
+        """Those without an error that have found all of the light."""
+        missing = self._missing()
+        return {name: one for name, one in self._trials.items()
+                if self._offered[name].exact and one.level > 0 and not missing[name]}
+
+    @staticmethod
+    def _variance(tried) -> float:
+        return float(tried.light[""].variance.sum()) / tried.level**2
+
     def choice(self) -> Choice:
         """The cheapest that fits."""
-        others = {name: {other: one for other, one in self._trials.items() if other != name} for name in self._trials}
-        without_error = {name for name in self._trials if self._declared[name].exact}
-        missing = {name: trial.missing(one, others[name], without_error) for name, one in self._trials.items()}
-        exact = {name: self._trials[name] for name in without_error if self._trials[name].level > 0 and not missing[name]}
+        missing, exact = self._missing(), self._exact()
         table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
-        best, room = (next(iter(self._declared)), math.inf), {}
-        for name in self._declared:
+        best, room = (next(iter(self._offered)), math.inf), {}
+        for name, candidate in self._offered.items():
             if name not in self._trials:
-                table.append(self._row(name, None, None, self._why[name]))
+                table.append(self._row(name, None, None, self._why.get(name, "taken without a pilot")))
                 continue
-            tried = self._trials[name]
-            cost = self._seconds(tried, missing[name])
+            cost = self._seconds(self._trials[name], missing[name])
             fits, bias, why, room[name] = self._fits(name, exact)
-            table.append(self._row(name, cost, bias, why))
-            if not fits:
-                continue
-            if math.isinf(best[1]) or cost * self._margin(name, best[0]) < best[1]:
+            table.append(self._row(name, cost, bias, why if candidate.eligible else f"{why}; other methods are asked for"))
+            if fits and candidate.eligible and (math.isinf(best[1]) or cost * self._margin(name, best[0]) < best[1]):
                 best = name, cost
         for row in table:
             row["chosen"] = row["method"] == best[0]
-        return Choice(best[0], table, room.get(best[0]),
-                      f"auto is {best[0]} here, by pilots: seconds of a processor to a noise of {percent(self._noise)}")
+        by = "nothing else would do"
+        if self._trials:
+            by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
+        return Choice(best[0], table, room.get(best[0]), by)
 
     def _margin(self, name, other) -> float:
         """By how much a candidate has to be cheaper than one before it."""
@@ -258,22 +331,23 @@ class _Pilots:
 
     def _fits(self, name, exact: Mapping[str, Trial]):
         """Whether a candidate's own error fits, `trial.Bias` or None, in words, and the error to make room for, or None."""
-        declared, tried = self._declared[name], self._trials[name]
+        candidate, tried = self._offered[name], self._trials[name]
         if not tried.level > 0:
             return False, None, "its pilot found no light", None
-        if declared.exact:
+        if candidate.exact:
             lacking = ", and has not found all of the light" if name not in exact else ""
             return True, trial.NO_BIAS, f"without an error of its own{lacking}", 0.0
-        allowed, stated = budget.ROOM * self._tolerance, declared.error(self._tolerance)
-        by_statement = (stated <= allowed, f"it states {percent(stated)}, of {percent(allowed)} that it may have")
+        allowed, stated = budget.ROOM * self._tolerance, candidate.stated(self._tolerance)
         if not exact:
-            return True, None, "how far it is off is not known: none without an error has found all of the light", None
-        reference = min(exact.values(), key=lambda one: float(one.light[""].variance.sum()) / one.level**2)
-        bias = trial.bias(tried, reference)
+            why = "how far it is off is not known: none without an error has found all of the light"
+            return not candidate.media or stated <= allowed, None, why, None
+        bias = trial.bias(tried, min(exact.values(), key=self._variance))
         if bias.size + bias.error <= allowed:
             return True, bias, f"within the {percent(allowed)} that it may be off", bias.size + bias.error
         order, (shift, error) = max(bias.by_order.items(), key=lambda item: abs(item[1][0]) - _ORDER_SURE * item[1][1])
         if bias.resolved or abs(shift) - _ORDER_SURE * error > allowed:
             where = f", {percent(abs(shift))} +- {percent(error)} of it in layer {order}"
-            return False, bias, f"off by more than the {percent(allowed)} that it may be{where}", None
-        return by_statement[0], bias, f"the pilot does not tell more: {by_statement[1]}", None
+            return False, bias, f"off by more than the {percent(allowed)} that it may be{where}", \
+                bias.size + bias.error if candidate.media else None
+        states = f"it states {percent(stated)}, of {percent(allowed)} that it may have"
+        return stated <= allowed, bias, f"the pilot does not tell more: {self._why.get(name, states)}", None

@@ -40,6 +40,8 @@ class SceneMethod:
     lacks : (assets, world) -> what of the light it cannot find there, so that it is no candidate; "" where it finds all
     pilot : seconds that a pilot of it takes at least, with what it loads
     continuous : whether a medium stands for the material, of which nothing is told apart
+    deviation : (scene, number, asset, world) -> by how much pixels deviate from such a medium because of what could be told apart
+        of an entry, by its number: root mean square over the picture's mean
     beside : whether a material by it may stand beside materials of other kinds
     kind : of materials, as `renderers.entries` names them
     """
@@ -59,6 +61,7 @@ class SceneMethod:
     lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
     pilot: float = 1.0
     continuous: bool = False
+    deviation: Callable[..., float] = lambda scene, number, asset, world: 0.0
     beside: bool = False
 
 

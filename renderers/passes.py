@@ -35,6 +35,7 @@ class Method(NamedTuple):
     features : what gives the `renderers.denoise.Features` of the scene; None: nothing does
     apart : names of parts whose detail looks like noise: they are not filtered
     entry : what `World.depth` takes: to what hides surfaces and is none of the Mitsuba scene; None: nothing does
+    unmeasured : whether it is also off by what no comparison of methods tells
     """
 
     name: str
@@ -45,6 +46,7 @@ class Method(NamedTuple):
     features: Callable[[], denoise.Features | None] | None = None
     apart: tuple[str, ...] = ()
     entry: Callable | None = None
+    unmeasured: bool = False
 
 
 def render(prepare, path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
@@ -63,7 +65,7 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     taken = choice.chosen(prepare, choice.Opened(scene, job.assets, job.asset), world, quality, job.pair[1] if resume else None)
     if taken is not None:
         job.part_over("choice")
-        job.scene = choice.with_method(scene, taken.method)
+        job.scene = choice.applied(scene, taken)
     method = prepare(job, world, seed)
     job.part_over("preparation")
     estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
@@ -81,7 +83,9 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     job.part_over("passes")
     after = method.after(estimate) | ({"text": taken.text(), "choice": taken.table} if taken else {})
     after["layers"] = (after.get("layers") or {}) | {DEPTH: world.depth(method.entry)}
-    if taken and taken.approximations:
+    if taken and "materials" in after:
+        after["materials"] = taken.of_entries(after["materials"])
+    if taken and taken.approximations and not method.unmeasured:
         after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
     denoised, remarks = (None, []) if world.dark else _denoised(scene.values, quality, method, estimate)
     if denoised is not None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bakery.system import resources
-from renderers import choice, denoise, reached
+from renderers import candidates, choice, denoise, reached
 from renderers.engine import TRUSTED
 from renderers.pace import shared_out
 
@@ -62,7 +62,7 @@ class Forecast(NamedTuple):
 
 def _taken(scene, quality, variant):
     """The `renderers.choice.Choice` that a render will make or find; None where its method is none that chooses."""
-    if not choice.candidates(scene):
+    if not candidates.of(scene):
         return None
     from renderers.mitsuba.world import World
 
@@ -90,9 +90,12 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     BakeryError : as the renderer
     """
     taken = _taken(scene, quality, variant)
-    if taken is not None:
-        chosen = forecast(choice.with_method(scene, taken.method), quality=quality, variant=variant, seed=seed)
-        return chosen._replace(choice=tuple(taken.reasons))
+    scene, reasons = (scene, ()) if taken is None else (choice.applied(scene, taken), tuple(taken.reasons))
+    return _forecast_of(scene, quality, variant, seed)._replace(choice=reasons)
+
+
+def _forecast_of(scene, quality, variant, seed) -> Forecast:
+    """Of a scene as it is to be rendered."""
     stop = choice.stop_of(scene, quality)
     options = {"variant": variant, "seed": seed}
     with tempfile.TemporaryDirectory(prefix="bakery-pilot-") as folder:

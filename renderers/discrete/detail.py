@@ -9,12 +9,15 @@ scatters, and takes away what is behind its disc; a disc larger than the pixel a
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery.kernels import phase_value, region_densities, stream_key
 from bakery.system.compiled import njit
 from renderers import colour, wavefront
+from renderers.discrete import medium as media
+from renderers.discrete import place
 from renderers.threads import run
 
 _PROBES = 2048  # pixels that are looked at; depths between them are the largest around
@@ -35,6 +38,35 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     """
     if not world.light_names:
         return np.zeros((height, width))
+    probes = _probed(world, medium, camera, height, width, seed)
+    begin, end, edges, rows, columns = probes.begin, probes.end, probes.edges, probes.rows, probes.columns
+    # what is left of the variance from each edge on
+    left = np.concatenate([np.cumsum(probes.variance[:, ::-1], axis=1)[:, ::-1], np.zeros((len(begin), 1))], axis=1)
+    enough = left <= (tolerance * probes.mean[:, None]) ** 2
+    first = enough.argmax(axis=1)
+    depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
+    depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
+    # between probes the largest of those around
+    around = np.pad(depth.reshape(len(rows), len(columns)), 1, mode="edge")
+    grid = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3))
+    return grid.repeat(probes.stride, axis=0).repeat(probes.stride, axis=1)[:height, :width]
+
+
+class _Probes(NamedTuple):
+    """Of n pixels in rows and columns: where their rays enter and leave the region's box (n,) m, depths (n, _DEPTHS + 1) m, mean
+    luminance (n,) and its variance between the depths (n, _DEPTHS)."""
+
+    stride: int
+    rows: np.ndarray
+    columns: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    edges: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+
+
+def _probed(world, medium, camera, height, width, seed) -> _Probes:
     stride = max(1, math.ceil(math.sqrt(height * width / _PROBES)))
     rows, columns = (np.minimum(np.arange(0, side + stride, stride), side - 1) for side in (height, width))
     pixel = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -51,16 +83,21 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     solid = float(np.linalg.norm(np.cross(camera.right, camera.down))) \
         * (direction @ _axis(camera)) ** 3
     mean, variance = _along(world, medium, origin, direction, middle, np.diff(edges, axis=1), behind, solid, states)
-    # what is left of the variance from each edge on
-    left = np.concatenate([np.cumsum(variance[:, ::-1], axis=1)[:, ::-1], np.zeros((len(pixel), 1))], axis=1)
-    enough = left <= (tolerance * mean[:, None]) ** 2
-    first = enough.argmax(axis=1)
-    depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
-    depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
-    # between probes the largest of those around
-    around = np.pad(depth.reshape(len(rows), len(columns)), 1, mode="edge")
-    grid = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3))
-    return grid.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
+    return _Probes(stride, rows, columns, begin, end, edges, mean, np.where((begin < end)[:, None], variance, 0.0))
+
+
+def deviation(scene, number, asset, world) -> float:
+    """By how much pixels deviate from the continuous medium because of an entry's particles: root mean square over the picture's
+    mean, whatever hides them but surfaces."""
+    group, entry, waves = asset.discrete, scene.values.materials[number], np.asarray(asset.wavelength, float)
+    region = place.region_of(scene, group, number)
+    classes = media.without_peak(media.classes_of(group), media.peak_of(entry.peak, world))
+    discs = place.discs_of(group, region, entry.velocity, entry.time)
+    tabulated, _ = media.medium(classes, discs, colour.srgb_matrix(waves), colour.spread_matrix(waves))
+    if not world.light_names:
+        return 0.0
+    probes = _probed(world, tabulated, world.camera, *world.size, 0)
+    return math.sqrt(float(probes.variance.sum(axis=1).mean())) / max(float(probes.mean.mean()), 1e-300)
 
 
 def _axis(camera):

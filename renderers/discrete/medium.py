@@ -11,6 +11,7 @@ from bakery import kernels
 from renderers.discrete.shadow import Overlap, overlap_of
 
 _METRES, _SQUARE_METRES = 1e-6, 1e-12  # um, um^2
+_HALF = 0.5  # of a pixel, within which a peak counts as unscattered
 
 
 class Medium(NamedTuple):
@@ -90,6 +91,13 @@ def in_bands(classes, bands) -> Classes:
     phase[scattering <= 0] = 1 / (4 * math.pi)
     return classes._replace(extinction=bands @ classes.extinction, scattering=scattering, phase=phase, peak=np.zeros(len(bands)),
                             host=bands @ classes.host)
+
+
+def peak_of(peak, world) -> float:
+    """The key `peak` of an entry, rad: `auto` is half a pixel, `keep` nothing."""
+    if peak == "keep":
+        return 0.0
+    return _HALF * float(np.median(world.camera.angle(*world.size))) if peak == "auto" else peak
 
 
 def without_peak(classes, angle) -> Classes:

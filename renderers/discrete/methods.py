@@ -12,12 +12,11 @@ from renderers import budget, colour
 from renderers.declaration import settled
 from renderers.discrete import place, walk
 from renderers.discrete.declared import methods
-from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, without_peak
+from renderers.discrete.medium import Classes, Medium, classes_of, in_bands, medium, peak_of, without_peak
 from renderers.engine import Part
 from renderers.passes import Method
 
 _LAYERS = ("order0", "order1", "order2", "orders")
-_HALF = 0.5
 
 
 class Setup(NamedTuple):
@@ -80,7 +79,7 @@ def peak_angle(settings, world):
     """Within which the forward peak counts as unscattered, rad; 0: nothing does."""
     if not methods()[settings.method].peak or settings.peak == "keep":
         return 0.0
-    return _HALF * float(np.median(world.camera.angle(*world.size))) if settings.peak == "auto" else settings.peak
+    return peak_of(settings.peak, world)
 
 
 def _setup(job, world, angle) -> Setup:

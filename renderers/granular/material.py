@@ -53,6 +53,16 @@ def radius_of(grains) -> float:
     return grains.unit * float(grains.aggregate.radii.max())
 
 
+def largest_of(asset) -> float:
+    """Radius of the largest sphere of an asset's tile, m."""
+    return _unit(asset) * float(np.max(_tile(asset)[1]))
+
+
+def _unit(asset) -> float:
+    """Mean radius of an asset's grains, m."""
+    return float(np.sum(np.asarray(asset.grains.radius) * np.asarray(asset.grains.radius_share)))
+
+
 def colours_of(asset) -> Colours:
     """From and to the asset's wavelengths."""
     waves = np.asarray(asset.wavelength, float)
@@ -156,7 +166,7 @@ def seldom(aggregate, sigma_t):
 def grains_of(asset, vertices, faces, local=UNIFORM) -> Grains:
     """The asset's grains in a mesh, vertices (V, 3) m; local : of `local.local_of`, what varies in it."""
     group, middle = asset.grains, len(asset.wavelength) // 2
-    unit = float(np.sum(np.asarray(group.radius) * np.asarray(group.radius_share)))
+    unit = _unit(asset)
     types = [_Grain(one, middle) for one in group.exemplars.values()]
     parts = [group[name] for name in group.exemplars]
     share, mixture = (one and one._replace(low=one.low / unit, edge=one.edge / unit) for one in local)

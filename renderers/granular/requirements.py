@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from bakery import kernels
-from renderers.budget import as_much
+from renderers.budget import ROOM, as_much
 from renderers.granular.declared import methods
 from renderers.requirements import Knob, Need
 
@@ -76,12 +76,12 @@ def _triangles(about, method):
 
 def _pixels(about):
     """Diameter of the largest grain at the nearest point of its bodies, pixels."""
-    from renderers.granular import local
+    from renderers.granular import local, seen
 
     radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
-    camera, nearest = about.world.camera, math.inf
-    bodies = [one.where for one in about.scene.values.materials]
-    pixel = about.pixel()
+    bodies, widest = [one.where for one in about.scene.values.materials], 0.0
+    if about.world.camera is None:
+        raise about.scene.no_camera()
     for number in about.bodies:
         path = about.scene.file(bodies[number].mesh)
         try:
@@ -89,15 +89,13 @@ def _pixels(about):
         except ValueError as fault:
             raise about.scene.wrong(f"materials[{number}].where.mesh", fault) from None
         local.check(about.scene, number, bodies[number].unit * vertices)
-        nearest = min(nearest, _distance(camera.origin, bodies[number].unit * vertices[faces]))
-    return 2 * radius / (pixel * max(nearest, radius))
+        widest = max(widest, seen.pixels_wide(about.world, bodies[number].unit * vertices[faces], radius))
+    return widest
 
 
-def _distance(point, triangles) -> float:
-    """From a point (3,) to the nearest of triangles (F, 3, 3)."""
-    from trimesh.triangles import closest_point
-
-    return float(np.linalg.norm(closest_point(triangles, np.broadcast_to(point, (len(triangles), 3))) - point, axis=1).min())
+def unseen(about) -> bool:
+    """Whether no grain of its bodies can be told apart, so that a medium may stand for them beside other materials."""
+    return about.recipe.grains is not None and about.measured(_pixels) <= ROOM * about.tolerance
 
 
 def _largest(radii):

@@ -35,7 +35,7 @@ def prepare(job, world, seed) -> Method:
     what = [one.what for one in found]
     explicit = [number for number, one in enumerate(what) if isinstance(one, contents.Particles | contents.Grains)]
     if not explicit and len(what) <= MOST_IN_A_LOOP:
-        return _in_one_loop(name, world, what, spectra.colours, seed, reasons, figures)
+        return _in_one_loop(name, world, what, spectra.colours, seed, reasons, figures)._replace(unmeasured=spectra.bands)
     room = build.scene_of(world, [build.material_of(one) for one in what], spectra.colours)
     part, shares = wavefronts.part("paths", room, seed), []
 
@@ -49,7 +49,8 @@ def prepare(job, world, seed) -> Method:
             detail=shares[0][..., explicit].sum(axis=-1))
 
     seen = features if len(what) <= MOST_IN_A_LOOP else None
-    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(what))
+    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(what),
+                  unmeasured=spectra.bands)
 
 
 def _entry(materials):

@@ -11,13 +11,15 @@ from renderers.transport import waves
 
 LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS, _SAMPLES = 1 << 17, 16  # of a pass, at most, where a pixel has several; and of a pixel
+_OF_PILOTS = 4  # samples of a pixel: two passes of each of their pictures are rendered in any case
 _FIRST = "first"  # layers: shares of a pixel's paths that materials were the first to scatter, three a layer
 
 
 def part(name, scene, seed) -> Part:
     """Passes of paths through a `renderers.transport.waves.Scene`."""
     height, width = scene.world.size
-    samples = max(1, min(_SAMPLES, round(_PATHS / (height * width))))
+    most = _SAMPLES if scene.world.whole is None else _OF_PILOTS
+    samples = max(1, min(most, round(_PATHS / (height * width))))
     return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from renderers.mixed.scene import chosen
+from renderers.mixed.scene import METHODS, chosen
 from renderers.requirements import Need, merged
 
 
@@ -14,10 +14,19 @@ def needs(about) -> list[Need]:
     entries = about.scene.values.materials
     groups: dict[tuple[str, str], list[int]] = {}
     for number in about.bodies:
-        groups.setdefault((entries[number].kind, chosen(entries[number].kind, entries[number].method)), []).append(number)
+        for method in _methods(about, number, grains):
+            groups.setdefault((entries[number].kind, method), []).append(number)
     rules = {"particles": particles.needs, "grains": grains.needs, "medium": _of_medium, "body": _of_medium}
     return list(merged([rules[kind](about.only(numbers, method)) for (kind, method), numbers in groups.items()],
                        about.recipe.leaves))
+
+
+def _methods(about, number, grains):
+    """By which an entry may be rendered: `auto` may take the medium that stands for grains that nobody sees."""
+    entry = about.scene.values.materials[number]
+    method = chosen(entry.kind, entry.method)
+    may_be_medium = entry.kind == "grains" and entry.method == "auto" and grains.unseen(about.only([number], method))
+    return dict.fromkeys([method, *METHODS[entry.kind]]) if may_be_medium else [method]
 
 
 def _of_medium(about) -> list[Need]:

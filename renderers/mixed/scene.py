@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from bakery.errors import Problem
 from bakery.grammar import fields
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner
+from renderers.candidates import UNKNOWN_TO_MEDIA, beside
 from renderers.common import node_at
 from renderers.entries import KEYS, KINDS, declared, methods
 
 # kind -> methods that may stand beside other materials; the first one is what `auto` is
-METHODS = {kind: [name for name, method in declared(kind).items() if method.beside] for kind in KINDS}
+METHODS = {kind: beside(kind) for kind in KINDS}
 NEEDS: tuple[str, ...] = ()  # stages of the asset: those of the entries
 UNUSED = {"film.wavelengths": "none: materials are rendered at the wavelengths of their assets"}  # common keys
 RESUMES = True
@@ -45,7 +46,7 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",
                                           "expected none")
         if method in METHODS[kind] and declared(kind)[method].continuous:
-            for name in ("fraction", "mixture"):
+            for name in UNKNOWN_TO_MEDIA:
                 if name in entry and name in KEYS[kind]:
                     found = f"found {name}, which method {method} does not know beside other materials"
                     yield entry.names[name].problem(found, f"expected it with method: {chosen(kind, 'auto')}")

@@ -10,6 +10,7 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from renderers import choice
 from tests.exr import layers
 
 RECIPES = {
@@ -21,6 +22,12 @@ particles:
   number_density: 4e5 /m^3
   components: [{name: drops, material: water, size: {distribution: single, radius: 400 um}}]
 discrete: {count: 2000, box: [20 cm, 20 cm, 20 cm], seed: 3, method: procedural}""",
+    "spray": """tolerance: 20%
+particles:
+  host: air
+  number_density: 4e8 /m^3
+  components: [{name: drops, material: water, size: {distribution: single, radius: 40 um}}]
+discrete: {count: 3200000, box: [20 cm, 20 cm, 20 cm], seed: 3, method: procedural}""",
     "beads": """tolerance: 20%
 grains:
   radius: 3 mm
@@ -105,6 +112,52 @@ def test_where_all_is_continuous_one_loop_renders(call):
     assert [entry["bias"] for entry in report["materials"]] == [0, None, None, 0] and report["bias"] is None
     assert any("no particle is told apart" in reason for reason in report["materials"][1]["reasons"])
     assert set(np.unique(found["material"])) <= {-1, 0, 1, 2, 3} and 3 in found["material"]
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """Pilots of pictures as small as these."""
+    for name, value in (("_LEAST_PIXELS", 1), ("_LEAST_SAMPLES", 1), ("_SHARE", 1e6), ("_LONGEST", 0.1), ("_LONGER", 1)):
+        monkeypatch.setattr(choice, name, value)
+
+
+SPRAY = "--set", "materials[1].recipe=spray.yaml"
+
+
+@pytest.mark.slow
+def test_auto_measures_and_remembers(call, folder, measured, monkeypatch, capsys):
+    """Drops that nobody can tell apart may become a medium, beads that are seen stay beads; plan, render and resume agree."""
+    report, _ = rendered(call, "auto.png", *SPRAY)
+    table = {row["method"]: row for row in report["materials"][1]["pilot"]}
+    first, both, spray, beads = (f"materials[1] by {one}; materials[2] by {other}" for one, other in (
+        ("particles", "ept"), ("continuous", "vpt"), ("continuous", "ept"), ("particles", "vpt")))
+    assert table.keys() == {first, both, spray, beads}
+    assert all("single particles and grains are seen" in table[name]["why"] for name in (both, beads))
+    assert table[first]["seconds"] > 0 and table[spray]["seconds"] > 0 and table[first]["bias"] == 0 and table[spray]["error"] > 0
+    entries, taken = report["materials"], next(name for name in table if table[name]["chosen"])
+    assert f"materials[1] by {entries[1]['method']}; materials[2] by {entries[2]['method']}" == taken
+    assert [entry["pilot"] is None for entry in entries] == [True, False, False, True]
+    assert any("auto is" in line and "by pilots" in line for line in report["reasons"])
+    monkeypatch.setattr(choice.trial, "of", None)
+    again, _ = rendered(call, "found.png", *SPRAY)
+    assert any("of an earlier render" in line for line in again["reasons"])
+    assert (folder / "auto.exr").read_bytes() == (folder / "found.exr").read_bytes()
+    more, _ = rendered(call, "auto.png", *SPRAY, "--set", "stop.samples=64", "--resume")
+    assert more["method"] == report["method"] and more["samples"] > report["samples"]
+    assert status_of(["plan", "all.yaml", "--json", *SPRAY]) == 0
+    (plan,) = json.loads(capsys.readouterr().out)
+    assert plan["render"]["choice"][0].startswith(f"auto is {taken} here, by pilots")
+
+
+@pytest.mark.slow
+def test_how_far_media_that_are_asked_for_are_off(call, measured):
+    """By the same pilots, of what they stand for; beads of 6 mm, seen, are off by much more than their medium states."""
+    report, _ = rendered(call, "asked.png", *SPRAY, "--set", "materials[1].method=particles", "--set", "materials[2].method=vpt")
+    beads = report["materials"][2]
+    asked, explicit = beads["pilot"]
+    assert beads["method"] == "vpt" and asked["chosen"] and "other methods are asked for" in explicit["why"]
+    assert explicit["bias"] == 0 and asked["error"] > 0 and report["materials"][1]["bias"] == 0
+    assert any("as asked for, by pilots" in line for line in report["reasons"])
 
 
 @pytest.mark.parametrize("setting, message", [

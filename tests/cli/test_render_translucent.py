@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 
@@ -11,7 +12,7 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers import choice, scene
+from renderers import candidates, choice, entries, scene
 from tests.conftest import ROOT, slow
 from tests.exr import layers
 
@@ -97,7 +98,9 @@ def test_report_and_layers(call, place):
 
 def test_auto_measures_and_remembers(call, place, monkeypatch):
     """Pilots of both, whose choice the same scene finds again, with the same bytes, and a picture that is gone on with."""
-    monkeypatch.setattr(choice, "candidates", lambda scene: ("paths", "vrl+tables") * (scene.values.method == "auto"))
+    declared = entries.declared("body")
+    auto = dataclasses.replace(declared["auto"], candidates=("paths", "vrl+tables"))
+    monkeypatch.setattr(candidates.entries, "declared", lambda kind: declared | {"auto": auto})
     for name, value in (("_LEAST_PIXELS", 1), ("_LEAST_SAMPLES", 1), ("_SHARE", 1e6), ("_LONGEST", 0.1)):
         monkeypatch.setattr(choice, name, value)
     report, _ = rendered(call, place, "a")

@@ -10,8 +10,10 @@ import pytest
 import bakery
 from bakery.cli import status_of
 from renderers import budget, choice
+from renderers.candidates import Candidate
 from renderers.engine import Stop
 from renderers.granular import material, methods
+from renderers.granular.declared import methods as declared
 from renderers.mitsuba.world import World
 from tests.physics.test_aggregate import CUBE
 
@@ -70,13 +72,15 @@ def chosen(monkeypatch, world, one, samples):
     """What `auto` is by pilots of so many samples a pixel: no clock decides how many."""
     mesh, of = (VERTICES, FACES), choice.trial.of
     monkeypatch.setattr(choice.trial, "of", lambda prepare, world, seconds: of(prepare, world, None, samples))
-    monkeypatch.setattr(choice, "with_method", lambda scene, name: name)
+    monkeypatch.setattr(choice.candidates, "applied", lambda scene, candidate: candidate.name)
     scene = SimpleNamespace(values=SimpleNamespace(materials=[SimpleNamespace(kind="grains")], tolerance=budget.DEFAULT))
 
     def prepare(opened, small, seed):
         return methods.of(opened.scene, small, [one], [mesh], [material.grains_of(one, *mesh)], seed)
 
-    return choice._Pilots(prepare, choice.Opened(scene, [one], one), world, Stop(noise=1e-4), ("ept", "ept+vpt+da")).choice()
+    offered = [Candidate(name, (name,), declared()[name].exact, declared()[name].error, declared()[name].pilot)
+               for name in ("ept", "ept+vpt+da")]
+    return choice._Pilots(prepare, choice.Opened(scene, [one], one), world, Stop(noise=1e-4), offered).choice()
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from bakery.errors import UsageError
 from renderers import choice, trial
 from renderers.camera import Camera
-from renderers.declaration import SceneMethod
+from renderers.candidates import Candidate
 from renderers.engine import Part, Stop
 from renderers.granular import bundles
 from renderers.trial import Cost, Light, Trial
@@ -98,27 +99,26 @@ def tried(seconds, noise=1.0, shift=0.0, error=1e-4, level=1.0):
     return Trial(0.0, (cost,), dict.fromkeys(trial.ORDERS, light), trial.SMALL, 4, 1.0)
 
 
-def method(name, exact=False, stated=0.0, pilot=0.0):
-    return SceneMethod(name=name, kind="toy", words="", brings="", exact=exact, error=lambda tolerance: stated, pilot=pilot)
+def method(name, exact=False, stated=0.0, pilot=0.0, **more):
+    return Candidate(name, (name,), exact, lambda tolerance: stated, pilot, **more)
 
 
 def taken(monkeypatch, *pairs, stop=STOP, tolerance=0.1):
-    """The choice among (method, its pilot or what it raises)."""
-    declared, pilots = {one.name: one for one, _ in pairs}, {one.name: result for one, result in pairs}
+    """The choice among (method, its pilot, what it raises, or what makes its pilot of seconds)."""
+    pilots = {one.name: result for one, result in pairs}
 
     def of(prepare, small, seconds):
         result = pilots[prepare(small, 0)]
+        result = result(seconds) if callable(result) else result
         if isinstance(result, Exception):
             raise result
         return result
 
-    entry = SimpleNamespace(kind="toy")
-    scene = SimpleNamespace(values=SimpleNamespace(materials=[entry], tolerance=tolerance))
-    monkeypatch.setattr(choice.entries, "declared", lambda kind: declared)
+    scene = SimpleNamespace(values=SimpleNamespace(materials=[], tolerance=tolerance))
     monkeypatch.setattr(choice.trial, "of", of)
-    monkeypatch.setattr(choice, "with_method", lambda scene, name: name)
-    opened = choice.Opened(scene, [], None)
-    return choice._Pilots(lambda opened, small, seed: opened.scene, opened, world(), stop, list(declared)).choice()
+    monkeypatch.setattr(choice.candidates, "applied", lambda scene, candidate: candidate.name)
+    opened, offered = choice.Opened(scene, [], None), [one for one, _ in pairs]
+    return choice._Pilots(lambda opened, small, seed: opened.scene, opened, world(), stop, offered).choice()
 
 
 def test_the_cheapest_that_fits_is_taken(monkeypatch):
@@ -162,11 +162,38 @@ def test_what_is_not_possible_or_not_worth_it_is_said(monkeypatch):
     assert best.method == "paths" and "not tried: a pilot takes 2 s, and the picture 0.4 s" in best.table[1]["why"]
 
 
+def test_what_states_too_much_is_taken_only_where_pilots_tell_its_error(monkeypatch):
+    """Longer ones, where what is left of their time is enough for that."""
+    medium, limits = method("medium", stated=0.3), []
+
+    def longer(rate):
+        def of(seconds):
+            limits.append(seconds)
+            return tried(rate, noise=1.0, error=0.15 / math.sqrt(seconds))._replace(seconds=seconds)
+
+        return of
+
+    best = taken(monkeypatch, (method("paths", exact=True), longer(1.0)), (medium, longer(0.1)), stop=Stop(noise=0.01, time=1e4))
+    assert best.method == "medium" and 0 < best.approximations < 0.05 and max(limits) > min(limits)
+    best = taken(monkeypatch, (method("paths", exact=True), longer(1.0)), (medium, longer(0.1)), stop=Stop(noise=0.01, time=20.0))
+    assert best.method == "paths" and "s to tell" in best.table[1]["why"]
+
+
+def test_of_what_is_asked_for_pilots_tell_the_error(monkeypatch):
+    """By a candidate that may not be taken."""
+    explicit = method("explicit", exact=True, eligible=False), tried(0.01)
+    best = taken(monkeypatch, (method("medium", stated=0.3, media=(0,)), tried(1.0, shift=0.2)), explicit)
+    assert best.method == "medium" and best.approximations == pytest.approx(0.2, rel=0.01)
+    assert best.row["bias"] == pytest.approx(0.2, rel=1e-3) and "other methods are asked for" in best.table[1]["why"]
+
+
 def test_a_choice_is_kept_and_found(monkeypatch):
     best = taken(monkeypatch, (method("paths", exact=True), tried(1.0)), (method("tables", stated=0.01), tried(0.1)))
     key = choice.remembered.key_of("scene", dataclasses.astuple(Stop(noise=0.01)))
     assert choice.remembered.get("choice", key) is None
     choice.remembered.put("choice", key, best._asdict())
-    assert choice._choice_of(choice.remembered.get("choice", key), ["paths", "tables"]) == best
-    assert choice._choice_of(choice.remembered.get("choice", key), ["paths"]) is None
-    assert choice._choice_of({"method": "paths"}, ["paths"]) is None
+    paths, tables = method("paths"), method("tables")
+    assert choice._choice_of(choice.remembered.get("choice", key), [paths, tables]) == best
+    assert choice._choice_of(choice.remembered.get("choice", key), [paths]) is None
+    assert choice._choice_of(choice.remembered.get("choice", key), [paths, tables._replace(eligible=False)]) is None
+    assert choice._choice_of({"method": "paths"}, [paths]) is None

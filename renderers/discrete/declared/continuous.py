@@ -14,6 +14,13 @@ def passes(setup, tolerance, seed) -> Passes:
     return Passes([part], np.zeros(setup.world.size))
 
 
+def deviation(*entry) -> float:
+    """Of one realisation from the mean of all, by Campbell's theorem."""
+    from renderers.discrete import detail
+
+    return detail.deviation(*entry)
+
+
 METHOD = ParticleMethod(
     name="continuous", words="the continuous medium everywhere", keys=("peak",), points=("", "peak=keep"), passes=passes,
-    continuous=True, beside=True, brings="paths in the medium that the particles make on average")
+    continuous=True, beside=True, deviation=deviation, brings="paths in the medium that the particles make on average")

@@ -1,0 +1,61 @@
+"""Which ways to render a scene there are, by what the methods of its entries declare."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from renderers import candidates
+from renderers.granular import material
+from renderers.granular.declared import methods
+
+
+def entry(kind, method="auto", recipe="a.yaml", **more):
+    return SimpleNamespace(**{"kind": kind, "method": method, "asset": None, "recipe": recipe, "fraction": None, "mixture": None}
+                           | more)
+
+
+def offered(*materials):
+    return candidates.of(SimpleNamespace(renderer="renderers.mixed", values=SimpleNamespace(materials=list(materials))))
+
+
+def test_each_material_and_all_of_them_may_be_media():
+    air, drops, beads, wax = entry("medium"), entry("particles"), entry("grains"), entry("body")
+    first, every, *alone = offered(air, drops, beads, wax)
+    assert first.methods == ("paths", "particles", "ept", "paths") and first.exact and not first.replaced
+    assert every.methods == ("paths", "continuous", "vpt", "paths") and every.replaced == (1, 2) and not every.exact
+    assert [one.methods[1:3] for one in alone] == [("continuous", "ept"), ("particles", "vpt")]
+    assert every.name == "materials[1] by continuous; materials[2] by vpt"
+    assert [one.stated(0.1) for one in (first, every, *alone)] == [0.0, 0.264, 0.0, 0.264]  # of grains that of eight scenes
+
+
+def test_few_of_many_are_tried():
+    """Entries of the same recipe have one method; no more than six combinations, the most promising first."""
+    materials = [entry("particles", recipe=f"{name}.yaml") for name in "aabcde"]
+    listed = offered(*materials)
+    assert len(listed) == candidates.MOST and [one.replaced for one in listed[:3]] == [(), (0, 1, 2, 3, 4, 5), (0, 1)]
+
+
+def test_what_is_named_is_kept():
+    assert offered(entry("medium"), entry("body"), entry("particles", "particles")) == ()
+    assert offered(entry("grains", fraction="a grid"), entry("medium")) == ()
+    listed = offered(entry("particles"), entry("grains", "ept"))
+    assert [one.methods for one in listed] == [("particles", "ept"), ("continuous", "ept")]
+    asked, reference, other = offered(entry("particles"), entry("grains", "vpt"))
+    assert asked.methods == ("particles", "vpt") and asked.eligible and not asked.exact
+    assert asked.replaced == () and asked.media == (1,)
+    assert reference.methods == ("particles", "ept") and reference.exact and not reference.eligible
+    assert other.methods == ("continuous", "vpt") and other.replaced == (0,) and other.media == (0, 1)
+
+
+@pytest.mark.parametrize("distance, deviation", [(1.0, 1.0), (1000.0, 0.002)])
+def test_grains_that_can_be_told_apart_deviate_from_their_medium(monkeypatch, distance, deviation):
+    """Of 2 mm, in a pixel of 1 mrad: 2 pixels wide, and 0.002."""
+    vertices = np.array([[distance, 0, 0], [distance + 1, 0, 0], [distance + 1, 1, 0], [distance + 1, 0, 1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    monkeypatch.setattr(material, "mesh_of", lambda scene, number: (vertices, faces))
+    monkeypatch.setattr(material, "largest_of", lambda asset: 1e-3)
+    camera = SimpleNamespace(origin=np.zeros(3), right=np.array([0, 1e-3, 0]), down=np.array([0, 0, 1e-3]))
+    assert methods()["vpt"].deviation(None, 0, None, SimpleNamespace(camera=camera)) == pytest.approx(deviation)
