@@ -54,7 +54,7 @@ ROOMS = {"camera": set(), "colour": set(), "progress": set(), "threads": set(),
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}
 GROUND = {"camera", "choice", "colour", "mitsuba", "pictures", "progress", "scene", "threads", "transport"}
-# materials stand on all of that and know nothing of each other, but that a medium fills bodies; scenes of several know all of them
+# materials stand on all of that and know nothing of each other, but that a medium fills bodies; `mixed` knows all of them
 MATERIALS = {"medium": set(), "particles": set(), "grains": set(), "bodies": {"materials.medium"}}
 
 
