@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from bakery.errors import Problem
 from bakery.grammar import fields
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner
-from renderers.candidates import UNKNOWN_TO_MEDIA, beside
-from renderers.common import node_at
-from renderers.entries import KEYS, KINDS, declared, methods
+from renderers.scene.candidates import UNKNOWN_TO_MEDIA, beside
+from renderers.scene.common import node_at
+from renderers.scene.entries import KEYS, KINDS, declared, methods
 
 # kind -> methods that may stand beside other materials; the first one is what `auto` is
 METHODS = {kind: beside(kind) for kind in KINDS}

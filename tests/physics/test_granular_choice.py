@@ -9,12 +9,13 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
-from renderers import budget, choice
-from renderers.candidates import Candidate
-from renderers.engine import Stop
-from renderers.granular import material, methods
-from renderers.granular.declared import methods as declared
+from renderers import choice
+from renderers.materials.grains import material, methods
+from renderers.materials.grains.declared import methods as declared
 from renderers.mitsuba.world import World
+from renderers.pictures.engine import Stop
+from renderers.scene import budget
+from renderers.scene.candidates import Candidate
 from tests.physics.test_aggregate import CUBE
 
 RECIPE = """\

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from renderers import candidates
-from renderers.granular import material
-from renderers.granular.declared import methods
+from renderers.materials.grains import material
+from renderers.materials.grains.declared import methods
+from renderers.scene import candidates
 
 
 def entry(kind, method="auto", recipe="a.yaml", **more):

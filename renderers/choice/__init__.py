@@ -1,0 +1,354 @@
+"""What `auto` is for a scene: the cheapest of its candidates (`renderers.scene.candidates`), by pilots of each.
+
+The first candidate is the one that is taken where no pilots are worth their time.  The others are tried while pilots together
+take less than a tenth of the render, that of the first, whose kernels the render needs most likely, apart.  A candidate with an
+error of its own has to fit the share of the tolerance that such errors have (`renderers.scene.budget.ROOM`): by its pilot,
+against one without an error, or, where so few passes cannot tell, by what it declares.  A choice is kept in the cache of bakes
+by all that it was made of, so that the same scene is rendered alike as long as that is there: clocks decide, and another
+machine may choose otherwise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import bakery
+from bakery.errors import AssetError, UsageError
+from renderers.choice import remembered, trial
+from renderers.choice.trial import Trial
+from renderers.mitsuba import bitmaps
+from renderers.pictures.engine import Stop
+from renderers.pictures.progressive import fingerprint, made_of
+from renderers.scene import budget, candidates, entries
+from renderers.scene.budget import percent
+from renderers.scene.candidates import Candidate
+
+TEXT = "bakery_method"  # attribute of the pictures
+_VERSION = 1  # of the rules below; another one does not go by what was kept
+_SHARE = 0.1  # of the render, that pilots of others than the first may take together
+_LONGEST = 1.5  # s of passes of a pilot
+_LONGER = 30.0  # times as long are pilots at most that have to tell an error
+_LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
+_CHEAPER = 1.25  # times, that a later candidate has to be: clocks differ
+_ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
+
+
+class Choice(NamedTuple):
+    """What was chosen.
+
+    Attributes
+    ----------
+    method : name
+    table : of each candidate a dict: `method`, `seconds` (of processors, to the noise that is asked for), `bias` and `error`
+        (over the picture's mean; 0 of one without), `chosen`, `why`; None of what is not known
+    approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
+    sentence : how it was chosen
+    """
+
+    method: str
+    table: list[dict]
+    approximations: float | None
+    sentence: str
+
+    @property
+    def row(self) -> dict:
+        """Of the table, the method's."""
+        return next(row for row in self.table if row["chosen"])
+
+    @property
+    def reasons(self) -> list[str]:
+        """Sentences of a report."""
+        return [self.sentence, *(f"  {row['method']}: {_figures(row)}{row['why']}" for row in self.table)]
+
+    def of_entries(self, listed: Sequence[dict]) -> list[dict]:
+        """What a report says of each entry where methods mix, with what the pilots showed: of media that stand for materials how
+        far the picture is off by them together."""
+        return [self._of_entry(one) for one in listed]
+
+    def _of_entry(self, entry):
+        shown = {"pilot": self.table} if len(candidates.beside(entry["kind"])) > 1 else {}
+        if entry["bias"] is None:
+            why = f"{_figures(self.row)}{self.row['why']}"
+            shown |= {"bias": self.approximations, "reasons": [*entry["reasons"], why]}
+        return entry | shown
+
+    def text(self) -> dict[str, str]:
+        """Attributes of the pictures: no seconds, so that the same scene gives the same bytes."""
+        return {TEXT: self.method}
+
+
+class Opened(NamedTuple):
+    """A scene and its assets, as `prepare` of a renderer takes them."""
+
+    scene: Any
+    assets: list
+    asset: Any
+
+    @classmethod
+    def of(cls, scene) -> Opened:
+        """Of a scene whose assets are there."""
+        opened = {path: bakery.open(path) for path in dict.fromkeys(scene.assets)}
+        listed = [opened[path] for path in scene.assets]
+        return cls(scene, listed, listed[0])
+
+
+def applied(scene, choice: Choice):
+    """The scene as it was chosen."""
+    return candidates.applied(scene, next(one for one in candidates.of(scene) if one.name == choice.method))
+
+
+def stop_of(scene, quality) -> Stop:
+    """What ends the passes of a scene."""
+    values = scene.values
+    return Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
+
+
+def chosen(prepare: Callable, opened, world, quality: str | None = None, picture: Path | None = None) -> Choice | None:
+    """The choice for a scene; None where its method chooses from none.
+
+    Parameters
+    ----------
+    prepare : of the renderer, (opened, world, seed) -> `renderers.pictures.passes.Method`
+    opened : `Opened`
+    world : `renderers.mitsuba.world.World` of the picture
+    quality : of the render
+    picture : EXR that is gone on with, whose choice holds; None of a render from the beginning
+
+    Raises
+    ------
+    BakeryError : the scene cannot be rendered by the first candidate
+    Interrupted : a pilot was interrupted
+    """
+    offered = candidates.of(opened.scene)
+    if not offered:
+        return None
+    lacks = {one.name: reason for one in offered if (reason := one.lacks(opened.assets, world))}
+    offered = tuple(one for one in offered if one.name not in lacks) or offered
+    stop = stop_of(opened.scene, quality)
+    key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
+                            [one.name for one in offered], [asset.content_hash for asset in opened.assets],
+                            dataclasses.astuple(stop))
+    kept = _choice_of(remembered.get("choice", key), offered)
+    earlier = _of_picture(picture, offered) if picture is not None else None
+    if earlier is not None and (kept is None or kept.method != earlier):
+        return _taken(offered, earlier, "the picture that is gone on with is by it")
+    if alone := _without_pilots(world, offered, stop):
+        return _taken(offered, offered[0].name, alone)
+    if kept:
+        return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
+    others, seen = _unseen(opened, offered, world)
+    choice = _Pilots(prepare, opened, world, stop, others, lacks | seen).choice()
+    choice = choice._replace(sentence=f"{_said(offered, choice.method)}, {choice.sentence}")
+    remembered.put("choice", key, choice._asdict())
+    return choice
+
+
+def _unseen(opened, offered, world) -> tuple[list[Candidate], dict[str, str]]:
+    """Candidates whose media hide nothing that would be seen, with what they state of that; of the others by name what would."""
+    scene = opened.scene
+    methods = {number: one.methods[number] for one in offered for number in one.media}
+    deviations = {number: entries.declared(scene.values.materials[number].kind)[method].deviation(
+        scene, number, opened.assets[number], world) for number, method in methods.items()}
+    allowed, unseen, seen = budget.ROOM * (scene.values.tolerance or budget.DEFAULT), [], {}
+    for one in offered:
+        if math.hypot(*(deviations[number] for number in one.replaced)) > allowed:
+            told = ", ".join(f"materials[{number}] {percent(deviations[number])}" for number in one.replaced)
+            seen[one.name] = f"single particles and grains are seen, by which pixels deviate: {told}"
+        else:
+            unseen.append(one._replace(stated=_with(one.stated, [deviations[number] for number in one.media])))
+    return unseen, seen
+
+
+def _with(stated, deviations):
+    return lambda tolerance: math.hypot(stated(tolerance), *deviations)
+
+
+def _without_pilots(world, offered, stop) -> str:
+    """Why the first candidate is taken without a pilot; "" where pilots are worth their time."""
+    pixels = world.size[0] * world.size[1]
+    if world.dark:
+        return "nothing shines"
+    if pixels < _LEAST_PIXELS or stop.samples is not None and stop.samples * pixels < _LEAST_SAMPLES:
+        return "pilots of other methods would take longer than so small a picture"
+    shortest = min((one.pilot for one in offered[1:]), default=math.inf)
+    if stop.time is not None and _SHARE * stop.time < shortest:
+        return f"pilots of other methods take {shortest:.2g} s and more, and the picture {stop.time:.3g} s"
+    return ""
+
+
+def _taken(offered, name, why) -> Choice:
+    row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": "taken without a pilot"}
+    return Choice(name, [row], None, f"{_said(offered, name)}: {why}")
+
+
+def _said(offered, name) -> str:
+    return f"auto is {name} here" if sum(one.eligible for one in offered) > 1 else f"{name}, as asked for"
+
+
+def _of_picture(path, offered) -> str | None:
+    """The candidate that a picture was made by, the first one where it does not say; None where it cannot be gone on with."""
+    try:
+        name = bitmaps.read(path)[1].get(TEXT, offered[0].name)
+    except (UsageError, OSError):
+        return None  # `renderers.pictures.progressive` says what is wrong with the picture
+    return name if name in [one.name for one in offered if one.eligible] else None
+
+
+def _choice_of(kept, offered) -> Choice | None:
+    """A choice that was kept; None where it is none."""
+    try:
+        choice = Choice(**kept)
+        names = [one.name for one in offered if one.eligible]
+        return choice if choice.method in names and choice.row["method"] == choice.method else None
+    except (TypeError, KeyError, StopIteration):
+        return None
+
+
+def _figures(row):
+    if row["seconds"] is None:
+        return ""
+    bias = "" if not row["bias"] and not row["error"] else f", bias {percent(row['bias'])} +- {percent(row['error'])}"
+    return f"{row['seconds']:.3g} s{bias}; "
+
+
+class _Pilots:
+    """The pilots of a scene's candidates; lacks : of others by name why they are none."""
+
+    def __init__(self, prepare, opened, world, stop, offered: Sequence[Candidate], lacks=MappingProxyType({})):
+        self._lacks = lacks
+        self._prepare, self._opened, self._world, self._stop = prepare, opened, world, stop
+        self._offered = {one.name: one for one in offered}
+        self._pixels = world.size[0] * world.size[1]
+        self._noise = stop.noise or budget.of(opened.scene).noise  # of a scene that asks for none
+        self._tolerance = opened.scene.values.tolerance or budget.DEFAULT
+        self._trials: dict[str, Trial] = {}
+        self._why: dict[str, str] = {}
+        if len(self._offered) > 1:
+            self._run()
+
+    def _run(self):
+        first, *others = self._offered
+        limit = math.inf if self._stop.time is None else self._stop.time
+        self._try(first, min(_LONGEST, 0.3 * _SHARE * limit))
+        whole = min(limit, self._seconds_to_end(self._trials[first]))
+        left = _SHARE * whole
+        for name in others:
+            needed = self._offered[name].pilot
+            if left < needed:
+                self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
+                continue
+            try:
+                self._try(name, min(_LONGEST, 0.5 * left))
+                left -= self._trials[name].seconds
+            except (AssetError, UsageError) as fault:
+                self._why[name] = f"not possible: {fault}"
+        self._tell_more(left)
+
+    def _try(self, name, seconds):
+        opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))
+        self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
+
+    def _tell_more(self, left):
+        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
+        does not tell enough and would then do so."""
+        exact, allowed = self._exact(), budget.ROOM * self._tolerance
+        open_ones = [name for name in self._trials if self._offered[name].stated(self._tolerance) > allowed]
+        if not exact or not open_ones:
+            return
+        name = min(open_ones, key=lambda name: self._seconds(self._trials[name]))
+        reference = min(exact, key=lambda name: self._variance(exact[name]))
+        bias, both = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
+        if bias.resolved or bias.size + bias.error <= allowed or bias.size >= allowed:
+            return
+        # the error goes with the root of the variance
+        times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
+        needed = times * sum(one.seconds for one in both)
+        if needed > left or times > _LONGER:
+            self._why[name] = f"how far it is off takes {needed:.2g} s to tell, and pilots have {left:.2g} s left"
+            return
+        for one, pilot in zip((name, reference), both):
+            self._try(one, times * pilot.seconds)
+
+    def _seconds_to_end(self, tried) -> float:
+        """Until noise or samples end the passes."""
+        ends = [self._seconds(tried)] if self._stop.noise and tried.level > 0 else []
+        ends += [] if self._stop.samples is None else [tried.of_samples(self._pixels, self._stop.samples)]
+        return min(ends, default=math.inf)
+
+    def _seconds(self, tried, missing=0.0) -> float:
+        """Processor seconds of a render to the noise that is asked for."""
+        return tried.setup + tried.rate(self._pixels, missing) / self._noise**2
+
+    def _missing(self) -> dict[str, float]:
+        """What each lacks of the light that the others have found."""
+        without_error = {name for name in self._trials if self._offered[name].exact}
+        return {name: trial.missing(one, {other: its for other, its in self._trials.items() if other != name}, without_error)
+                for name, one in self._trials.items()}
+
+    def _exact(self) -> dict[str, Trial]:
+        """Those without an error that have found all of the light."""
+        missing = self._missing()
+        return {name: one for name, one in self._trials.items()
+                if self._offered[name].exact and one.level > 0 and not missing[name]}
+
+    @staticmethod
+    def _variance(tried) -> float:
+        return float(tried.light[""].variance.sum()) / tried.level**2
+
+    def choice(self) -> Choice:
+        """The cheapest that fits."""
+        missing, exact = self._missing(), self._exact()
+        table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
+        best, room = (next(iter(self._offered)), math.inf), {}
+        for name, candidate in self._offered.items():
+            if name not in self._trials:
+                table.append(self._row(name, None, None, self._why.get(name, "taken without a pilot")))
+                continue
+            cost = self._seconds(self._trials[name], missing[name])
+            fits, bias, why, room[name] = self._fits(name, exact)
+            table.append(self._row(name, cost, bias, why if candidate.eligible else f"{why}; other methods are asked for"))
+            if fits and candidate.eligible and (math.isinf(best[1]) or cost * self._margin(name, best[0]) < best[1]):
+                best = name, cost
+        for row in table:
+            row["chosen"] = row["method"] == best[0]
+        by = "nothing else would do"
+        if self._trials:
+            by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
+        return Choice(best[0], table, room.get(best[0]), by)
+
+    def _margin(self, name, other) -> float:
+        """By how much a candidate has to be cheaper than one before it."""
+        return _CHEAPER * math.exp(math.hypot(self._trials[name].spread, self._trials[other].spread))
+
+    def _row(self, name, seconds, bias, why) -> dict:
+        size, error = (None, None) if bias is None else (bias.size, bias.error)
+        seconds = seconds if seconds is not None and math.isfinite(seconds) else None  # JSON has no infinity
+        return {"method": name, "seconds": seconds, "bias": size, "error": error, "chosen": False, "why": why}
+
+    def _fits(self, name, exact: Mapping[str, Trial]):
+        """Whether a candidate's own error fits, `trial.Bias` or None, in words, and the error to make room for, or None."""
+        candidate, tried = self._offered[name], self._trials[name]
+        if not tried.level > 0:
+            return False, None, "its pilot found no light", None
+        if candidate.exact:
+            lacking = ", and has not found all of the light" if name not in exact else ""
+            return True, trial.NO_BIAS, f"without an error of its own{lacking}", 0.0
+        allowed, stated = budget.ROOM * self._tolerance, candidate.stated(self._tolerance)
+        if not exact:
+            why = "how far it is off is not known: none without an error has found all of the light"
+            return not candidate.media or stated <= allowed, None, why, None
+        bias = trial.bias(tried, min(exact.values(), key=self._variance))
+        if bias.size + bias.error <= allowed:
+            return True, bias, f"within the {percent(allowed)} that it may be off", bias.size + bias.error
+        order, (shift, error) = max(bias.by_order.items(), key=lambda item: abs(item[1][0]) - _ORDER_SURE * item[1][1])
+        if bias.resolved or abs(shift) - _ORDER_SURE * error > allowed:
+            where = f", {percent(abs(shift))} +- {percent(error)} of it in layer {order}"
+            return False, bias, f"off by more than the {percent(allowed)} that it may be{where}", \
+                bias.size + bias.error if candidate.media else None
+        states = f"it states {percent(stated)}, of {percent(allowed)} that it may have"
+        return stated <= allowed, bias, f"the pilot does not tell more: {self._why.get(name, states)}", None

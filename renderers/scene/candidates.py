@@ -1,0 +1,133 @@
+"""Candidates: the ways in which a scene may be rendered, of which `auto` takes one, by what the methods of its entries declare.
+
+Of one kind of material a candidate is a method, of all entries.  Of several kinds it is a method for each entry: those that are
+`auto` have the first one of their kind that stands beside others, or another one that does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from renderers.scene import entries
+
+MOST = 6  # of several kinds
+UNKNOWN_TO_MEDIA = ("fraction", "mixture")  # keys of entries that no medium that stands for them knows
+
+
+class Candidate(NamedTuple):
+    """A way to render a scene.
+
+    Attributes
+    ----------
+    name : for people and reports
+    methods : of each entry, what it changes in the scene
+    exact : without an error of its own
+    stated : tolerance -> the error that its methods state, relative to the picture's mean
+    pilot : seconds that a pilot of it takes at least
+    lacks : (assets, world) -> what of the light it cannot find there
+    media : numbers of the entries for which media stand
+    replaced : of these, those that nobody asked for: `auto` does not take them where the materials themselves are seen
+    eligible : whether it may be taken; another one only measures how far those are off
+    """
+
+    name: str
+    methods: tuple[str, ...]
+    exact: bool = False
+    stated: Callable[[float], float] = lambda tolerance: 0.0
+    pilot: float = 1.0
+    lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
+    media: tuple[int, ...] = ()
+    replaced: tuple[int, ...] = ()
+    eligible: bool = True
+
+
+def of(scene) -> tuple[Candidate, ...]:
+    """The candidates for a scene, in the order in which they are tried; () where there is nothing to choose or to measure.
+
+    The first one is that which is taken where no pilots are worth their time.
+    """
+    if scene.renderer in entries.PACKAGES.values():
+        return _of_one_kind(scene)
+    return _of_several(scene.values.materials) if scene.renderer == "renderers.mixed" else ()
+
+
+def applied(scene, candidate: Candidate):
+    """The scene as a candidate has it."""
+    listed = [entry.model_copy(update={"method": method})
+              for entry, method in zip(scene.values.materials, candidate.methods, strict=True)]
+    of_all = candidate.methods[0] if len(set(candidate.methods)) == 1 else None
+    return dataclasses.replace(scene, values=scene.values.model_copy(update={"materials": listed, "method": of_all}))
+
+
+def _of_one_kind(scene):
+    declared = entries.declared(scene.values.materials[0].kind)
+    every = len(scene.values.materials)
+    return tuple(Candidate(name, (name,) * every, declared[name].exact, declared[name].error, declared[name].pilot,
+                           declared[name].lacks) for name in declared[scene.values.method].candidates)
+
+
+# ---- of several kinds
+
+
+def beside(kind: str) -> tuple[str, ...]:
+    """Methods of a kind that stand beside other materials; the first one is what `auto` is without pilots."""
+    return tuple(name for name, method in entries.declared(kind).items() if method.beside)
+
+
+def _of_several(materials):
+    first = [beside(one.kind)[0] for one in materials]
+    asked = [own if one.method == "auto" else one.method for own, one in zip(first, materials, strict=True)]
+    groups, inexact = _groups(materials), [_stands(one, method) for one, method in zip(materials, asked, strict=True)]
+    combinations = [_combined(materials, asked, numbers) for numbers in _chosen(groups)]
+    if any(inexact):  # by hand: what they are not tells how far they are off
+        explicit = [own if stands else method for own, method, stands in zip(first, asked, inexact, strict=True)]
+        combinations.insert(1, _combined(materials, explicit, (), eligible=False))
+    return tuple(combinations) if len(combinations) > 1 else ()
+
+
+def _groups(materials):
+    """Numbers of entries of the same material whose method is open, and a medium that may stand for each."""
+    groups: dict[tuple, list[int]] = {}
+    for number, one in enumerate(materials):
+        if one.method == "auto" and _medium_for(one) and not any(getattr(one, key) for key in UNKNOWN_TO_MEDIA):
+            groups.setdefault((one.kind, one.asset, one.recipe), []).append(number)
+    return list(groups.values())
+
+
+def _medium_for(entry):
+    """The method of a medium that stands for an entry; None: there is none."""
+    declared = entries.declared(entry.kind)
+    return next((name for name in beside(entry.kind) if declared[name].continuous), None)
+
+
+def _chosen(groups):
+    """Numbers of entries that are replaced: none, all, which alone may go through the quickest loop, one group, all but one."""
+    every = range(len(groups))
+    sets = [(), tuple(every), *((one,) for one in every), *(tuple(other for other in every if other != one) for one in every)]
+    return [sorted(number for group in one for number in groups[group]) for one in list(dict.fromkeys(sets))[:MOST]]
+
+
+def _combined(materials, methods, replaced, eligible=True):
+    methods = [_medium_for(one) if number in replaced else method
+               for number, (one, method) in enumerate(zip(materials, methods, strict=True))]
+    declared = [entries.declared(one.kind)[method] for one, method in zip(materials, methods, strict=True)]
+    media = tuple(number for number, one in enumerate(declared) if one.continuous)
+    return Candidate(_named(materials, methods), tuple(methods), all(one.exact for one in declared),
+                     lambda tolerance: math.hypot(*(one.error(tolerance) for one in declared)),
+                     max(one.pilot for one in declared), media=media, replaced=tuple(replaced), eligible=eligible)
+
+
+def _stands(entry, method):
+    return entries.declared(entry.kind)[method].continuous
+
+
+def _named(materials, methods):
+    """Of entries for which a medium may stand: what they are rendered by."""
+    by_method: dict[str, list[str]] = {}
+    for number, (one, method) in enumerate(zip(materials, methods, strict=True)):
+        if _medium_for(one):
+            by_method.setdefault(method, []).append(f"materials[{number}]")
+    return "; ".join(f"{', '.join(numbers)} by {method}" for method, numbers in by_method.items())
