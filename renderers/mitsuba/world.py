@@ -445,6 +445,8 @@ class World:
         do was 12 of the 15 ms of a call with few rays."""
         import drjit as dr
 
+        if not (self._scene.shapes() and self._scene.emitters()):
+            return _met  # a recording sees the surfaces and lights of all scenes that there are only if this one has some
         return dr.freeze(_met, limit=64, warn_after=1 << 30)  # as many rays as an array of the scene is long are recorded anew
 
     def _light(self, direction, distance, radiance, density, delta, light):

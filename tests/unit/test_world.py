@@ -181,10 +181,12 @@ def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
     assert len(compiled[0]) == 3 and all(hashes == compiled[0] for hashes in compiled)
 
 
-@pytest.mark.parametrize("lights", ["many", ""])
-def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path, lights):
-    """To the bit, for wavefronts of any length, also those as long as an array of the scene; a constant has the length of its."""
-    world = World(written(tmp_path, SENSOR, BOX, LIGHTS[lights] if lights else ""))
+@pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), (BOX,), (LIGHTS["without extent"],)])
+def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path, parts):
+    """To the bit, for wavefronts of any length, also those as long as an array of the scene; a constant has the length of its.
+    There is another scene all the while, with surfaces and lights that this one may lack."""
+    (tmp_path / "other").mkdir()
+    beside, world = World(written(tmp_path / "other", SENSOR, BOX, LAMP)), World(written(tmp_path, SENSOR, *parts))
     plain = World(world.scene)
     plain.__dict__["_meets"] = _met
     for count in (50, 3, 1, 700, 8, 12, 50):
@@ -194,6 +196,7 @@ def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path
             ours, theirs = (one.shade(*rays, drawn) for one in (world, plain))
             for field, other in zip((*ours[:5], *ours.light, *ours[6:]), (*theirs[:5], *theirs.light, *theirs[6:]), strict=True):
                 assert field.dtype == other.dtype and np.array_equal(field, other, equal_nan=field.dtype.kind == "f")
+    assert beside.light_names
 
 
 def test_numbers_next_to_one(tmp_path):
