@@ -21,7 +21,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     Returns
     -------
-    report : that of `renderers.pictures.progressive`; `materials` has the method of each entry, and how far that is off
+    report : that of `renderers.pictures.progressive`; `materials` has the method of each entry, how far the picture is off by
+        media that stand for particles or grains, None where pilots do not tell, and of those entries the `pilot` of all candidates
 
     Raises
     ------
