@@ -68,7 +68,7 @@ class Choice(NamedTuple):
     def of_entries(self, listed: Sequence[dict]) -> list[dict]:
         """What a report says of each entry where methods mix, with what the pilots showed: of media that stand for materials how
         far the picture is off by them together."""
-        return [self._of_entry(one) for one in listed]
+        return [self._of_entry(entry) for entry in listed]
 
     def _of_entry(self, entry):
         shown = {"pilot": self.table} if len(candidates.beside(entry["kind"])) > 1 else {}
@@ -99,7 +99,7 @@ class Opened(NamedTuple):
 
 def applied(scene, choice: Choice):
     """The scene as it was chosen."""
-    return candidates.applied(scene, next(one for one in candidates.of(scene) if one.name == choice.method))
+    return candidates.applied(scene, next(candidate for candidate in candidates.of(scene) if candidate.name == choice.method))
 
 
 def stop_of(scene, quality) -> Stop:
@@ -127,11 +127,11 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
     offered = candidates.of(opened.scene)
     if not offered:
         return None
-    lacks = {one.name: reason for one in offered if (reason := one.lacks(opened.assets, world))}
-    offered = tuple(one for one in offered if one.name not in lacks) or offered
+    lacks = {candidate.name: reason for candidate in offered if (reason := candidate.lacks(opened.assets, world))}
+    offered = tuple(candidate for candidate in offered if candidate.name not in lacks) or offered
     stop = stop_of(opened.scene, quality)
     key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
-                            [one.name for one in offered], [asset.content_hash for asset in opened.assets],
+                            [candidate.name for candidate in offered], [asset.content_hash for asset in opened.assets],
                             dataclasses.astuple(stop))
     kept = _choice_of(remembered.get("choice", key), offered)
     earlier = _of_picture(picture, offered) if picture is not None else None
@@ -141,8 +141,8 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
         return _taken(offered, offered[0].name, alone)
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
-    others, seen = _unseen(opened, offered, world)
-    choice = _Pilots(prepare, opened, world, stop, others, lacks | seen).choice()
+    possible, seen = _unseen(opened, offered, world)
+    choice = _Pilots(prepare, opened, world, stop, possible, lacks | seen).choice()
     choice = choice._replace(sentence=f"{_said(offered, choice.method)}, {choice.sentence}")
     remembered.put("choice", key, choice._asdict())
     return choice
@@ -151,16 +151,17 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
 def _unseen(opened, offered, world) -> tuple[list[Candidate], dict[str, str]]:
     """Candidates whose media hide nothing that would be seen, with what they state of that; of the others by name what would."""
     scene = opened.scene
-    methods = {number: one.methods[number] for one in offered for number in one.media}
+    methods = {number: candidate.methods[number] for candidate in offered for number in candidate.media}
     deviations = {number: entries.declared(scene.values.materials[number].kind)[method].deviation(
         scene, number, opened.assets[number], world) for number, method in methods.items()}
     allowed, unseen, seen = budget.ROOM * (scene.values.tolerance or budget.DEFAULT), [], {}
-    for one in offered:
-        if math.hypot(*(deviations[number] for number in one.replaced)) > allowed:
-            told = ", ".join(f"materials[{number}] {percent(deviations[number])}" for number in one.replaced)
-            seen[one.name] = f"single particles and grains are seen, by which pixels deviate: {told}"
+    for candidate in offered:
+        if math.hypot(*(deviations[number] for number in candidate.replaced)) > allowed:
+            figures = ", ".join(f"materials[{number}] {percent(deviations[number])}" for number in candidate.replaced)
+            seen[candidate.name] = f"single particles and grains are seen, by which pixels deviate: {figures}"
         else:
-            unseen.append(one._replace(stated=_with(one.stated, [deviations[number] for number in one.media])))
+            stated = _with(candidate.stated, [deviations[number] for number in candidate.media])
+            unseen.append(candidate._replace(stated=stated))
     return unseen, seen
 
 
@@ -175,7 +176,7 @@ def _without_pilots(world, offered, stop) -> str:
         return "nothing shines"
     if pixels < _LEAST_PIXELS or stop.samples is not None and stop.samples * pixels < _LEAST_SAMPLES:
         return "pilots of other methods would take longer than so small a picture"
-    shortest = min((one.pilot for one in offered[1:]), default=math.inf)
+    shortest = min((candidate.pilot for candidate in offered[1:]), default=math.inf)
     if stop.time is not None and _SHARE * stop.time < shortest:
         return f"pilots of other methods take {shortest:.2g} s and more, and the picture {stop.time:.3g} s"
     return ""
@@ -187,7 +188,12 @@ def _taken(offered, name, why) -> Choice:
 
 
 def _said(offered, name) -> str:
-    return f"auto is {name} here" if sum(one.eligible for one in offered) > 1 else f"{name}, as asked for"
+    open_to_choice = sum(candidate.eligible for candidate in offered) > 1
+    return f"auto is {name} here" if open_to_choice else f"{name}, as asked for"
+
+
+def _eligible(offered) -> list[str]:
+    return [candidate.name for candidate in offered if candidate.eligible]
 
 
 def _of_picture(path, offered) -> str | None:
@@ -196,15 +202,14 @@ def _of_picture(path, offered) -> str | None:
         name = bitmaps.read(path)[1].get(TEXT, offered[0].name)
     except (UsageError, OSError):
         return None  # `renderers.pictures.progressive` says what is wrong with the picture
-    return name if name in [one.name for one in offered if one.eligible] else None
+    return name if name in _eligible(offered) else None
 
 
 def _choice_of(kept, offered) -> Choice | None:
     """A choice that was kept; None where it is none."""
     try:
         choice = Choice(**kept)
-        names = [one.name for one in offered if one.eligible]
-        return choice if choice.method in names and choice.row["method"] == choice.method else None
+        return choice if choice.method in _eligible(offered) and choice.row["method"] == choice.method else None
     except (TypeError, KeyError, StopIteration):
         return None
 
@@ -222,7 +227,7 @@ class _Pilots:
     def __init__(self, prepare, opened, world, stop, offered: Sequence[Candidate], lacks=MappingProxyType({})):
         self._lacks = lacks
         self._prepare, self._opened, self._world, self._stop = prepare, opened, world, stop
-        self._offered = {one.name: one for one in offered}
+        self._offered = {candidate.name: candidate for candidate in offered}
         self._pixels = world.size[0] * world.size[1]
         self._noise = stop.noise or budget.of(opened.scene).noise  # of a scene that asks for none
         self._tolerance = opened.scene.values.tolerance or budget.DEFAULT
@@ -257,22 +262,22 @@ class _Pilots:
         """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
         does not tell enough and would then do so."""
         exact, allowed = self._exact(), budget.ROOM * self._tolerance
-        open_ones = [name for name in self._trials if self._offered[name].stated(self._tolerance) > allowed]
-        if not exact or not open_ones:
+        untold = [name for name in self._trials if self._offered[name].stated(self._tolerance) > allowed]
+        if not exact or not untold:
             return
-        name = min(open_ones, key=lambda name: self._seconds(self._trials[name]))
+        name = min(untold, key=lambda name: self._seconds(self._trials[name]))
         reference = min(exact, key=lambda name: self._variance(exact[name]))
         bias, both = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
         if bias.resolved or bias.size + bias.error <= allowed or bias.size >= allowed:
             return
         # the error goes with the root of the variance
         times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
-        needed = times * sum(one.seconds for one in both)
+        needed = times * sum(pilot.seconds for pilot in both)
         if needed > left or times > _LONGER:
             self._why[name] = f"how far it is off takes {needed:.2g} s to tell, and pilots have {left:.2g} s left"
             return
-        for one, pilot in zip((name, reference), both):
-            self._try(one, times * pilot.seconds)
+        for again, pilot in zip((name, reference), both):
+            self._try(again, times * pilot.seconds)
 
     def _seconds_to_end(self, tried) -> float:
         """Until noise or samples end the passes."""
@@ -287,14 +292,14 @@ class _Pilots:
     def _missing(self) -> dict[str, float]:
         """What each lacks of the light that the others have found."""
         without_error = {name for name in self._trials if self._offered[name].exact}
-        return {name: trial.missing(one, {other: its for other, its in self._trials.items() if other != name}, without_error)
-                for name, one in self._trials.items()}
+        return {name: trial.missing(pilot, {key: self._trials[key] for key in self._trials if key != name}, without_error)
+                for name, pilot in self._trials.items()}
 
     def _exact(self) -> dict[str, Trial]:
         """Those without an error that have found all of the light."""
         missing = self._missing()
-        return {name: one for name, one in self._trials.items()
-                if self._offered[name].exact and one.level > 0 and not missing[name]}
+        return {name: pilot for name, pilot in self._trials.items()
+                if self._offered[name].exact and pilot.level > 0 and not missing[name]}
 
     @staticmethod
     def _variance(tried) -> float:

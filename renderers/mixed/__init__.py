@@ -22,7 +22,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Returns
     -------
     report : that of `renderers.pictures.progressive`; `materials` has the method of each entry, how far the picture is off by
-        media that stand for particles or grains, None where pilots do not tell, and of those entries the `pilot` of all candidates
+        media that stand for particles or grains, None where pilots do not tell, and the `pilot` of all candidates
 
     Raises
     ------

@@ -64,8 +64,8 @@ def applied(scene, candidate: Candidate):
 
 def _of_one_kind(scene):
     declared = entries.declared(scene.values.materials[0].kind)
-    every = len(scene.values.materials)
-    return tuple(Candidate(name, (name,) * every, declared[name].exact, declared[name].error, declared[name].pilot,
+    count = len(scene.values.materials)
+    return tuple(Candidate(name, (name,) * count, declared[name].exact, declared[name].error, declared[name].pilot,
                            declared[name].lacks) for name in declared[scene.values.method].candidates)
 
 
@@ -78,12 +78,12 @@ def beside(kind: str) -> tuple[str, ...]:
 
 
 def _of_several(materials):
-    first = [beside(one.kind)[0] for one in materials]
-    asked = [own if one.method == "auto" else one.method for own, one in zip(first, materials, strict=True)]
-    groups, inexact = _groups(materials), [_stands(one, method) for one, method in zip(materials, asked, strict=True)]
+    first = [beside(entry.kind)[0] for entry in materials]
+    asked = [method if entry.method == "auto" else entry.method for method, entry in zip(first, materials, strict=True)]
+    groups, inexact = _groups(materials), [_stands(entry, method) for entry, method in zip(materials, asked, strict=True)]
     combinations = [_combined(materials, asked, numbers) for numbers in _chosen(groups)]
     if any(inexact):  # by hand: what they are not tells how far they are off
-        explicit = [own if stands else method for own, method, stands in zip(first, asked, inexact, strict=True)]
+        explicit = [exact if stands else method for exact, method, stands in zip(first, asked, inexact, strict=True)]
         combinations.insert(1, _combined(materials, explicit, (), eligible=False))
     return tuple(combinations) if len(combinations) > 1 else ()
 
@@ -91,9 +91,9 @@ def _of_several(materials):
 def _groups(materials):
     """Numbers of entries of the same material whose method is open, and a medium that may stand for each."""
     groups: dict[tuple, list[int]] = {}
-    for number, one in enumerate(materials):
-        if one.method == "auto" and _medium_for(one) and not any(getattr(one, key) for key in UNKNOWN_TO_MEDIA):
-            groups.setdefault((one.kind, one.asset, one.recipe), []).append(number)
+    for number, entry in enumerate(materials):
+        if entry.method == "auto" and _medium_for(entry) and not any(getattr(entry, key) for key in UNKNOWN_TO_MEDIA):
+            groups.setdefault((entry.kind, entry.asset, entry.recipe), []).append(number)
     return list(groups.values())
 
 
@@ -105,19 +105,20 @@ def _medium_for(entry):
 
 def _chosen(groups):
     """Numbers of entries that are replaced: none, all, which alone may go through the quickest loop, one group, all but one."""
-    every = range(len(groups))
-    sets = [(), tuple(every), *((one,) for one in every), *(tuple(other for other in every if other != one) for one in every)]
-    return [sorted(number for group in one for number in groups[group]) for one in list(dict.fromkeys(sets))[:MOST]]
+    numbers = range(len(groups))
+    all_but = [tuple(group for group in numbers if group != kept) for kept in numbers]
+    replaced = list(dict.fromkeys([(), tuple(numbers), *((group,) for group in numbers), *all_but]))
+    return [sorted(number for group in chosen for number in groups[group]) for chosen in replaced[:MOST]]
 
 
 def _combined(materials, methods, replaced, eligible=True):
-    methods = [_medium_for(one) if number in replaced else method
-               for number, (one, method) in enumerate(zip(materials, methods, strict=True))]
-    declared = [entries.declared(one.kind)[method] for one, method in zip(materials, methods, strict=True)]
-    media = tuple(number for number, one in enumerate(declared) if one.continuous)
-    return Candidate(_named(materials, methods), tuple(methods), all(one.exact for one in declared),
-                     lambda tolerance: math.hypot(*(one.error(tolerance) for one in declared)),
-                     max(one.pilot for one in declared), media=media, replaced=tuple(replaced), eligible=eligible)
+    methods = [_medium_for(entry) if number in replaced else method
+               for number, (entry, method) in enumerate(zip(materials, methods, strict=True))]
+    declared = [entries.declared(entry.kind)[method] for entry, method in zip(materials, methods, strict=True)]
+    media = tuple(number for number, method in enumerate(declared) if method.continuous)
+    return Candidate(_named(materials, methods), tuple(methods), all(method.exact for method in declared),
+                     lambda tolerance: math.hypot(*(method.error(tolerance) for method in declared)),
+                     max(method.pilot for method in declared), media=media, replaced=tuple(replaced), eligible=eligible)
 
 
 def _stands(entry, method):
@@ -127,7 +128,7 @@ def _stands(entry, method):
 def _named(materials, methods):
     """Of entries for which a medium may stand: what they are rendered by."""
     by_method: dict[str, list[str]] = {}
-    for number, (one, method) in enumerate(zip(materials, methods, strict=True)):
-        if _medium_for(one):
+    for number, (entry, method) in enumerate(zip(materials, methods, strict=True)):
+        if _medium_for(entry):
             by_method.setdefault(method, []).append(f"materials[{number}]")
     return "; ".join(f"{', '.join(numbers)} by {method}" for method, numbers in by_method.items())
