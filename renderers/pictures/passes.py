@@ -6,6 +6,7 @@ Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -81,6 +82,9 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
     if world.dark:
         # no pass will find anything by chance; the picture has its layers all the same
         stop, reasons = Stop(samples=1), [DARK]
+    # Dr.Jit compiles a call for the surfaces and lights of all scenes of a process: beside those of pilots, or of a render
+    # before, kernels are others, and so are last bits
+    gc.collect()
     estimate.run(stop, job.progress(0.05, 0.98))
     job.part_over("passes")
     after = method.after(estimate) | ({"text": taken.text(), "choice": taken.table} if taken else {})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import weakref
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import choice
+from renderers.mitsuba.world import World
 from tests.exr import layers
 
 RECIPES = {
@@ -104,6 +107,21 @@ def test_same_seed_same_bytes_and_resumed(call):
     again = rendered(call, "again.png", "--set", "stop.samples=128")[1]
     resumed = rendered(call, "again.png", "--set", "stop.samples=128", "--resume")[1]
     assert changed(first, again) == {} and changed(first, resumed) == {}
+
+
+def test_scenes_before_are_gone_when_passes_begin(call):
+    """Kernels are compiled for the surfaces and lights of all scenes of a process, also of those that wait to be collected."""
+    gc.disable()
+    try:
+        waits = [World("room.xml")]
+        waits.append(waits)
+        alive = weakref.ref(waits[0])
+        del waits
+        assert alive() is not None
+        rendered(call, "beside.png")
+        assert alive() is None
+    finally:
+        gc.enable()
 
 
 def changed(picture, other) -> dict:

@@ -65,12 +65,12 @@ def entered(ray, length, radius, low, edge, shape, begin, names):
         last = min(math.floor((ends[1] - low[axis]) / edge), shape[axis] - 1)
         for slab in range(first, last + 1):
             # the part of the beam that comes within the radius of this layer of cells
-            one = (low[axis] + slab * edge - radius - start) / d
-            two = (low[axis] + (slab + 1) * edge + radius - start) / d
-            one, two = max(min(one, two), 0.0), min(max(one, two), length[b])
+            near = (low[axis] + slab * edge - radius - start) / d
+            far_end = (low[axis] + (slab + 1) * edge + radius - start) / d
+            near, far_end = max(min(near, far_end), 0.0), min(max(near, far_end), length[b])
             for k in range(3):
-                low_end = ray[b, k] + min(one * ray[b, 3 + k], two * ray[b, 3 + k]) - radius
-                high_end = ray[b, k] + max(one * ray[b, 3 + k], two * ray[b, 3 + k]) + radius
+                low_end = ray[b, k] + min(near * ray[b, 3 + k], far_end * ray[b, 3 + k]) - radius
+                high_end = ray[b, k] + max(near * ray[b, 3 + k], far_end * ray[b, 3 + k]) + radius
                 least[k] = max(math.floor((low_end - low[k]) / edge), 0)
                 most[k] = min(math.floor((high_end - low[k]) / edge), shape[k] - 1)
             least[axis], most[axis] = slab, slab
@@ -113,7 +113,7 @@ def rivals(medium, scale, t, before, after, rival, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def join(medium, lit, cells, radius, scale, origin, direction, facing, far, brought, begin, end):
+def join(medium, beams, cells, radius, scale, origin, direction, facing, far, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions, of light that beams pass to them in one event.
 
     Each beam stands for those that are moved by up to a radius along the tangent of the boundary where it comes in, of which one
@@ -121,24 +121,24 @@ def join(medium, lit, cells, radius, scale, origin, direction, facing, far, brou
 
     Parameters
     ----------
-    medium : `Scatterer`;  lit : `Lit`;  cells : `Cells`, of that radius (m)
+    medium : `Scatterer`;  beams : `Lit`;  cells : `Cells`, of that radius (m)
     scale : as in `rivals`, for the balance heuristic against paths that find the same light
     origin, direction, far : (n, 3) m, unit, (n,) m;  facing : (n, 3) unit, outward normals of the boundary where lines begin
     brought : (3, n, L) becomes the radiance by beams of 0, 1 and more events before; W/m^2 sr
     """
-    medium, lit, cells = lent(medium), lent(lit), lent(cells)
-    ray, shape, sigma, waves = lit.ray, cells.shape, medium.sigma_t, len(medium.sigma_t)
+    medium, beams, cells = lent(medium), lent(beams), lent(cells)
+    ray, shape, sigma, waves = beams.ray, cells.shape, medium.sigma_t, len(medium.sigma_t)
     most = DEEP / np.min(sigma)
     at, step, ahead, across = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3), np.empty(3)
     for i in range(begin, end):
         longest = min(far[i], most)
         vx, vy, vz = direction[i, 0], direction[i, 1], direction[i, 2]
         for k in range(3):
-            place, d = (origin[i, k] - cells.low[k]) / cells.edge, direction[i, k]
-            at[k] = min(max(math.floor(place), 0), shape[k] - 1)
+            position, d = (origin[i, k] - cells.low[k]) / cells.edge, direction[i, k]
+            at[k] = min(max(math.floor(position), 0), shape[k] - 1)
             step[k] = 1 if d > 0.0 else -1
             across[k] = cells.edge / abs(d) if d != 0.0 else np.inf
-            ahead[k] = ((at[k] + 1 - place) if d > 0.0 else (place - at[k])) * across[k] if d != 0.0 else np.inf
+            ahead[k] = ((at[k] + 1 - position) if d > 0.0 else (position - at[k])) * across[k] if d != 0.0 else np.inf
         begins = 0.0
         while True:
             axis = 0 if ahead[0] <= ahead[1] and ahead[0] <= ahead[2] else 1 if ahead[1] <= ahead[2] else 2
@@ -153,7 +153,7 @@ def join(medium, lit, cells, radius, scale, origin, direction, facing, far, brou
                 if apart * apart > radius * radius * square:
                     continue
                 # the way along which the beam is moved
-                nx, ny, nz = lit.normal[b, 0], lit.normal[b, 1], lit.normal[b, 2]
+                nx, ny, nz = beams.normal[b, 0], beams.normal[b, 1], beams.normal[b, 2]
                 up = ux * nx + uy * ny + uz * nz
                 wide = square - up * up
                 if wide < _GRAZING * square:
@@ -169,12 +169,12 @@ def join(medium, lit, cells, radius, scale, origin, direction, facing, far, brou
                 if not (begins <= t < ends):
                     continue
                 s = (x + t * vx - moved * wx) * bx + (y + t * vy - moved * wy) * by + (z + t * vz - moved * wz) * bz
-                if not (0.0 <= s < lit.length[b]):
+                if not (0.0 <= s < beams.length[b]):
                     continue
                 cosine = min(max(-(bx * vx + by * vy + bz * vz), -1.0), 1.0)
                 share = 1.0
-                if lit.density[b] < np.inf:
-                    odds = _odds(medium, scale, t, cosine) * lit.density[b]
+                if beams.density[b] < np.inf:
+                    odds = _odds(medium, scale, t, cosine) * beams.density[b]
                     share = odds / (1 + odds) if odds < np.inf else 1.0
                 wide = radius
                 if nx == 0.0 and ny == 0.0 and nz == 0.0:
@@ -183,10 +183,10 @@ def join(medium, lit, cells, radius, scale, origin, direction, facing, far, brou
                     deep = max(-t * (vx * facing[i, 0] + vy * facing[i, 1] + vz * facing[i, 2]), 0.0)
                     wide = deep / up if deep < radius * up else radius
                 share /= (radius + wide) * volume
-                order = min(lit.before[b], 2)
+                order = min(beams.before[b], 2)
                 for w in range(waves):
                     scattered = sigma[w] * medium.albedo[w] * phase_value(medium.v, medium.steps, medium.phase[w], 1 - cosine)
-                    brought[order, i, w] += share * lit.power[b, w] * scattered * math.exp(-sigma[w] * (t + s))
+                    brought[order, i, w] += share * beams.power[b, w] * scattered * math.exp(-sigma[w] * (t + s))
             if not ends < longest:
                 break
             begins = ends

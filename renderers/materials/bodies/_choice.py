@@ -48,43 +48,43 @@ def clusters_of(sigma, w, beams) -> Clusters:
         counts.append(-(-n // size))
         size <<= _FAN
     begin = np.cumsum(counts)
-    found = Clusters(np.empty((3, n)), np.empty((3, n)), np.empty(n), np.zeros(n + 1), begin, np.empty((3, begin[-1])),
+    clusters = Clusters(np.empty((3, n)), np.empty((3, n)), np.empty(n), np.zeros(n + 1), begin, np.empty((3, begin[-1])),
                      np.empty((3, begin[-1])), np.empty(begin[-1]))
-    _fill(sigma, w, beams, found)
-    return found
+    _fill(sigma, w, beams, clusters)
+    return clusters
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill(sigma, w, beams, found):
+def _fill(sigma, w, beams, clusters):
     n = len(beams.length)
     for b in range(n):
         s = min(1.0 / sigma, 0.5 * beams.length[b])
         for k in range(3):
-            found.middle[k, b], found.way[k, b] = beams.origin[b, k] + s * beams.direction[b, k], beams.direction[b, k]
+            clusters.middle[k, b], clusters.way[k, b] = beams.origin[b, k] + s * beams.direction[b, k], beams.direction[b, k]
         # a short beam has little power to scatter
-        found.strength[b] = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
-        found.before[b + 1] = found.before[b] + found.strength[b]
-    for level in range(1, len(found.begin) - 1):
-        for c in range(found.begin[level], found.begin[level + 1]):
-            _summed(found, c, *_held(found, level, c))
+        clusters.strength[b] = abs(beams.power[b, w]) * min(1.0, sigma * beams.length[b])
+        clusters.before[b + 1] = clusters.before[b] + clusters.strength[b]
+    for level in range(1, len(clusters.begin) - 1):
+        for c in range(clusters.begin[level], clusters.begin[level + 1]):
+            _summed(clusters, c, *_held(clusters, level, c))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _summed(found, c, low, high):
-    whole = found.before[high] - found.before[low]
+def _summed(clusters, c, low, high):
+    whole = clusters.before[high] - clusters.before[low]
     for k in range(3):
         centre, mean = 0.0, 0.0
         for b in range(low, high):
-            centre += found.middle[k, b]
-            mean += found.strength[b] * found.way[k, b]
-        found.centre[k, c], found.mean[k, c] = centre / (high - low), mean / whole if whole > 0.0 else 0.0
+            centre += clusters.middle[k, b]
+            mean += clusters.strength[b] * clusters.way[k, b]
+        clusters.centre[k, c], clusters.mean[k, c] = centre / (high - low), mean / whole if whole > 0.0 else 0.0
     largest = 0.0
     for b in range(low, high):
         square = 0.0
         for k in range(3):
-            square += (found.middle[k, b] - found.centre[k, c]) ** 2
+            square += (clusters.middle[k, b] - clusters.centre[k, c]) ** 2
         largest = max(largest, square)
-    found.radius[c] = math.sqrt(largest)
+    clusters.radius[c] = math.sqrt(largest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -100,17 +100,17 @@ def grouped(origin, direction, far, sigma, around):
 
     sigma : 1/m;  around : (n + 1,)
     """
-    count, one = 0, 0
+    count, first = 0, 0
     for i in range(len(far)):
-        new = i == 0 or i - one >= _TOGETHER
+        new = i == 0 or i - first >= _TOGETHER
         if not new:
             square, cosine = 0.0, 0.0
             for k in range(3):
-                square += (origin[i, k] - origin[one, k]) ** 2
-                cosine += direction[i, k] * direction[one, k]
+                square += (origin[i, k] - origin[first, k]) ** 2
+                cosine += direction[i, k] * direction[first, k]
             new = sigma * sigma * square > _APART * _APART or cosine < _ALIKE
         if new:
-            around[count], one = i, i
+            around[count], first = i, i
             count += 1
     around[count] = len(far)
     return count
@@ -123,8 +123,8 @@ def _brings(r, ahead, back, k0, g):
     far, near = k0 * r, r + _SOFT
     # light keeps its direction the less, the farther it has come: two Henyey-Greenstein lobes, of the way and of the view
     lobe = g * g / (1 + (1 - g) * r)
-    one, two = 1 + lobe * lobe - 2 * lobe * ahead, 1 + lobe * lobe - 2 * lobe * back
-    both = (1 - lobe * lobe) / (one * two)
+    from_source, to_eye = 1 + lobe * lobe - 2 * lobe * ahead, 1 + lobe * lobe - 2 * lobe * back
+    both = (1 - lobe * lobe) / (from_source * to_eye)
     lobes = _ANYWAY + (1 - _ANYWAY) * both * math.sqrt(both * (1 - lobe * lobe))
     # 1 / exp(far), as far as it matters
     return lobes * (near + 1) / (near * near * (1 + far * (1 + far * (0.5 + far * (1 / 6 + far / 24)))))

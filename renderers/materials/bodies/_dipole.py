@@ -45,8 +45,8 @@ def _exitance(dipole, w, xw, xn, wn, r):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def dipole_exitance(dipole, w, x, ni, way, no, soft):
-    """Exitance (1/m^2) at a place x (3,) m from where light of unit power comes in along `way` (3,), unit.
+def dipole_exitance(dipole, w, x, ni, entering, no, soft):
+    """Exitance (1/m^2) at a place x (3,) m from where light of unit power comes in along `entering` (3,), unit.
 
     ni, no : (3,) outward normals there and here;  soft : m, by which distances count as larger
 
@@ -56,9 +56,9 @@ def dipole_exitance(dipole, w, x, ni, way, no, soft):
     square = xw = xn = wn = along = 0.0
     for k in range(3):
         square += x[k] * x[k]
-        xw += x[k] * way[k]
+        xw += x[k] * entering[k]
         xn += x[k] * no[k]
-        wn += way[k] * no[k]
+        wn += entering[k] * no[k]
         along += x[k] * ni[k]
     # the mirror contains the way from source to place: cross(x, cross(ni, x)), unit
     across = math.sqrt(max(square - along * along, 0.0)) * math.sqrt(square)
@@ -66,7 +66,8 @@ def dipole_exitance(dipole, w, x, ni, way, no, soft):
     if across > 1e-12 * square:
         m0, m1, m2 = (square * m0 - along * x[0]) / across, (square * m1 - along * x[1]) / across, (
             square * m2 - along * x[2]) / across
-    wm, mn, xm = way[0] * m0 + way[1] * m1 + way[2] * m2, no[0] * m0 + no[1] * m1 + no[2] * m2, x[0] * m0 + x[1] * m1 + x[2] * m2
+    wm = entering[0] * m0 + entering[1] * m1 + entering[2] * m2
+    mn, xm = no[0] * m0 + no[1] * m1 + no[2] * m2, x[0] * m0 + x[1] * m1 + x[2] * m2
     d, end, height = dipole.d[w], dipole.end[w], 2 * dipole.beyond[w]
     if wn < 0.0:
         slant = math.sqrt(max(square - xw * xw, 0.0) / (square + end * end))
@@ -74,22 +75,22 @@ def dipole_exitance(dipole, w, x, ni, way, no, soft):
     else:
         real = square + 1 / (3 * dipole.sigma_t[w]) ** 2
     virtual = square - 2 * height * xm + height * height
-    found = _exitance(dipole, w, xw, xn, wn, math.sqrt(real + soft * soft)) - _exitance(
+    exitance = _exitance(dipole, w, xw, xn, wn, math.sqrt(real + soft * soft)) - _exitance(
         dipole, w, xw - 2 * wm * xm - height * (wm - 2 * wm), xn - height * mn, wn - 2 * wm * mn,
         math.sqrt(virtual + soft * soft))
-    return max(found, 0.0)
+    return max(exitance, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def boundary_normals(geometry, origin, direction, normal, begin, end):
     """Outward normals (n, 3) of the boundary where rays, origin (n, 3) m, direction (n, 3), have come into a body."""
     geometry = lent(geometry)
-    p, d, room = np.empty((1, 3)), np.empty((1, 3)), mesh_scratch()
+    p, d, scratch = np.empty((1, 3)), np.empty((1, 3)), mesh_scratch()
     for i in range(begin, end):
         for k in range(3):
             p[0, k], d[0, k] = origin[i, k] + _BACK * geometry.scale * direction[i, k], -direction[i, k]
-        place, _ = first(geometry, p, d, 0, np.int64(-1), room)
-        normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, place) if place >= 0 else (
+        triangle, _ = first(geometry, p, d, 0, np.int64(-1), scratch)
+        normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, triangle) if triangle >= 0 else (
             d[0, 0], d[0, 1], d[0, 2])
 
 

@@ -82,7 +82,7 @@ def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks,
     clusters = lent(clusters)
     looked_up, tiles = no_look_ups(), no_look_ups()
     n = len(beams.length)
-    items, total, room, local = np.empty(n + 1, np.int64), np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
+    items, total, scratch, local = np.empty(n + 1, np.int64), np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
     p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
     normal, here, view, share_of = np.empty(3), np.empty(3), np.empty(3), np.empty(_BINS)
     sigma, albedo = medium.sigma_t[w], medium.albedo[w]
@@ -99,7 +99,7 @@ def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks,
             for kind in range(3):
                 brought[kind, i, w] = 0.0
             if beyond < np.inf:
-                _facing(geometry, origin, direction, i, p, d, normal, room)
+                _facing(geometry, origin, direction, i, p, d, normal, scratch)
             local[0] = states[i]
             for pick in range(picks[i]):
                 beam, chance = drawn(clusters, items, total, count, (pick + uniform(local, 0)) / picks[i])
@@ -138,7 +138,8 @@ def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks,
                 if second or negative and later:
                     kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
                     brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
-                        geometry, medium, beams, beam, w, v, uniform(local, 0), share_of, p, d, origin, direction, far, i, room)
+                        geometry, medium, beams, beam, w, v, uniform(local, 0), share_of, p, d, origin, direction, far, i,
+                        scratch)
             if later:
                 brought[LATER, i, w] += sum_of_look_ups(looked_up, table) + sum_of_look_ups(tiles, segments)
 
@@ -163,12 +164,12 @@ def _placed(away, ray, direction, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _facing(geometry, origin, direction, i, p, d, normal, room):
+def _facing(geometry, origin, direction, i, p, d, normal, scratch):
     """Makes normal (3,) that of the boundary where line of sight i starts, outward."""
     for k in range(3):
         p[0, k], d[0, k] = origin[i, k] + 1e-4 * geometry.scale * direction[i, k], -direction[i, k]
-    place, _ = first(geometry, p, d, 0, np.int64(-1), room)
-    normal[0], normal[1], normal[2] = triangle_normal(geometry.blocks, place) if place >= 0 else (d[0, 0], d[0, 1], d[0, 2])
+    triangle, _ = first(geometry, p, d, 0, np.int64(-1), scratch)
+    normal[0], normal[1], normal[2] = triangle_normal(geometry.blocks, triangle) if triangle >= 0 else (d[0, 0], d[0, 1], d[0, 2])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -185,7 +186,7 @@ def _mirror(beyond, sigma, normal, origin, i, p, away, ray, t, direction):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, direction, far, i, room):
+def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, direction, far, i, scratch):
     """Light of a collision at p (1, 3) that scatters a second time on line of sight i, 1/m^2 sr: phase functions, attenuation,
     and the line's element.
 
@@ -218,7 +219,7 @@ def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, directi
         chosen -= share[m] + least
     value, distance = _product(medium, beams, beam, w, low + (m + v) * step, along, h, p, d, origin, direction, i)
     if beams.real[beam]:
-        _, wall = first(geometry, p, d, 0, np.int64(-1), room)
+        _, wall = first(geometry, p, d, 0, np.int64(-1), scratch)
         if wall < distance * (1 - 1e-6):
             return 0.0
     return value * step / h * (1 + _EVEN) * whole / (share[m] + least)

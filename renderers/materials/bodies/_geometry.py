@@ -36,18 +36,18 @@ class Geometry(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def first(geometry, p, d, i, skip, room):
+def first(geometry, p, d, i, skip, scratch):
     """Place and distance (m) of the first triangle ahead of ray i of p, d (n, 3) m, unit; -1 and inf where there is none."""
     c, s = geometry.centre, geometry.scale
-    place, t = nearest_triangle(geometry.nodes, geometry.children, geometry.blocks, (p[i, 0] - c[0]) / s, (p[i, 1] - c[1]) / s,
-                                (p[i, 2] - c[2]) / s, d[i, 0], d[i, 1], d[i, 2], skip, room)
-    return place, t * s
+    triangle, t = nearest_triangle(geometry.nodes, geometry.children, geometry.blocks, (p[i, 0] - c[0]) / s, (p[i, 1] - c[1]) / s,
+                                (p[i, 2] - c[2]) / s, d[i, 0], d[i, 1], d[i, 2], skip, scratch)
+    return triangle, t * s
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def outward(geometry, place, d, i):
+def outward(geometry, triangle, d, i):
     """Whether ray i along d (n, 3) crosses a triangle to its outer side."""
-    x, y, z = triangle_normal(geometry.blocks, place)
+    x, y, z = triangle_normal(geometry.blocks, triangle)
     return x * d[i, 0] + y * d[i, 1] + z * d[i, 2] > 0.0
 
 
@@ -68,7 +68,7 @@ def clearance(geometry, p, i):
 def measure(geometry, begin, end):
     """Makes `clear` of voxels begin to end, in the order of the array."""
     geometry = lent(geometry)
-    tree, room, p = (geometry.nodes, geometry.children, geometry.blocks), mesh_scratch(), np.empty(3)
+    tree, scratch, p = (geometry.nodes, geometry.children, geometry.blocks), mesh_scratch(), np.empty(3)
     _, v, w = geometry.clear.shape
     for i in range(begin, end):
         a, b, c = i // (v * w), i // w % v, i % w
@@ -76,23 +76,24 @@ def measure(geometry, begin, end):
         p[1] = geometry.low[1] + (b + 0.5) * geometry.edge[1]
         p[2] = geometry.low[2] + (c + 0.5) * geometry.edge[2]
         # less what single precision rounds
-        geometry.clear[a, b, c] = max(distance_to_triangles(tree, geometry.centre, geometry.scale, p, np.inf, room)
+        geometry.clear[a, b, c] = max(distance_to_triangles(tree, geometry.centre, geometry.scale, p, np.inf, scratch)
                                       - 1e-6 * geometry.scale, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def locate(geometry, origin, direction, start, body, far, place, begin, end):
+def locate(geometry, origin, direction, start, body, far, triangle, begin, end):
     """In which body rays begin to end start, the innermost one, and what is ahead.
 
     origin, direction : (n, 3) m, unit;  start : (n,) place of the triangle that each starts on, or -1
-    body : (n,) becomes the number of the body, or OUTSIDE;  far, place : (n,) distance (m) and place of the first triangle ahead
+    body : (n,) becomes the number of the body, or OUTSIDE;  far, triangle : (n,) distance (m) and place of the first triangle
+        ahead
     """
     geometry = lent(geometry)
-    room, q, inside = mesh_scratch(), np.empty((1, 3)), np.empty(256, np.int64)
+    scratch, q, inside = mesh_scratch(), np.empty((1, 3)), np.empty(256, np.int64)
     for i in range(begin, end):
         body[i] = OUTSIDE
-        place[i], far[i] = first(geometry, origin, direction, i, start[i], room)
-        at = place[i]
+        triangle[i], far[i] = first(geometry, origin, direction, i, start[i], scratch)
+        at = triangle[i]
         for k in range(3):
             q[0, k] = origin[i, k] + far[i] * direction[i, k] if at >= 0 else 0.0
         inside[:] = 0
@@ -108,7 +109,7 @@ def locate(geometry, origin, direction, start, body, far, place, begin, end):
                 else:
                     body[i] = owner
                     break
-            at, t = first(geometry, q, direction[i : i + 1], 0, at, room)
+            at, t = first(geometry, q, direction[i : i + 1], 0, at, scratch)
             if at >= 0:
                 for k in range(3):
                     q[0, k] += t * direction[i, k]
@@ -118,9 +119,9 @@ def locate(geometry, origin, direction, start, body, far, place, begin, end):
 def free(geometry, origin, direction, distance, open_way, begin, end):
     """Whether no triangle lies within distances (n,) m of rays: open_way (n,) bool."""
     geometry = lent(geometry)
-    room = mesh_scratch()
+    scratch = mesh_scratch()
     for i in range(begin, end):
-        _, t = first(geometry, origin, direction, i, np.int64(-1), room)
+        _, t = first(geometry, origin, direction, i, np.int64(-1), scratch)
         open_way[i] = t >= distance[i] * (1 - 1e-9)
 
 
@@ -134,33 +135,33 @@ def lengths(geometry, matched, origin, direction, distance, inside, last, begin,
     """
     geometry = lent(geometry)
     q = np.empty((1, 3))
-    body, far, place = np.empty(1, np.int64), np.empty(1), np.empty(1, np.int64)
+    body, far, triangle = np.empty(1, np.int64), np.empty(1), np.empty(1, np.int64)
     start = np.empty(1, np.int64)
     for i in range(begin, end):
         inside[i], last[i], start[0] = 0.0, 0.0, -1
         for k in range(3):
             q[0, k] = origin[i, k]
-        left = distance[i] * _ALMOST
+        remaining = distance[i] * _ALMOST
         for _ in range(_CROSSED):
-            locate(geometry, q, direction[i : i + 1], start, body, far, place, 0, 1)
+            locate(geometry, q, direction[i : i + 1], start, body, far, triangle, 0, 1)
             if body[0] >= 0:
-                inside[i, body[0]] += min(far[0], left)
-            left -= far[0]
-            if place[0] < 0 or not left > 0.0:
+                inside[i, body[0]] += min(far[0], remaining)
+            remaining -= far[0]
+            if triangle[0] < 0 or not remaining > 0.0:
                 break
-            owner = geometry.owner[place[0]]
+            owner = geometry.owner[triangle[0]]
             if owner < 0 or not matched[owner]:
                 inside[i] = np.inf
                 break
             last[i] += far[0]
             for k in range(3):
                 q[0, k] += far[0] * direction[i, k]
-            start[0] = place[0]
+            start[0] = triangle[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def normals(geometry, place, normal, begin, end):
+def normals(geometry, triangle, normal, begin, end):
     """Outward unit normals (n, 3) of triangles at places (n,); as they were where the place is -1."""
     for i in range(begin, end):
-        if place[i] >= 0:
-            normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, place[i])
+        if triangle[i] >= 0:
+            normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, triangle[i])

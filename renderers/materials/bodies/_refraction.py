@@ -90,12 +90,12 @@ def _side(corners, f):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _refracted(corners, normals, light, distant, index, f, u, v):
     """Place, normal, direction to the light and of refracted light, at (u, v) of triangle f."""
-    place, normal = _at(corners, f, u, v), _unit(_at(normals, f, u, v))
+    point, normal = _at(corners, f, u, v), _unit(_at(normals, f, u, v))
     here = light[0], light[1], light[2]
-    towards = here if distant else _unit(_plus(here, -1.0, place))
+    towards = here if distant else _unit(_plus(here, -1.0, point))
     cosine = _dot(normal, towards)
     beyond = math.sqrt(max(1 - (1 - cosine * cosine) / (index * index), 0.0))
-    return place, normal, towards, _plus(_times(cosine / index - beyond, normal), -1 / index, towards)
+    return point, normal, towards, _plus(_times(cosine / index - beyond, normal), -1 / index, towards)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -104,7 +104,7 @@ def directions(corners, normals, light, distant, index, ahead, spread, begin, en
     negative of triangles that face away from the light."""
     for f in range(begin, end):
         here = light[0], light[1], light[2]
-        lit = _dot(_side(corners, f), here if distant else _plus(here, -1.0, _row(corners, f, 0))) > 0.0
+        towards_light = _dot(_side(corners, f), here if distant else _plus(here, -1.0, _row(corners, f, 0))) > 0.0
         for k in range(3):
             u, v = 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
             d = _refracted(corners, normals, light, distant, index, f, u, v)[3]
@@ -113,7 +113,7 @@ def directions(corners, normals, light, distant, index, ahead, spread, begin, en
         for u, v in ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5), (1 / 3, 1 / 3)):
             off = _plus(_refracted(corners, normals, light, distant, index, f, u, v)[3], -1.0, _at(ahead, f, u, v))
             most = max(most, _dot(off, off))
-        spread[f] = _WIDER * math.sqrt(most) if lit else -1.0
+        spread[f] = _WIDER * math.sqrt(most) if towards_light else -1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -155,14 +155,14 @@ def _cubic(c, s):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _distances(ways, f, y, longest, c, ends, found):
+def _distances(bent, f, y, longest, c, ends, roots):
     """Distances at which a front of light of triangle f, linear between its corners, passes point y: found (3,) m, how many.
 
     The front is a triangle that moves on, and the point is in its plane where a polynomial of third degree is 0.
     """
-    a, d = _row(ways.corners, f, 0), _row(ways.ahead, f, 0)
-    a1, b1 = _plus(_row(ways.corners, f, 1), -1.0, a), _plus(_row(ways.ahead, f, 1), -1.0, d)
-    a2, b2 = _plus(_row(ways.corners, f, 2), -1.0, a), _plus(_row(ways.ahead, f, 2), -1.0, d)
+    a, d = _row(bent.corners, f, 0), _row(bent.ahead, f, 0)
+    a1, b1 = _plus(_row(bent.corners, f, 1), -1.0, a), _plus(_row(bent.ahead, f, 1), -1.0, d)
+    a2, b2 = _plus(_row(bent.corners, f, 2), -1.0, a), _plus(_row(bent.ahead, f, 2), -1.0, d)
     r = _plus(y, -1.0, a)
     still, turns, bends = _cross(a1, a2), _plus(_cross(a1, b2), 1.0, _cross(b1, a2)), _cross(b1, b2)
     c[0], c[1] = _dot(still, r), _dot(turns, r) - _dot(still, d)
@@ -171,8 +171,8 @@ def _distances(ways, f, y, longest, c, ends, found):
     square = c[2] * c[2] - 3 * c[3] * c[1]
     if square > 0.0:
         q = -(c[2] + math.copysign(math.sqrt(square), c[2]))
-        one, other = q / (3 * c[3]), c[1] / q
-        for s in (min(one, other), max(one, other)):
+        first, second = q / (3 * c[3]), c[1] / q
+        for s in (min(first, second), max(first, second)):
             if 0.0 < s < longest:
                 ends[count] = s
                 count += 1
@@ -188,44 +188,44 @@ def _distances(ways, f, y, longest, c, ends, found):
                 high = middle
             else:
                 low = middle
-        found[many] = 0.5 * (low + high)
+        roots[many] = 0.5 * (low + high)
         many += 1
     return many
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _within(ways, f, y, s):
+def _within(bent, f, y, s):
     """Where in the front of triangle f at distance s a point of its plane is: u, v."""
-    q = _plus(_row(ways.corners, f, 0), s, _row(ways.ahead, f, 0))
-    e1 = _plus(_plus(_row(ways.corners, f, 1), s, _row(ways.ahead, f, 1)), -1.0, q)
-    e2 = _plus(_plus(_row(ways.corners, f, 2), s, _row(ways.ahead, f, 2)), -1.0, q)
+    q = _plus(_row(bent.corners, f, 0), s, _row(bent.ahead, f, 0))
+    e1 = _plus(_plus(_row(bent.corners, f, 1), s, _row(bent.ahead, f, 1)), -1.0, q)
+    e2 = _plus(_plus(_row(bent.corners, f, 2), s, _row(bent.ahead, f, 2)), -1.0, q)
     r, normal = _plus(y, -1.0, q), _cross(e1, e2)
     square = _dot(normal, normal)
     return _dot(_cross(r, e2), normal) / square, _dot(_cross(e1, r), normal) / square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place(ways, f, y, u, v):
+def _place(bent, f, y, u, v):
     """The place in triangle f from which light is refracted to y, by Newton's method from (u, v): u, v, or nan where that is not
     in it; and how wide light is there: area (m^2) across it at y over that of u and v."""
     for _ in range(_STEPS):
-        p, _, _, d = _refracted(ways.corners, ways.normals, ways.light, ways.distant, ways.index, f, u, v)
+        p, _, _, d = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u, v)
         r = _plus(y, -1.0, p)
         s = _dot(r, d)
         off = _plus(r, -s, d)
-        one = _unit(_cross(d, (1.0, 0.0, 0.0) if abs(d[0]) < 0.7 else (0.0, 1.0, 0.0)))
-        two = _cross(d, one)
-        p1, _, _, d1 = _refracted(ways.corners, ways.normals, ways.light, ways.distant, ways.index, f, u + _STEP, v)
-        p2, _, _, d2 = _refracted(ways.corners, ways.normals, ways.light, ways.distant, ways.index, f, u, v + _STEP)
+        side = _unit(_cross(d, (1.0, 0.0, 0.0) if abs(d[0]) < 0.7 else (0.0, 1.0, 0.0)))
+        upward = _cross(d, side)
+        p1, _, _, d1 = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u + _STEP, v)
+        p2, _, _, d2 = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u, v + _STEP)
         e1 = _times(1 / _STEP, _plus(_plus(p1, -1.0, p), s, _plus(d1, -1.0, d)))
         e2 = _times(1 / _STEP, _plus(_plus(p2, -1.0, p), s, _plus(d2, -1.0, d)))
-        m11, m21, m12, m22 = _dot(e1, one), _dot(e1, two), _dot(e2, one), _dot(e2, two)
+        m11, m21, m12, m22 = _dot(e1, side), _dot(e1, upward), _dot(e2, side), _dot(e2, upward)
         area = m11 * m22 - m12 * m21
         if _dot(off, off) <= _CLOSE * _CLOSE * _dot(r, r):
             if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and s > 0.0:
                 return u, v, abs(area)
             break
-        x1, x2 = _dot(off, one), _dot(off, two)
+        x1, x2 = _dot(off, side), _dot(off, upward)
         u, v = u + (x1 * m22 - x2 * m12) / area, v + (x2 * m11 - x1 * m21) / area
         if not (abs(u) < 4.0 and abs(v) < 4.0):
             break
@@ -233,61 +233,61 @@ def _place(ways, f, y, u, v):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _brought(ways, f, u, v, area):
+def _brought(bent, f, u, v, area):
     """Irradiance across light that comes in at (u, v) of triangle f over that outside, per area across it at the event.
 
     Of light to the eye: where normals are not the triangle's, that towards the light differs (Veach 1997, section 5.3).
     """
-    side = _side(ways.corners, f)
-    _, normal, towards, d = _refracted(ways.corners, ways.normals, ways.light, ways.distant, ways.index, f, u, v)
+    side = _side(bent.corners, f)
+    _, normal, towards, d = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u, v)
     cosine = _dot(normal, towards)
     if not (cosine > 0.0 and _dot(side, towards) > 0.0 and _dot(side, d) < 0.0 and _dot(normal, d) < 0.0 and area > 0.0):
         return 0.0
-    share, _ = fresnel(min(cosine, 1.0), ways.index)
+    share, _ = fresnel(min(cosine, 1.0), bent.index)
     return (1 - share) * cosine * _dot(side, d) / _dot(normal, d) / area
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def join(geometry, medium, ways, origin, direction, weight, states, place, towards, within, share, begin, end):
+def join(geometry, medium, bent, origin, direction, weight, states, point, towards, within, share, begin, end):
     """Draws one way each to the light from events begin to end, as `refraction.joined` says.
 
-    medium : `Scatterer`;  ways : `Ways`
+    medium : `Scatterer`;  bent : `Ways`
     origin, direction, weight, states : (n, 3) m, unit, (n, L), (n,), of paths that scatter there
     """
-    geometry, medium, ways = lent(geometry), lent(medium), lent(ways)
-    room, values, d = mesh_scratch(), np.empty(weight.shape[1]), np.empty((1, 3))
-    c, ends, found, known = np.empty(4), np.empty(4), np.empty(3), np.empty((3, 2))
-    shape, longest = ways.shape, ways.edge * math.sqrt(float(ways.shape[0] ** 2 + ways.shape[1] ** 2 + ways.shape[2] ** 2))
+    geometry, medium, bent = lent(geometry), lent(medium), lent(bent)
+    scratch, values, d = mesh_scratch(), np.empty(weight.shape[1]), np.empty((1, 3))
+    c, ends, roots, solutions = np.empty(4), np.empty(4), np.empty(3), np.empty((3, 2))
+    shape, longest = bent.shape, bent.edge * math.sqrt(float(bent.shape[0] ** 2 + bent.shape[1] ** 2 + bent.shape[2] ** 2))
     for i in range(begin, end):
         share[i] = 0.0
         total, chosen, cell = 0.0, 0.0, np.int64(0)
         y = origin[i, 0], origin[i, 1], origin[i, 2]
         for axis in range(3):
-            at = min(max(int((y[axis] - ways.low[axis]) / ways.edge), 0), shape[axis] - 1)
+            at = min(max(int((y[axis] - bent.low[axis]) / bent.edge), 0), shape[axis] - 1)
             cell = cell * shape[axis] + at
-        for name in range(ways.begin[cell], ways.begin[cell + 1]):
-            f, many = np.int64(ways.names[name]), 0
-            for k in range(_distances(ways, f, y, longest, c, ends, found)):
-                u, v = _within(ways, f, y, found[k])
+        for name in range(bent.begin[cell], bent.begin[cell + 1]):
+            f, many = np.int64(bent.names[name]), 0
+            for k in range(_distances(bent, f, y, longest, c, ends, roots)):
+                u, v = _within(bent, f, y, roots[k])
                 if not (u > -_OUTSIDE and v > -_OUTSIDE and u + v < 1 + _OUTSIDE):
                     continue
-                u, v, area = _place(ways, f, y, u, v)
+                u, v, area = _place(bent, f, y, u, v)
                 again = math.isnan(u)
-                for other in range(many):
-                    again |= abs(known[other, 0] - u) + abs(known[other, 1] - v) < 1e-6
+                for solution in range(many):
+                    again |= abs(solutions[solution, 0] - u) + abs(solutions[solution, 1] - v) < 1e-6
                 if again:
                     continue
-                known[many, 0], known[many, 1] = u, v
+                solutions[many, 0], solutions[many, 1] = u, v
                 many += 1
-                brought = _brought(ways, f, u, v, area)
-                x = _at(ways.corners, f, u, v)
-                way = _plus(x, -1.0, y)
-                distance = math.sqrt(_dot(way, way))
+                brought = _brought(bent, f, u, v, area)
+                x = _at(bent.corners, f, u, v)
+                ahead = _plus(x, -1.0, y)
+                distance = math.sqrt(_dot(ahead, ahead))
                 if not brought > 0.0:
                     continue
                 for k2 in range(3):
-                    d[0, k2] = way[k2] / distance
-                _, wall = first(geometry, origin[i : i + 1], d, 0, np.int64(-1), room)
+                    d[0, k2] = ahead[k2] / distance
+                _, wall = first(geometry, origin[i : i + 1], d, 0, np.int64(-1), scratch)
                 if wall < distance * (1 - 1e-9) - _NEAR * geometry.scale:
                     continue
                 cosine = direction[i, 0] * d[0, 0] + direction[i, 1] * d[0, 1] + direction[i, 2] * d[0, 2]
@@ -300,6 +300,6 @@ def join(geometry, medium, ways, origin, direction, weight, states, place, towar
                 if guess > 0.0 and uniform(states, i) * total < guess:
                     chosen, share[i], within[i] = guess, brought, distance
                     for axis in range(3):
-                        place[i, axis], towards[i, axis] = x[axis], d[0, axis]
+                        point[i, axis], towards[i, axis] = x[axis], d[0, axis]
         if chosen > 0.0:
             share[i] *= total / chosen

@@ -70,14 +70,14 @@ def jump(shells, at, origin, direction, weight, states, i):
     waves, total = weight.shape[1], 0.0
     for w in range(waves):
         total += weight[i, w]
-    chosen, one = uniform(states, i) * total, waves - 1
+    chosen, wavelength = uniform(states, i) * total, waves - 1
     for w in range(waves):
         chosen -= weight[i, w]
         if chosen < 0.0:
-            one = w
+            wavelength = w
             break
     exits = shells.exits
-    row = exits[at, one, int(uniform(states, i) * exits.shape[2])]
+    row = exits[at, wavelength, int(uniform(states, i) * exits.shape[2])]
     _moved(row, shells.radii[at], 2 * math.pi * uniform(states, i), origin, direction, i)
     density = 0.0
     for w in range(waves):
@@ -97,12 +97,12 @@ def fill(medium, shells, at, groups, states, begin, end):
     medium, shells = lent(medium), lent(shells)
     exits, radius = shells.exits, shells.radii[at]
     waves, count = exits.shape[1], exits.shape[2]
-    some = count // groups
+    share = count // groups
     origin, direction = np.empty((1, 3)), np.empty((1, 3))
     factor, like = np.empty(waves), np.empty(waves)
     for i in range(begin, end):
-        one, events, alive = i // count, 0, True
-        group = (i % count) // some
+        wavelength, events, alive = i // count, 0, True
+        group = (i % count) // share
         for k in range(3):
             origin[0, k], direction[0, k] = 0.0, 1.0 if k == 2 else 0.0
         for w in range(waves):
@@ -111,23 +111,23 @@ def fill(medium, shells, at, groups, states, begin, end):
             apart = math.sqrt(origin[0, 0] ** 2 + origin[0, 1] ** 2 + origin[0, 2] ** 2)
             inner = largest(shells.radii, at, radius - apart)
             if inner >= 0:
-                row = exits[inner, one, group * some + int(uniform(states, i) * some)]
+                row = exits[inner, wavelength, group * share + int(uniform(states, i) * share)]
                 _moved(row, shells.radii[inner], 2 * math.pi * uniform(states, i), origin, direction, 0)
                 events += int(row[EVENTS])
                 for w in range(waves):
                     factor[w] *= row[FACTORS + w]
                     like[w] *= row[FACTORS + waves + w]
-            elif _flown(medium, one, radius, origin, direction, like, states, i):
+            elif _flown(medium, wavelength, radius, origin, direction, like, states, i):
                 break
             else:
                 events += 1
-                _turned(medium, one, direction, factor, like, states, i)
+                _turned(medium, wavelength, direction, factor, like, states, i)
             alive = _goes_on(factor, like, states, i)
-        _store(exits[at, one, i % count], origin, direction, min(events, _MOST), factor, like, alive)
+        _store(exits[at, wavelength, i % count], origin, direction, min(events, _MOST), factor, like, alive)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _flown(medium, one, radius, origin, direction, like, states, i):
+def _flown(medium, wavelength, radius, origin, direction, like, states, i):
     """Takes a walk about 0 to its next event, or to the sphere: whether it has come there."""
     sigma = medium.sigma_t
     along, square = 0.0, 0.0
@@ -135,28 +135,28 @@ def _flown(medium, one, radius, origin, direction, like, states, i):
         along += origin[0, k] * direction[0, k]
         square += origin[0, k] ** 2
     far = math.sqrt(max(along * along + radius * radius - square, 0.0)) - along
-    t = -math.log1p(-uniform(states, i)) / sigma[one] if sigma[one] > 0.0 else np.inf
+    t = -math.log1p(-uniform(states, i)) / sigma[wavelength] if sigma[wavelength] > 0.0 else np.inf
     leaves = not t < far
     t = min(t, far)
     for k in range(3):
         origin[0, k] += t * direction[0, k]
     for w in range(len(sigma)):
         # relative to the wavelength of the walk
-        like[w] *= math.exp((sigma[one] - sigma[w]) * t) * (1.0 if leaves else sigma[w] / sigma[one])
+        like[w] *= math.exp((sigma[wavelength] - sigma[w]) * t) * (1.0 if leaves else sigma[w] / sigma[wavelength])
     return leaves
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _turned(medium, one, direction, factor, like, states, i):
+def _turned(medium, wavelength, direction, factor, like, states, i):
     """Turns a walk at an event."""
-    v = phase_sample(medium.v, medium.steps, medium.phase[one], medium.cdf[one], uniform(states, i))
+    v = phase_sample(medium.v, medium.steps, medium.phase[wavelength], medium.cdf[wavelength], uniform(states, i))
     direction[0, 0], direction[0, 1], direction[0, 2] = turned_direction(
         direction[0, 0], direction[0, 1], direction[0, 2], v, 2 * math.pi * uniform(states, i))
-    own = phase_value(medium.v, medium.steps, medium.phase[one], v)
+    likely = phase_value(medium.v, medium.steps, medium.phase[wavelength], v)
     for w in range(len(factor)):
         factor[w] *= medium.albedo[w]
-        if w != one:
-            like[w] *= phase_value(medium.v, medium.steps, medium.phase[w], v) / own
+        if w != wavelength:
+            like[w] *= phase_value(medium.v, medium.steps, medium.phase[w], v) / likely
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -17,8 +17,8 @@ CONTACT, EVENT, DEAD = range(3)  # how far a path has come: to a surface; to an 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(geometry, medium, shells, most, waits, origin, direction, weight, states, far, place, start, drawn, density, single,
-            events, bounces, status, alive, begin, end):
+def advance(geometry, medium, shells, most, waits, origin, direction, weight, states, far, triangle, start, drawn, density,
+            single, events, bounces, status, alive, begin, end):
     """Takes paths begin to end through a body, up to a surface.
 
     Parameters
@@ -28,7 +28,7 @@ def advance(geometry, medium, shells, most, waits, origin, direction, weight, st
     waits : whether a path stops at each event
     origin, direction : (n, 3) m, unit; become those of the last flight
     weight : (n, L);  states : (n,) random streams
-    far, place : (n,) distance (m) and place of the triangle ahead, far nan where not known; become those of the surface met
+    far, triangle : (n,) distance (m) and place of the triangle ahead, far nan where not known; become those of the surface met
     start : (n,) becomes -1 where a path has scattered: it starts on no triangle any more
     drawn, density : (n, 3) m, (n,) 1/sr, where directions were drawn, and how likely
     single : (n,) bool, whether light samples cannot take the place of the direction
@@ -37,7 +37,7 @@ def advance(geometry, medium, shells, most, waits, origin, direction, weight, st
     alive : (n,) bool, room
     """
     geometry, medium, shells = lent(geometry), lent(medium), lent(shells)
-    room, values, radii = mesh_scratch(), np.empty(weight.shape[1]), len(shells.radii)
+    scratch, values, radii = mesh_scratch(), np.empty(weight.shape[1]), len(shells.radii)
     for i in range(begin, end):
         status[i] = -1
         while status[i] < 0:
@@ -58,7 +58,7 @@ def advance(geometry, medium, shells, most, waits, origin, direction, weight, st
             t = np.inf if straight else flight(medium, weight, states, i)
             # flights that end sooner than any triangle may be need no search among them
             if math.isnan(far[i]) and not t < clearance(geometry, origin, i):
-                place[i], far[i] = first(geometry, origin, direction, i, start[i], room)
+                triangle[i], far[i] = first(geometry, origin, direction, i, start[i], scratch)
             if straight:
                 left(medium, weight, i, far[i])
                 status[i] = CONTACT if far[i] < np.inf else DEAD
@@ -148,13 +148,13 @@ def inside(medium, origin, direction, weight, states, start, events, order, boun
         total = 0.0
         for w in range(waves):
             total += weight[i, w]
-        chosen, one = uniform(states, i) * total, waves - 1
+        chosen, wavelength = uniform(states, i) * total, waves - 1
         for w in range(waves):
             chosen -= weight[i, w]
             if chosen < 0.0:
-                one = w
+                wavelength = w
                 break
-        sigma = medium.sigma_t[one]
+        sigma = medium.sigma_t[wavelength]
         t = min(-math.log1p(uniform(states, i) * math.expm1(-sigma * far[i])) / sigma, far[i])
         density = 0.0
         for w in range(waves):

@@ -27,11 +27,11 @@ _CELLS = 48  # along the longest edge of the box around a body
 _NUMBERS = 1 << 30  # passes whose places light comes in at are numbered from here
 
 
-def half_widths(how):
+def half_widths(setup):
     """Half the widths (bodies,) m over which beams are spread in the first pass: of those that come in, and that begin at
     events."""
-    size = np.array([np.ptp(body.vertices, axis=0).max() for body in how.bodies])
-    return _WIDTH * size, np.minimum(_WIDTH * size, _FREE / how.sigma_t.max(axis=1))
+    size = np.array([np.ptp(body.vertices, axis=0).max() for body in setup.bodies])
+    return _WIDTH * size, np.minimum(_WIDTH * size, _FREE / setup.sigma_t.max(axis=1))
 
 
 def narrower(number):
@@ -39,45 +39,46 @@ def narrower(number):
     return (1 + number) ** -0.2
 
 
-def rivals_of(how, entries, places):
+def rivals_of(setup, entries, places):
     """(bodies,) m sr, of so many beams in each body: a m^2 of the boundary, times the width over which they are spread."""
-    dense = np.array([np.sum(np.diff(one.total, prepend=0.0) * one.density) for one in entries])
-    index = np.array([body.index for body in how.bodies])
-    return np.where(how.matched, 0.0, places * dense * index**2 * 2 * half_widths(how)[0])
+    dense = np.array([np.sum(np.diff(drawn.total, prepend=0.0) * drawn.density) for drawn in entries])
+    index = np.array([body.index for body in setup.bodies])
+    return np.where(setup.matched, 0.0, places * dense * index**2 * 2 * half_widths(setup)[0])
 
 
-def lit(how, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
+def lit(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
     """Beams of light samples that come in through the boundary of body `number` in a pass, and those that their first events
     begin; none where the boundary does not turn light.
 
-    how : `transport.Transport`;  entries : `light.Entries`;  places : that are drawn on the boundary
+    setup : `transport.Transport`;  entries : `light.Entries`;  places : that are drawn on the boundary
     """
-    body, waves = how.bodies[number], len(how.colours.to_waves)
+    body, waves = setup.bodies[number], len(setup.colours.to_waves)
     if body.matched:
         none = np.zeros((0, 3))
         return (of(none, none, none, np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0),) * 2
     states, numbers = light.drawn(number, places, _NUMBERS + pass_number, seed)
-    triangle, point, normal, sample, cosine = light.sampled(how, body, entries, numbers)
-    power = sample.radiance * cosine[:, None] @ how.colours.to_waves.T / (places * entries.density[triangle])[:, None]
-    some = np.flatnonzero((power > 0).any(axis=1))
-    goes, paths, power = light.refracted(how, body, point[some], sample.direction[some].astype(float), power[some], states[some])
-    within, far, place = transport.located(how.geometry, paths)
+    triangle, point, normal, sample, cosine = light.sampled(setup, body, entries, numbers)
+    power = sample.radiance * cosine[:, None] @ setup.colours.to_waves.T / (places * entries.density[triangle])[:, None]
+    bright = np.flatnonzero((power > 0).any(axis=1))
+    towards = sample.direction[bright].astype(float)
+    goes, paths, power = light.refracted(setup, body, point[bright], towards, power[bright], states[bright])
+    within, far, ahead = transport.located(setup.geometry, paths)
     inside = within == number
-    some, paths, far, place = some[goes[inside]], paths.of(inside), far[inside], place[inside]
+    bright, paths, far, ahead = bright[goes[inside]], paths.of(inside), far[inside], ahead[inside]
     paths.weight = power = power[inside]
     # moved along its boundary a beam may be longer, which matters where nothing else ends it
-    longer = far + (2 * half_widths(how)[0][number] if body.convex else 0.0)
-    first = of(paths.origin, paths.direction, normal[some], longer, power.copy(),
-               np.where(sample.delta, np.inf, sample.density)[some], 0)
-    turned, _ = light.turned(how, number, paths, far, place)
-    far = transport.located(how.geometry, turned)[1]
+    longer = far + (2 * half_widths(setup)[0][number] if body.convex else 0.0)
+    first = of(paths.origin, paths.direction, normal[bright], longer, power.copy(),
+               np.where(sample.delta, np.inf, sample.density)[bright], 0)
+    turned, _ = light.turned(setup, number, paths, far, ahead)
+    far = transport.located(setup.geometry, turned)[1]
     return first, begun(turned.origin, turned.direction, far, turned.weight, np.ones(len(turned), np.int64))
 
 
 def walked(beams) -> Lit:
     """Those of `_gather.Beams` that begin at events."""
-    some = beams.begun
-    return begun(beams.origin[some], beams.direction[some], beams.length[some], beams.power[some], beams.before[some])
+    events = beams.begun
+    return begun(*(values[events] for values in (beams.origin, beams.direction, beams.length, beams.power, beams.before)))
 
 
 def begun(origin, direction, length, power, before):
@@ -102,39 +103,39 @@ class Joins(NamedTuple):
     sets: list
     every: bool = False
 
-    def __call__(self, how, paths, number, far, sums):
+    def __call__(self, setup, paths, number, far, sums):
         """Adds what beams send to lines of sight in body `number`: those that come from a surface, or all."""
         rows = np.flatnonzero(((paths.events == 0) | self.every) & (paths.weight > 0).any(axis=1))
         if not len(rows):
             return
-        some, lengths, medium = paths.of(rows), far[rows], how.bodies[number].medium
-        brought, facing = np.zeros((3, *some.weight.shape)), np.empty((len(rows), 3))
-        run(_dipole.boundary_normals, len(rows), how.geometry, some.origin, some.direction, facing)
+        lines, lengths, medium = paths.of(rows), far[rows], setup.bodies[number].medium
+        brought, facing = np.zeros((3, *lines.weight.shape)), np.empty((len(rows), 3))
+        run(_dipole.boundary_normals, len(rows), setup.geometry, lines.origin, lines.direction, facing)
         for its in self.sets:
-            lit, cells, radius, rival = (one[number] for one in its)
-            run(_beams.join, len(rows), medium, lit, cells, radius, rival, some.origin, some.direction, facing, lengths,
+            beams, cells, radius, rival = (one[number] for one in its)
+            run(_beams.join, len(rows), medium, beams, cells, radius, rival, lines.origin, lines.direction, facing, lengths,
                 brought, block=64)
         for order, values in enumerate(brought):
-            sums.add(some, values * some.weight @ how.colours.to_rgb.T, order + 1)
+            sums.add(lines, values * lines.weight @ setup.colours.to_rgb.T, order + 1)
 
 
-def joins(how, sets, every=False) -> Joins:
+def joins(setup, sets, every=False) -> Joins:
     """`Joins` of tuples of lit (`Lit`), radius (m) and, where paths find the same light, rival (m sr), each of every body."""
-    none = np.zeros(len(how.bodies))
-    return Joins([(lit, [_cells(*one) for one in zip(how.bodies, lit, radius, strict=True)], radius, *(rival or [none]))
-                  for lit, radius, *rival in sets], every)
+    none = np.zeros(len(setup.bodies))
+    return Joins([(beams, [_cells(*values) for values in zip(setup.bodies, beams, radius, strict=True)], radius, *(rival or
+                  [none])) for beams, radius, *rival in sets], every)
 
 
-def _cells(body, lit, radius) -> Cells:
+def _cells(body, beams, radius) -> Cells:
     low, high = body.vertices.min(axis=0) - radius, body.vertices.max(axis=0) + radius
     edge = float((high - low).max()) / _CELLS
     shape = np.maximum(np.ceil((high - low) / edge), 1).astype(np.int64)
     begin = np.zeros(int(np.prod(shape)) + 1, np.int64)
     # beyond light is left out as on lines of sight; of lengths some have no end
-    length = np.minimum(lit.length, np.minimum(_beams.DEEP / body.medium.sigma_t.min(), 2 * np.linalg.norm(high - low)))
+    length = np.minimum(beams.length, np.minimum(_beams.DEEP / body.medium.sigma_t.min(), 2 * np.linalg.norm(high - low)))
     within, cells = 1.000001 * radius, (low, edge, shape)
-    _beams.entered(lit.ray, length, within, *cells, begin, np.empty(0, np.int32))
+    _beams.entered(beams.ray, length, within, *cells, begin, np.empty(0, np.int32))
     begin = np.concatenate([[0], np.cumsum(begin[:-1])])
     names = np.empty(begin[-1], np.int32)
-    _beams.entered(lit.ray, length, within, *cells, begin.copy(), names)
+    _beams.entered(beams.ray, length, within, *cells, begin.copy(), names)
     return Cells(low, edge, shape, begin, names)

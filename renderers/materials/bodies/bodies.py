@@ -99,10 +99,10 @@ def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
     wrong : function of (number of a body, what of it, message) -> the exception to raise where a surface that is no mesh reaches
         into one
     """
-    boxes = [np.array([one.vertices.min(axis=0), one.vertices.max(axis=0)]) for one in bodies]
-    names = [one.name for one in bodies]
-    corners = [one.vertices[one.faces] for one in bodies]
-    owners = [np.full(len(one.faces), number) for number, one in enumerate(bodies)]
+    boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in bodies]
+    names = [body.name for body in bodies]
+    corners = [body.vertices[body.faces] for body in bodies]
+    owners = [np.full(len(body.faces), number) for number, body in enumerate(bodies)]
     crowded = np.zeros(len(bodies), bool)
     for shape in world.shapes():
         if shape.name in names:
@@ -121,11 +121,11 @@ def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
             corners.append(triangles[near])
             owners.append(np.full(int(near.sum()), -1))
     for number, box in enumerate(boxes):
-        crowded[number] |= any(np.all((other[0] <= box[1]) & (other[1] >= box[0]))
-                               for place, other in enumerate(boxes) if place != number)
+        crowded[number] |= any(np.all((other_box[0] <= box[1]) & (other_box[1] >= box[0]))
+                               for position, other_box in enumerate(boxes) if position != number)
     corners, owners = np.concatenate(corners), np.concatenate(owners)
-    bodies = [one._replace(convex=not full and _is_convex(one.vertices, one.faces)) for one, full in zip(bodies, crowded)]
-    return bodies, _laid_in_voxels(corners, owners, np.concatenate([one.vertices for one in bodies]))
+    bodies = [body._replace(convex=not full and _is_convex(body.vertices, body.faces)) for body, full in zip(bodies, crowded)]
+    return bodies, _laid_in_voxels(corners, owners, np.concatenate([body.vertices for body in bodies]))
 
 
 def _reaches(box, body):
@@ -155,9 +155,9 @@ def _laid_in_voxels(corners, owners, vertices):
     size = float((high - low).max())
     count = np.maximum(1, np.ceil(_VOXELS * (high - low) / size)).astype(int)
     edge = np.maximum(high - low, 1e-6 * size) / count
-    made = Geometry(nodes, children, blocks, centre, scale, owner, low, edge, np.empty(count, np.float32))
-    run(_geometry.measure, made.clear.size, made)
-    return made
+    geometry = Geometry(nodes, children, blocks, centre, scale, owner, low, edge, np.empty(count, np.float32))
+    run(_geometry.measure, geometry.clear.size, geometry)
+    return geometry
 
 
 def _is_convex(vertices, faces, share=1e-4):
@@ -168,7 +168,7 @@ def _is_convex(vertices, faces, share=1e-4):
     size = float(np.ptp(vertices, axis=0).max())
     level = np.einsum("fk,fk->f", normal, a)
     for begin in range(0, len(faces), 1024):
-        some = slice(begin, begin + 1024)
-        if np.any(vertices @ normal[some].T - level[some] > share * size):
+        rows = slice(begin, begin + 1024)
+        if np.any(vertices @ normal[rows].T - level[rows] > share * size):
             return False
     return True

@@ -92,7 +92,7 @@ def _arriving(setup, entries, number, seed):
         before, _, triangle = transport.located(setup.geometry, paths)
         owner = np.where(triangle >= 0, setup.geometry.owner[triangle], -1)
         paths.seen[:], paths.pixel = True, np.arange(len(paths))
-        beyond = transport.shaded(setup, paths, Sums(0, found=False), power=True)
+        beyond = transport.shaded(setup, paths, Sums(0, by_paths=False), power=True)
         beyond = beyond.of(beyond.single)  # from rough surfaces a light sample finds the light
         within = transport.located(setup.geometry, beyond)[0]
         rays = beyond.pixel
@@ -214,7 +214,7 @@ def _follow(setup, paths, power, joined_directly, collected):
         parts = [light.outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
         paths, far, triangle, turns = _ahead(setup, paths.of(within >= 0))
         parts.append(transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns]))
-        parts.append(transport.shaded(setup, paths.of(turns), Sums(0, found=False), power=True))
+        parts.append(transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True))
         paths = joined(parts)
         joined_directly = np.zeros(len(paths), bool)
 
@@ -235,7 +235,7 @@ def caustics(setup, entries, seed) -> np.ndarray:
         outside = light.outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)
         paths, far, triangle, turns = _ahead(setup, paths.of(within >= 0))
         crossed = transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns])
-        turned = transport.shaded(setup, paths.of(turns), Sums(0, found=False), power=True)
+        turned = transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
         paths = joined([outside, turned])
         spread = paths.of(~paths.single)
         mean += _seen(setup.world, spread.origin) @ (spread.weight * power[spread.pixel, None]) @ setup.colours.to_rgb.T

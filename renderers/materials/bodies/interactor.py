@@ -29,13 +29,13 @@ class Body(Medium):
     def walk(self, paths):
         """As `advance`, up to the boundary or a surface in the body: also distances to that (n,) m, and whether it is blind."""
         n, before = paths.count, paths.bounces.copy()
-        far, place, start, status = np.full(n, np.nan), np.zeros(n, np.int64), np.full(n, -1), np.empty(n, np.int64)
+        far, triangle, start, status = np.full(n, np.nan), np.zeros(n, np.int64), np.full(n, -1), np.empty(n, np.int64)
         events, alive = np.zeros(n, np.int64), np.empty(n, bool)
         run(_walk.advance, n, self._geometry, self.scatterer, self._shells, _UNLIMITED, self.sampled, paths.origin,
-            paths.direction, paths.throughput, paths.states, far, place, start, paths.drawn, paths.density, paths.single,
+            paths.direction, paths.throughput, paths.states, far, triangle, start, paths.drawn, paths.density, paths.single,
             events, paths.bounces, status, alive)
         paths.order[:] += paths.bounces - before
         paths.shaded[events > 0], paths.left_out[events > 0] = False, np.nan
-        owner = self._geometry.owner[np.maximum(place, 0)]  # -1 where paths are lost
+        owner = self._geometry.owner[np.maximum(triangle, 0)]  # -1 where paths are lost
         status = np.choose(status, [REACHED, EVENT, ENDED])  # CONTACT, EVENT, DEAD
         return status, (), far, (owner >= 0) & self._blind[np.maximum(owner, 0)]

@@ -40,10 +40,10 @@ class Entries(NamedTuple):
     density: np.ndarray
 
 
-def entries_of(how, number, places, seed) -> Entries:
+def entries_of(setup, number, places, seed) -> Entries:
     """Places on the boundary of body `number` in proportion to the light that comes in there (root mean square of what it is in
     a group of triangles), as a few rounds of so many places find it."""
-    body = how.bodies[number]
+    body = setup.bodies[number]
     area = areas(body)
     entries = even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
     groups = np.empty(len(area), np.int64)
@@ -51,7 +51,7 @@ def entries_of(how, number, places, seed) -> Entries:
     groups[order] = np.minimum(np.cumsum(area[order]) / area.sum() * _GROUPS, _GROUPS - 1).astype(np.int64)
     whole = np.maximum(np.bincount(groups, area, _GROUPS), 1e-300)
     for number_of_round in range(_ROUNDS):
-        triangle, _, power = _entered(how, number, entries, places, _PILOT + number_of_round, seed)
+        triangle, _, power = _entered(setup, number, entries, places, _PILOT + number_of_round, seed)
         # of W/m^2, over the area
         square = np.bincount(groups[triangle], power.max(axis=1) ** 2 * places * entries.density[triangle], _GROUPS) / whole
         light = np.sqrt(square)[groups] * area
@@ -62,34 +62,34 @@ def entries_of(how, number, places, seed) -> Entries:
     return entries
 
 
-def beams(how, entries, places, walks, boundary, ways, number, seed) -> list[Beams]:
+def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> list[Beams]:
     """Beams in each body in a pass.
 
-    how : `transport.Transport`
+    setup : `transport.Transport`
     entries : `Entries` of each body;  places : of each boundary that are drawn, two beams each
     walks : of the light, from some of those beams
     boundary : whether light that leaves is taken away (negative beams)
-    ways : whether every way between two events is a beam (virtual ray lights); then no beam is negative
+    by_events : whether every way between two events is a beam (virtual ray lights); then no beam is negative
     number, seed : of the pass: its random numbers
     """
-    made, parts, powers = [_Made(not body.convex) for body in how.bodies], [], []
+    collected, parts, powers = [_Made(not body.convex) for body in setup.bodies], [], []
     for body, its in enumerate(entries):
-        _, paths, power = _entered(how, body, its, places, number, seed)
-        inside = transport.located(how.geometry, paths)[0] == body
+        _, paths, power = _entered(setup, body, its, places, number, seed)
+        inside = transport.located(setup.geometry, paths)[0] == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
-    for paths, power in within.emitted(how, places, number, seed):
+    for paths, power in within.emitted(setup, places, number, seed):
         parts.append(paths)
         powers.append(power)
     power = np.concatenate(powers)
     if len(power):
         chosen, scale = _chosen(joined(parts), power, walks)
         wavefront.begin_streams(stream_key(seed, "render.light", number), 0, chosen.states)
-        if boundary or ways:
-            _walk_on(how, chosen, scale, made, ways)
+        if boundary or by_events:
+            _walk_on(setup, chosen, scale, collected, by_events)
         else:
-            _begun(how, chosen, np.ones(walks, bool), scale, made)
-    return [one.beams(len(how.colours.to_waves)) for one in made]
+            _begun(setup, chosen, np.ones(walks, bool), scale, collected)
+    return [one.beams(len(setup.colours.to_waves)) for one in collected]
 
 
 class _Made:
@@ -106,22 +106,22 @@ class _Made:
     def beams(self, waves):
         none = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0, np.int64), np.zeros(0, bool),
                 np.zeros(0, bool))
-        made = [np.concatenate(arrays) for arrays in zip(none, *self._parts, strict=True)]
+        collected = [np.concatenate(arrays) for arrays in zip(none, *self._parts, strict=True)]
         # neighbours one after another, as `_choice` wants them
-        order = transport.by_place(made[0], made[0]) if len(made[0]) else np.zeros(0, np.int64)
-        return Beams(*(np.ascontiguousarray(values[order]) for values in made))
+        order = transport.by_place(collected[0], collected[0]) if len(collected[0]) else np.zeros(0, np.int64)
+        return Beams(*(np.ascontiguousarray(values[order]) for values in collected))
 
 
 # ---- light that comes in
 
 
-def _entered(how, number, entries, places, pass_number, seed):
+def _entered(setup, number, entries, places, pass_number, seed):
     """Triangles (n,) of the boundary where light comes in, paths just inside, and their power (n, L), W."""
-    body, waves = how.bodies[number], len(how.colours.to_waves)
+    body, waves = setup.bodies[number], len(setup.colours.to_waves)
     states, numbers = drawn(number, places, pass_number, seed)
-    triangle, point, normal, sample, cosine = sampled(how, body, entries, numbers)
-    outside = point + LOOK * how.geometry.scale * normal
-    lit = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ how.colours.to_waves.T
+    triangle, point, normal, sample, cosine = sampled(setup, body, entries, numbers)
+    outside = point + LOOK * setup.geometry.scale * normal
+    from_lamps = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ setup.colours.to_waves.T
     # light from all other ways that it can come
     direction = _about(normal, numbers[:, 5:7])
     looking = Paths.begun(outside, direction, np.ones((places, waves)), states, np.arange(places))
@@ -130,15 +130,15 @@ def _entered(how, number, entries, places, pass_number, seed):
     seen = Sums(places)
     while len(looking):
         # what has been in a body comes by walks
-        within, far, place = transport.located(how.geometry, looking)
+        within, far, ahead = transport.located(setup.geometry, looking)
         out = within == _geometry.OUTSIDE
-        looking = transport.at_surfaces(how, looking.of(out), seen, far[out], place[out])
-    found = seen.by_order.sum(axis=0) @ how.colours.to_waves.T * np.pi
-    towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([lit, found])
-    some = np.flatnonzero((power > 0).any(axis=1))
-    at = some % places
-    power = power[some] / (places * entries.density[triangle[at]])[:, None]
-    goes, paths, power = refracted(how, body, point[at], towards[some], power, states[at])
+        looking = transport.at_surfaces(setup, looking.of(out), seen, far[out], ahead[out])
+    from_paths = seen.by_order.sum(axis=0) @ setup.colours.to_waves.T * np.pi
+    towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([from_lamps, from_paths])
+    bright = np.flatnonzero((power > 0).any(axis=1))
+    at = bright % places
+    power = power[bright] / (places * entries.density[triangle[at]])[:, None]
+    goes, paths, power = refracted(setup, body, point[at], towards[bright], power, states[at])
     return triangle[at][goes], paths, power
 
 
@@ -150,22 +150,22 @@ def drawn(number, places, pass_number, seed):
     return states, numbers
 
 
-def sampled(how, body, entries, numbers):
+def sampled(setup, body, entries, numbers):
     """Triangles (n,) where light comes in, points (n, 3) m and outward normals there, a light sample each, and its cosine."""
     triangle, point, normal = on_boundary(body, entries, numbers)
-    sample = how.world.lights(point + LOOK * how.geometry.scale * normal, numbers[:, 3:])
+    sample = setup.world.lights(point + LOOK * setup.geometry.scale * normal, numbers[:, 3:])
     return triangle, point, normal, sample, np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
 
 
-def refracted(how, body, point, towards, power, states):
+def refracted(setup, body, point, towards, power, states):
     """Which of points on a boundary light from directions goes in at, the paths, and their power."""
     paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
     if body.matched or not len(paths):
-        paths.origin += how.off * paths.direction
+        paths.origin += setup.off * paths.direction
         return np.arange(len(paths)), paths, power
     numbers = np.empty((len(paths), 6))
     wavefront.draw(paths.states, numbers)
-    shading = how.world.shade(point + LOOK * how.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
+    shading = setup.world.shade(point + LOOK * setup.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
                               power=True)
     paths.origin, paths.direction = shading.origin, shading.direction.astype(float)
     goes = np.flatnonzero(shading.hit & (shading.weight > 0).any(axis=1))
@@ -195,10 +195,10 @@ def _about(normal, numbers):
     radius, turn = np.sqrt(numbers[:, 0]), 2 * np.pi * numbers[:, 1]
     side = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0, 0]], [[0, 1.0, 0]]))
     side /= np.linalg.norm(side, axis=1)[:, None]
-    other = np.cross(normal, side)
-    made = (radius * np.cos(turn))[:, None] * side + (radius * np.sin(turn))[:, None] * other \
+    across = np.cross(normal, side)
+    directions = (radius * np.cos(turn))[:, None] * side + (radius * np.sin(turn))[:, None] * across \
         + np.sqrt(1 - numbers[:, :1]) * normal
-    return made / np.linalg.norm(made, axis=1)[:, None]
+    return directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
 # ---- light that walks on
@@ -216,76 +216,78 @@ def _chosen(paths, power, walks):
     return chosen, total[-1] / walks
 
 
-def _walk_on(how, paths, scale, made, ways):
+def _walk_on(setup, paths, scale, collected, by_events):
     """Adds the beams of light that walks on through bodies and what is between them."""
     fresh = np.ones(len(paths), bool)
     while len(paths):
-        within, far, place = _begun(how, paths, fresh, scale, made)
-        parts = [outside(how, paths.of(within == _geometry.OUTSIDE), far, place, within)]
+        within, far, triangle = _begun(setup, paths, fresh, scale, collected)
+        parts = [outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
         kept = [np.ones(len(parts[0]), bool)]
         for body in np.unique(within[within >= 0]):
             here = within == body
-            for part, known in (_ways if ways else _walked)(how, body, paths.of(here), far[here], place[here], scale, made[body]):
+            go_on = _ways if by_events else _walked
+            for part, still_walks in go_on(setup, body, paths.of(here), far[here], triangle[here], scale, collected[body]):
                 parts.append(part)
-                kept.append(np.full(len(part), not known))
+                kept.append(np.full(len(part), not still_walks))
         fresh = np.concatenate(kept)
         paths = joined(parts)
 
 
-def _begun(how, paths, fresh, scale, made):
+def _begun(setup, paths, fresh, scale, collected):
     """Adds beams of paths where they are in bodies and begin one, `fresh` (n,) bool; what `transport.located` says."""
-    within, far, place = transport.located(how.geometry, paths)
+    within, far, triangle = transport.located(setup.geometry, paths)
     for body in np.unique(within[within >= 0]):
         new = fresh & (within == body)
-        some = paths.of(new)
-        made[body].add(some.origin, some.direction, far[new], scale * some.weight, some.order, some.events > 0)
-    return within, far, place
+        begins = paths.of(new)
+        collected[body].add(begins.origin, begins.direction, far[new], scale * begins.weight, begins.order, begins.events > 0)
+    return within, far, triangle
 
 
-def _walked(how, number, paths, far, place, scale, made):
+def _walked(setup, number, paths, far, triangle, scale, collected):
     """Takes walks on in a body: parts of those that go on, and whether the beam of the next way is there."""
-    body, n, waves = how.bodies[number], len(paths), paths.weight.shape[1]
-    left, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
+    body, n, waves = setup.bodies[number], len(paths), paths.weight.shape[1]
+    leaving, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
     status, alive = np.empty(n, np.int64), np.empty(n, bool)
-    run(_light.walk, n, how.geometry, body.medium, number, body.index if body.smooth else 0.0, paths.origin, paths.direction,
-        paths.weight, paths.states, far, place, paths.start, paths.events, paths.order, paths.bounces, left, turned, status,
+    run(_light.walk, n, setup.geometry, body.medium, number, body.index if body.smooth else 0.0, paths.origin, paths.direction,
+        paths.weight, paths.states, far, triangle, paths.start, paths.events, paths.order, paths.bounces, leaving, turned, status,
         alive, block=256)
-    left, turned = left[left[..., 6] > 0], turned[turned[..., 7] >= 0]
-    made.add(left[:, :3], left[:, 3:6], np.inf, -scale * left[:, 7:], left[:, 6], real=False)
-    made.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
+    leaving, turned = leaving[leaving[..., 6] > 0], turned[turned[..., 7] >= 0]
+    collected.add(leaving[:, :3], leaving[:, 3:6], np.inf, -scale * leaving[:, 7:], leaving[:, 6], real=False)
+    collected.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
     beyond = paths.of(status == _light.OUTSIDE)
-    beyond.origin += how.off * beyond.direction
-    return [(paths.of(status == _light.MORE), True), (beyond, False), (_turned(how, paths.of(status == _light.SURFACE)), False)]
+    beyond.origin += setup.off * beyond.direction
+    return [(paths.of(status == _light.MORE), True), (beyond, False), (_turned(setup, paths.of(status == _light.SURFACE)), False)]
 
 
-def _ways(how, number, paths, far, place, _scale, _made):
+def _ways(setup, number, paths, far, triangle, _scale, _made):
     """The same, up to the next event or surface."""
-    scattered, met = turned(how, number, paths, far, place)
-    meets, own = paths.of(met), how.geometry.owner[place[met]]
-    crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
-    return [(scattered, False), (transport.crossed(how, meets.of(crosses), far[met][crosses], place[met][crosses]), False),
-            (_turned(how, meets.of(~crosses)), False)]
+    scattered, met = turned(setup, number, paths, far, triangle)
+    meets, owner = paths.of(met), setup.geometry.owner[triangle[met]]
+    crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
+    return [(scattered, False), (transport.crossed(setup, meets.of(crosses), far[met][crosses], triangle[met][crosses]), False),
+            (_turned(setup, meets.of(~crosses)), False)]
 
 
-def turned(how, number, paths, far, place):
+def turned(setup, number, paths, far, triangle):
     """Paths in body `number` after their next event, and which (n,) have met a surface before it."""
-    status = transport.through(how, number, paths, far, place, UNLIMITED, True)
+    status = transport.through(setup, number, paths, far, triangle, UNLIMITED, True)
     turns = paths.of(status == _walk.EVENT)
     alive = np.empty(len(turns), bool)
-    run(_walk.scatter, len(turns), how.bodies[number].medium, turns.origin, turns.direction, turns.weight, turns.states,
+    run(_walk.scatter, len(turns), setup.bodies[number].medium, turns.origin, turns.direction, turns.weight, turns.states,
         turns.drawn, turns.density, turns.single, turns.bounces, alive)
     return turns.of(alive), status == _walk.CONTACT
 
 
-def outside(how, paths, far, place, within):
+def outside(setup, paths, far, triangle, within):
     """Walks outside of bodies after their next surface."""
-    far, place = far[within == _geometry.OUTSIDE], place[within == _geometry.OUTSIDE]
-    own = np.where(place >= 0, how.geometry.owner[place], -1)
-    crosses = (own >= 0) & how.matched[np.maximum(own, 0)]
-    crosses[crosses] = ~(how.world.trace(paths.origin[crosses], paths.direction[crosses], far[crosses] * (1 - 1e-4)) < np.inf)
-    return joined([transport.crossed(how, paths.of(crosses), far[crosses], place[crosses]), _turned(how, paths.of(~crosses))])
+    far, triangle = far[within == _geometry.OUTSIDE], triangle[within == _geometry.OUTSIDE]
+    owner = np.where(triangle >= 0, setup.geometry.owner[triangle], -1)
+    crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
+    crosses[crosses] = ~(setup.world.trace(paths.origin[crosses], paths.direction[crosses], far[crosses] * (1 - 1e-4)) < np.inf)
+    return joined([transport.crossed(setup, paths.of(crosses), far[crosses], triangle[crosses]), _turned(setup,
+    paths.of(~crosses))])
 
 
-def _turned(how, paths):
+def _turned(setup, paths):
     """Walks after Mitsuba has turned them at the surface that they meet."""
-    return transport.shaded(how, paths, Sums(0, found=False), power=True) if len(paths) else paths
+    return transport.shaded(setup, paths, Sums(0, by_paths=False), power=True) if len(paths) else paths

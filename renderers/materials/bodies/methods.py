@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,18 +39,18 @@ def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights
     around."""
     values, assets = job.scene.values, job.assets
-    if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
+    if any(not np.array_equal(asset.wavelength, assets[0].wavelength) for asset in assets):
         raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
     entries = values.materials
-    how = transport_of(world, [one.where.shape for one in entries], assets, [one.index for one in entries],
+    setup = transport_of(world, [entry.where.shape for entry in entries], assets, [entry.index for entry in entries],
                        lambda number, key, message: job.scene.wrong(f"materials[{number}].{key}", message), values.method)
-    name, made = of(how, values.method, entries[0].tables, seed)
+    name, kinds = of(setup, values.method, entries[0].tables, seed)
     if world.dark:
-        return Method(name, made, [], lambda estimate: {"bias": None})
+        return Method(name, kinds, [], lambda estimate: {"bias": None})
     declared = methods()[name]
-    reasons = _reasons(assets, how.bodies, declared)
-    reasons += shells.reasons(shells.laid(how)) if declared.spheres else []
-    missing, sentences = chains.left_out(how, seed)
+    reasons = _reasons(assets, setup.bodies, declared)
+    reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
+    missing, sentences = chains.left_out(setup, seed)
 
     def after(estimate):
         # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
@@ -57,23 +59,23 @@ def prepare(job, world, seed) -> Method:
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
         return {"bias": bias, "left_out": sentences} | unlit
 
-    return Method(name, made, [*reasons, *sentences], after, features=lambda: features_of(how, seed))
+    return Method(name, kinds, [*reasons, *sentences], after, features=lambda: features_of(setup, seed))
 
 
-def features_of(how, seed):
+def features_of(setup, seed):
     """What the camera sees, `renderers.pictures.denoise.Features`; None of more bodies than a loop keeps apart."""
     from renderers.transport import features
 
-    return features.first_hits(how.world, how.bodies, how.colours, seed) if len(how.bodies) <= _MOST else None
+    return features.first_hits(setup.world, setup.bodies, setup.colours, seed) if len(setup.bodies) <= _MOST else None
 
 
-def of(how, name, boundary, seed):
+def of(setup, name, boundary, seed):
     """The method of a name, which is another where that chooses, and its parts; parameters as those of `parts`."""
     name = settled(methods(), name)
-    if how.world.dark:
+    if setup.world.dark:
         # no beams begin, and tables and spheres need not be there
-        return name, parts(how, _UNLIT_METHOD, boundary, seed)
-    return name, parts(shells.laid(how) if methods()[name].spheres else how, name, boundary, seed)
+        return name, parts(setup, _UNLIT_METHOD, boundary, seed)
+    return name, parts(shells.laid(setup) if methods()[name].spheres else setup, name, boundary, seed)
 
 
 def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Transport:
@@ -84,9 +86,9 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     name : of the method; assets have to hold the tables that it looks up
     """
     shapes = world.shapes()
-    bodies = [_body(shapes, *one, lambda key, message, number=number: wrong(number, key, message),
+    bodies = [_body(shapes, *entry, lambda key, message, number=number: wrong(number, key, message),
                     _UNLIT_METHOD if world.dark else name)
-              for number, one in enumerate(zip(names, assets, indices, strict=True))]
+              for number, entry in enumerate(zip(names, assets, indices, strict=True))]
     bodies, geometry = laid_out(world, bodies, wrong)
     waves = np.asarray(assets[0].wavelength, float)
     colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
@@ -122,115 +124,147 @@ def _too_wide(name, vertices, faces, reduced, method):
     if density >= method.fewest_beams:
         return ""
     wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
-    able = fields.one_of([name for name, other in methods().items() if not other.fewest_beams])
+    able = fields.one_of([name for name, declared in methods().items() if not declared.fewest_beams])
     return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
             f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
 
 
-def parts(how, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
+def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     """The parts of a method, as `renderers.pictures.progressive` takes them.
 
-    how : `transport.Transport`;  name, boundary : method and boundary as a scene names them
+    setup : `transport.Transport`;  name, boundary : method and boundary as a scene names them
     places, walks : places where light comes in, and walks
     picks : beams that are drawn for a place of a body: by all lines of sight together that share their light, `_LEAST` by each;
         with tables `_ALONE` by those that do not
     """
-    height, width = how.world.size
     method = methods()[name]
-    tabled, second = method.tabled, [method.second(how.world, body) for body in how.bodies]
+    if method.in_one_loop and in_one_loop(setup):
+        from renderers.transport import passes
+
+        return (passes.part(name, setup.world, setup.bodies, setup.colours, seed),)
     if method.joined:
         # they bring lights without extent, too
-        how = how._replace(bent=[[] for _ in how.bodies])
-    most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in second]
+        setup = setup._replace(bent=[[] for _ in setup.bodies])
+    kinds = _Passes(setup, method, boundary, seed, _Counts(places, walks, picks))
+    passes_of = {FEW: kinds.by_paths, GATHERED: kinds.gathered, DIFFUSED: kinds.diffused, JOINED: kinds.joined}
+    return tuple(Part(kind, passes_of[kind]) for kind in method.parts) or (Part(name, kinds.by_paths),)
 
-    entries, lines = [], []
 
-    def images(sums):
-        by_order = [image.reshape(height, width, 3) for image in sums.by_order]
-        return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
+class _Counts(NamedTuple):
+    """Of a pass: places where light comes in, walks of it, beams that are drawn."""
 
-    def known():
-        if not entries:
-            entries.extend(light.entries_of(how, body, _FIRST, seed) for body in range(len(how.bodies)))
-        return entries
+    places: int
+    walks: int
+    picks: int
 
-    def seen(number):
-        return smooth.seen(how, transport.begin(how, np.arange(height * width), number, seed))
 
-    def chosen(what, number):
-        """Pixels that gather; all where what they find is not shared."""
-        return np.ones((height, width), bool) if any(second) else smooth.chosen(what, number)
+class _Passes:
+    """Passes of a method: functions of their number, which give layers (H, W, 3) by name."""
 
-    def fewer():
-        """Beams of a line of sight that shares what it gathers, in each body."""
-        if not lines:
-            what = seen(_LATER)
-            lines.extend(min(max(math.ceil(picks / one), _LEAST), _ALONE)
-                         for one in smooth.sharing(what, chosen(what, 0), len(how.bodies)))
-        return lines
+    def __init__(self, setup, method, boundary, seed, counts):
+        self._setup, self._method, self._seed, self._counts = setup, method, seed, counts
+        self._size = setup.world.size
+        self._negative, self._mirrored = (method.tabled and boundary == kind for kind in ("negative", "mirrored"))
+        self._second = [method.second(setup.world, body) for body in setup.bodies]
+        self._most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in self._second]
 
-    def rivals():
-        return beams.rivals_of(how, known(), _LIT)
-
-    def found(number):
-        gather = chains.gathering(how, known(), number, seed, not method.parts, method.beams_of_events) \
-            if how.chained else None
-        sums = transport.from_eye(how._replace(rivals=rivals()) if method.joined else how, most, gather, number, seed)
+    def by_paths(self, number):
+        """Light that paths find by themselves, and that of lights without extent which they cannot find."""
+        setup, method = self._setup, self._method
+        gather = chains.gathering(setup, self._entries, number, self._seed, not method.parts, method.beams_of_events) \
+            if setup.chained else None
+        if method.joined:
+            setup = setup._replace(rivals=self._rivals)
+        sums = transport.from_eye(setup, self._most, gather, number, self._seed)
         if gather:
             sums.by_order += gather.wide.by_order
         if method.diffused:
             # what scatters again where a boundary turns it back
             sums.by_order[2:] = 0.0
-        layers = images(sums)
+        layers = self._images(sums)
         if gather:
-            layers[SHARPER] = (gather.sharp.by_order - gather.wide.by_order).sum(axis=0).reshape(height, width, 3)
+            layers[SHARPER] = (gather.sharp.by_order - gather.wide.by_order).sum(axis=0).reshape(*self._size, 3)
         return layers
 
-    def diffused(number):
-        made = light.beams(how, known(), places, walks, False, False, number, seed)
+    def diffused(self, number):
+        """Light of beams by diffusion."""
+        beams_in = self._beams(number)
         number += _LATER
-        what = seen(number)
-        later = dipole.seen(how, made, picks, number, seed).reshape(height, width, 3)
-        every = np.ones((height, width), bool)
-        half, later = smooth.smoothed(later, every, what, 0.5), smooth.smoothed(later, every, what)
+        view = self._view(number)
+        later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
+        every = np.ones(self._size, bool)
+        half, later = smooth.smoothed(later, every, view, 0.5), smooth.smoothed(later, every, view)
         return {"": later, "orders": later, CLOSER: half - later}
 
-    def gathered(number):
-        made = light.beams(how, known(), places, walks, tabled and boundary == "negative", not tabled, number, seed)
-        beyond = [_beyond(body, tabled and boundary == "mirrored") for body in how.bodies]
+    def gathered(self, number):
+        """Light of beams by lines of sight: by tables, or from virtual ray lights."""
+        setup, tabled, picks = self._setup, self._method.tabled, self._counts.picks
+        beams_in = self._beams(number, negative=self._negative, by_events=not tabled)
+        beyond = [_beyond(body, self._mirrored) for body in setup.bodies]
         number += _LATER
-        what = seen(number) if tabled else None
-        some = chosen(what, number) if tabled else None
-        gather = Gather(made, tabled, second, _ALONE, fewer(), what.body.ravel(), beyond) if tabled \
-            else Gather(made, tabled, second, picks, [picks] * len(how.bodies), np.full(height * width, -1), beyond)
-        sums = transport.from_eye(how, most, gather, number, seed, found=False, chosen=some)
-        layers, later = images(sums), sums.gathered.reshape(height, width, 3)
+        view = self._view(number) if tabled else None
+        gathers = self._gathers(view, number) if tabled else None
         if tabled:
-            half, later = smooth.smoothed(later, some, what, 0.5), smooth.smoothed(later, some, what)
+            gather = Gather(beams_in, True, self._second, _ALONE, self._shared_picks, view.body.ravel(), beyond)
+        else:
+            nobody = np.full(self._size[0] * self._size[1], -1)
+            gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond)
+        sums = transport.from_eye(setup, self._most, gather, number, self._seed, by_paths=False, chosen=gathers)
+        layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
+        if tabled:
+            half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
             layers |= {CLOSER: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers
 
-    def joined(number):
-        width = [one * beams.narrower(number) for one in beams.half_widths(how)]
-        entered, begun = zip(*(beams.lit(how, body, its, _LIT, number, seed) for body, its in enumerate(known())))
-        if not tabled:
-            made = light.beams(how, entries, places, walks, False, True, number, seed)
-            begun = [beams.walked(one) for one in made]
-        gather = beams.joins(how, [(entered, width[0], rivals()), (begun, width[1])])
-        return images(transport.from_eye(how, most, gather, number + _BESIDE, seed, found=False))
+    def joined(self, number):
+        """Light of beams that lines of sight cross."""
+        setup = self._setup
+        width = [widths * beams.narrower(number) for widths in beams.half_widths(setup)]
+        entered, begun = zip(*(beams.lit(setup, body, entries, _LIT, number, self._seed)
+                               for body, entries in enumerate(self._entries)))
+        if not self._method.tabled:
+            begun = [beams.walked(walks) for walks in self._beams(number, by_events=True)]
+        gather = beams.joins(setup, [(entered, width[0], self._rivals), (begun, width[1])])
+        return self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
 
-    if method.in_one_loop and in_one_loop(how):
-        from renderers.transport import passes
+    def _images(self, sums):
+        by_order = [image.reshape(*self._size, 3) for image in sums.by_order]
+        return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
 
-        return (passes.part(name, how.world, how.bodies, how.colours, seed),)
-    passes_of = {FEW: found, GATHERED: gathered, DIFFUSED: diffused, JOINED: joined}
-    return tuple(Part(kind, passes_of[kind]) for kind in method.parts) or (Part(name, found),)
+    def _beams(self, number, *, negative=False, by_events=False):
+        return light.beams(self._setup, self._entries, self._counts.places, self._counts.walks, negative, by_events, number,
+                           self._seed)
+
+    def _view(self, number):
+        """What the camera sees of bodies in a pass."""
+        paths = transport.begin(self._setup, np.arange(self._size[0] * self._size[1]), number, self._seed)
+        return smooth.seen(self._setup, paths)
+
+    def _gathers(self, view, number):
+        """Pixels that gather; all where what they find is not shared."""
+        return np.ones(self._size, bool) if any(self._second) else smooth.chosen(view, number)
+
+    @cached_property
+    def _entries(self):
+        """`light.Entries` of each body."""
+        return [light.entries_of(self._setup, body, _FIRST, self._seed) for body in range(len(self._setup.bodies))]
+
+    @cached_property
+    def _shared_picks(self):
+        """Beams of a line of sight that shares what it gathers, in each body."""
+        view = self._view(_LATER)
+        shares = smooth.sharing(view, self._gathers(view, 0), len(self._setup.bodies))
+        return [min(max(math.ceil(self._counts.picks / share), _LEAST), _ALONE) for share in shares]
+
+    @property
+    def _rivals(self):
+        return beams.rivals_of(self._setup, self._entries, _LIT)
 
 
-def in_one_loop(how) -> bool:
+def in_one_loop(setup) -> bool:
     """Whether `renderers.transport` can follow the paths of a scene: it finds no lights without extent through glass."""
-    return not (how.chained or any(how.bent)) and how.rivals is None and len(how.bodies) <= _MOST
+    return not (setup.chained or any(setup.bent)) and setup.rivals is None and len(setup.bodies) <= _MOST
 
 
 def _beyond(body, mirrored):
@@ -243,27 +277,28 @@ def _beyond(body, mirrored):
         return np.full(len(medium.sigma_t), np.inf)
     x, weight = np.polynomial.legendre.leggauss(64)
     c, weight = (x + 1) / 2, weight / 2
-    r = np.array([kernels.fresnel(one, 1 / body.index)[0] for one in c]) if not body.matched else np.zeros(64)
+    r = np.array([kernels.fresnel(cosine, 1 / body.index)[0] for cosine in c]) if not body.matched else np.zeros(64)
     a = (1 + 3 * np.sum(weight * r * c**2)) / (1 - 2 * np.sum(weight * r * c))
     return 2 * a / (3 * smooth.reduced(medium))
 
 
 def _reasons(assets, bodies, method):
     tabled = [asset for asset in assets if has_tables(asset)]
-    said = [method.leaves_out] if method.leaves_out else []
+    notes = [method.leaves_out] if method.leaves_out else []
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
-        said.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
-    said += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light decays "
-             "as diffusion has it" for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
+        notes.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
+    notes += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light "
+              "decays as diffusion has it"
+              for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
     turned = any(not body.matched for body in bodies)
     if method.blurred[0 if turned else 1]:
-        said.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
+        notes.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
     elif turned:
-        said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
+        notes.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
                     "turn more than once is spread over 1 % of the body's size to both sides, less in each pass")
-    return said
+    return notes
 
 
 def _too_short(body, asset):

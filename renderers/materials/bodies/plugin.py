@@ -63,10 +63,10 @@ class Inside:
         from renderers.materials.bodies import methods
 
         names, assets = list(self.assets), list(self.assets.values())
-        how = methods.transport_of(world, names, assets, [None] * len(names),
+        setup = methods.transport_of(world, names, assets, [None] * len(names),
                                    lambda number, key, message: UsageError(f"{NAME}: {_BODY}{names[number]}: {message}"),
                                    self.method)
-        return methods.of(how, self.method, self.boundary, seed)[1]
+        return methods.of(setup, self.method, self.boundary, seed)[1]
 
 
 register(NAME, Inside)

@@ -38,7 +38,7 @@ def bent(world, body, shapes) -> list[Bent]:
     """
     if body.matched or not body.smooth or not world.without_extent:
         return []
-    shape = next(one for one in shapes if one.name == body.name)
+    shape = next(candidate for candidate in shapes if candidate.name == body.name)
     corners = np.ascontiguousarray(shape.vertices[shape.faces])
     if shape.normals is None:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -74,7 +74,7 @@ def joined(transport, number, bent, paths):
     and one over the probability of the choice; 0 where there is no way.
     """
     n = len(paths)
-    place, towards, within, share = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.empty(n)
+    point, towards, within, share = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.empty(n)
     run(_refraction.join, n, transport.geometry, transport.bodies[number].medium, bent.ways, paths.origin, paths.direction,
-        paths.weight, paths.states, place, towards, within, share)
-    return place, towards, within, share
+        paths.weight, paths.states, point, towards, within, share)
+    return point, towards, within, share

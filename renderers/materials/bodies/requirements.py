@@ -38,9 +38,9 @@ def needs(about) -> list[Need]:
     depth, across = about.measured(_sizes)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
-    said = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
+    reason = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
     knobs, lacking = _tolerance(about, later[worst])
-    return [medium, Need("multiple", True, said, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
+    return [medium, Need("multiple", True, reason, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
 
 
 def _percent(share) -> str:
@@ -53,7 +53,7 @@ def _percent(share) -> str:
 def _shapes(about):
     """Shapes of the Mitsuba scene that are bodies of the recipe."""
     named = {shape.name: shape for shape in about.world.shapes()}
-    found = []
+    shapes = []
     for number in about.bodies:
         name = about.scene.values.materials[number].where.shape
         if name not in named or named[name].faces is None:
@@ -64,8 +64,8 @@ def _shapes(about):
         index = about.scene.values.materials[number].index
         if named[name].index is not None and (fault := index_fault(name, index, named[name].index)):
             raise about.scene.wrong(f"materials[{number}].boundary.index", fault)
-        found.append(named[name])
-    return found
+        shapes.append(named[name])
+    return shapes
 
 
 def _sizes(about):
@@ -121,8 +121,8 @@ def _cap(about, orders) -> float:
     given = about.recipe.medium
     if given is None or given.phase.type != "hg":
         return _WIDEST / orders
-    left = float(np.max(np.abs(given.phase.g))) ** orders
-    return next((width for moment, width in _OF_HG if left <= moment), _WIDEST) / orders
+    kept = float(np.max(np.abs(given.phase.g))) ** orders
+    return next((width for moment, width in _OF_HG if kept <= moment), _WIDEST) / orders
 
 
 def _narrowest_light(about) -> float:

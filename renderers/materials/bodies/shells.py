@@ -32,12 +32,12 @@ def none(waves) -> Shells:
 
 def stored(medium, reach) -> Shells:
     """Exits from spheres in a medium (`Scatterer`) up to a radius `reach`, m; kept for the next body of that medium."""
-    return _stored(tuple((one.tobytes(), one.shape) for one in medium), reach)
+    return _stored(tuple((array.tobytes(), array.shape) for array in medium), reach)
 
 
 @lru_cache(maxsize=4)
 def _stored(arrays, reach):
-    medium = Scatterer(*(np.frombuffer(one).reshape(shape).copy() for one, shape in arrays))
+    medium = Scatterer(*(np.frombuffer(array).reshape(shape).copy() for array, shape in arrays))
     waves, columns = len(medium.sigma_t), _shells.FACTORS + 2 * len(medium.sigma_t)
     shortest = 1 / medium.sigma_t.max() if medium.sigma_t.max() > 0 else np.inf
     radii = shortest * _SMALLEST * _RATIO ** np.arange(1 + int(np.log(_LARGEST / _SMALLEST) / np.log(_RATIO)))
@@ -59,9 +59,9 @@ def laid(transport):
     Not bodies at whose events lights without extent are sampled: last events inside of a sphere take no light samples, and paths
     do not find such lights by chance.
     """
-    room, sampled = float(transport.geometry.clear.max()), transport.world.without_extent
+    clearance, sampled = float(transport.geometry.clear.max()), transport.world.without_extent
     return transport._replace(bodies=[body if bent or transport.chained or body.matched and sampled
-                                      else body._replace(shells=stored(body.medium, room))
+                                      else body._replace(shells=stored(body.medium, clearance))
                                       for body, bent in zip(transport.bodies, transport.bent, strict=True)])
 
 
@@ -83,15 +83,15 @@ def error(shells):
 def reasons(transport) -> list[str]:
     """Sentences about the stored exits of a scene's bodies."""
     jumps = [body for body in transport.bodies if len(body.shells.radii)]
-    said = []
+    notes = []
     if jumps:
         every = {id(body.shells): body.shells for body in jumps}.values()
         count = sum(shells.exits[..., 0].size for shells in every)
-        said.append(f"{count:,} stored exits from spheres: the power that leaves one is right to {max(map(error, every)):.2%} of "
-                    "what begins in it (standard error, the same in all passes)")
+        notes.append(f"{count:,} stored exits from spheres: the power that leaves one is right to {max(map(error, every)):.2%} "
+                     "of what begins in it (standard error, the same in all passes)")
     if any(body.matched for body in jumps):
-        said.append("last events inside of spheres find lights by chance: small lights are noisier than with method paths")
+        notes.append("last events inside of spheres find lights by chance: small lights are noisier than with method paths")
     if len(jumps) < len(transport.bodies):
-        said.append("bodies without room for a sphere, and those at whose events lights without extent are sampled: light is "
+        notes.append("bodies without room for a sphere, and those at whose events lights without extent are sampled: light is "
                     "followed event by event, as by method paths")
-    return said
+    return notes

@@ -48,19 +48,19 @@ def seen(transport, rays) -> Seen:
     height, width = transport.world.size
     body, point, normal = np.full(len(rays), -1), rays.origin.copy(), np.zeros((len(rays), 3))
     for _ in range(_PANES):
-        _, far, place = located(transport.geometry, rays)
-        owner = np.where(place >= 0, transport.geometry.owner[place], -1)
+        _, far, triangle = located(transport.geometry, rays)
+        owner = np.where(triangle >= 0, transport.geometry.owner[triangle], -1)
         free = ~(transport.world.trace(rays.origin, rays.direction, far * (1 - 1e-4)) < np.inf)
         met, at = (owner >= 0) & free, rays.pixel
         body[at[met]], point[at[met]] = owner[met], rays.origin[met] + far[met, None] * rays.direction[met]
         facing = np.zeros((len(rays), 3))
-        run(_geometry.normals, len(rays), transport.geometry, place, facing)
+        run(_geometry.normals, len(rays), transport.geometry, triangle, facing)
         normal[at[met]] = facing[met]
         if not transport.panes or free.all():
             break
         rays = _beyond_glass(transport.world, rays.of(~free))
-    reach = np.array([min(_REACH / np.min(reduced(one.medium)), _THIN * chord(one.vertices, one.faces))
-                      for one in transport.bodies])
+    reach = np.array([min(_REACH / np.min(reduced(solid.medium)), _THIN * chord(solid.vertices, solid.faces))
+                      for solid in transport.bodies])
     return Seen(body.reshape(height, width), point.reshape(height, width, 3), normal.reshape(height, width, 3),
                 np.where(body >= 0, reach[body], 0.0).reshape(height, width))
 
@@ -76,23 +76,23 @@ def _beyond_glass(world, rays):
     return rays.of(goes)
 
 
-def sharing(what, known, bodies) -> np.ndarray:
+def sharing(view, gathers, bodies) -> np.ndarray:
     """How many values share pixels (bodies,), by their weights: median of those that see each body, at least 1.
 
-    known : (H, W) bool, pixels that have a value
+    gathers : (H, W) bool, pixels that have a value
     """
-    alike = what.body[:, 1:] == what.body[:, :-1]
-    apart = np.linalg.norm(what.point[:, 1:] - what.point[:, :-1], axis=2)
-    pixels = np.minimum(what.reach[:, 1:] / np.maximum(apart, 1e-300), _MOST + 1)
+    alike = view.body[:, 1:] == view.body[:, :-1]
+    apart = np.linalg.norm(view.point[:, 1:] - view.point[:, :-1], axis=2)
+    pixels = np.minimum(view.reach[:, 1:] / np.maximum(apart, 1e-300), _MOST + 1)
     # (sum w)^2 / sum w^2 of w = 1 - (r/R)^2
-    return np.array([max(0.75 * np.pi * np.median(pixels[some]) ** 2 * known[what.body == body].mean(), 1.0)
-                     if (some := alike & (what.body[:, 1:] == body)).any() else 1.0 for body in range(bodies)])
+    return np.array([max(0.75 * np.pi * np.median(pixels[pairs]) ** 2 * gathers[view.body == body].mean(), 1.0)
+                     if (pairs := alike & (view.body[:, 1:] == body)).any() else 1.0 for body in range(bodies)])
 
 
-def chosen(what, number) -> np.ndarray:
+def chosen(view, number) -> np.ndarray:
     """Pixels (H, W) that gather in pass `number`, bool: one of each block that is small beside what is shared, another in each
     pass; elsewhere all."""
-    height, width = (side // _BLOCK for side in what.body.shape)
+    height, width = (side // _BLOCK for side in view.body.shape)
     y, x = divmod(_STEP * number % _BLOCK**2, _BLOCK)
 
     def blocks(values):
@@ -102,14 +102,14 @@ def chosen(what, number) -> np.ndarray:
     def middle(values):
         return blocks(values)[:, y:y + 1, :, x:x + 1]
 
-    alike = (blocks(what.body) == middle(what.body)) & (middle(what.body) >= 0)
-    alike &= np.linalg.norm(blocks(what.point) - middle(what.point), axis=-1) < _CLOSE * middle(what.reach)
-    alike &= np.sum(blocks(what.normal) * middle(what.normal), axis=-1) > _FACING
-    found = np.ones(what.body.shape, bool)
-    spare = blocks(found)
+    alike = (blocks(view.body) == middle(view.body)) & (middle(view.body) >= 0)
+    alike &= np.linalg.norm(blocks(view.point) - middle(view.point), axis=-1) < _CLOSE * middle(view.reach)
+    alike &= np.sum(blocks(view.normal) * middle(view.normal), axis=-1) > _FACING
+    gathers = np.ones(view.body.shape, bool)
+    spare = blocks(gathers)
     spare &= ~alike.all(axis=(1, 3), keepdims=True)
     spare[:, y, :, x] = True
-    return found
+    return gathers
 
 
 def reduced(medium):
@@ -117,18 +117,18 @@ def reduced(medium):
     return medium.sigma_t * (1 - medium.albedo * mean_cosines(medium))
 
 
-def smoothed(image, known, what, share=1.0):
+def smoothed(image, gathers, view, share=1.0):
     """An image (H, W, 3) where pixels that see a body share with those around; `share` of the distance.
 
-    known : (H, W) bool, pixels that have a value: all, or those that are `chosen`
+    gathers : (H, W) bool, pixels that have a value: all, or those that are `chosen`
     """
     out = np.empty(image.shape)
-    run(_fit, len(image), np.ascontiguousarray(image, float), known, *what, float(share), out, block=8)
+    run(_fit, len(image), np.ascontiguousarray(image, float), gathers, *view, float(share), out, block=8)
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(image, known, body, point, normal, reach, share, out, begin, end):
+def _fit(image, gathers, body, point, normal, reach, share, out, begin, end):
     height, width = body.shape
     for y in range(begin, end):
         for x in range(width):
@@ -141,7 +141,7 @@ def _fit(image, known, body, point, normal, reach, share, out, begin, end):
             s0, s1, s2 = np.zeros(3), np.zeros(3), np.zeros(3)
             for j in range(max(y - _MOST, 0), min(y + _MOST + 1, height)):
                 for i in range(max(x - _MOST, 0), min(x + _MOST + 1, width)):
-                    if not known[j, i] or body[j, i] != body[y, x]:
+                    if not gathers[j, i] or body[j, i] != body[y, x]:
                         continue
                     facing, square = 0.0, 0.0
                     for k in range(3):

@@ -85,11 +85,11 @@ class Sums:
 
     by_order : (ORDERS, pixels, 3), without what `gathered` holds
     gathered : (pixels, 3) of beams, by the tables
-    found : whether light counts that paths find by themselves; else only that of beams does
+    by_paths : whether light counts that paths find by themselves; else only that of beams does
     """
 
-    def __init__(self, pixels, found=True):
-        self.by_order, self.gathered, self.found = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3)), found
+    def __init__(self, pixels, by_paths=True):
+        self.by_order, self.gathered, self.by_paths = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3)), by_paths
         self._no_light = np.zeros((0, pixels, 3))
 
     def add(self, paths, added, more=0):
@@ -126,17 +126,17 @@ class Gather(NamedTuple):
         _gathered(*args, self)
 
 
-def from_eye(transport, most, gather, number, seed, found=True, chosen=None) -> Sums:
+def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) -> Sums:
     """One path from the eye for each pixel.
 
     most : of each body, events between two surfaces that a path may have
     gather : `Gather`, or what is called like it, or None
     number, seed : of the pass: its random numbers
-    found : as in `Sums`
+    by_paths : as in `Sums`
     chosen : (H, W) bool, which ones have a path; None: all
     """
     height, width = transport.world.size
-    sums, begun, paths = Sums(height * width, found), 0, None
+    sums, begun, paths = Sums(height * width, by_paths), 0, None
     while begun < height * width or paths:
         if begun < height * width and (not paths or len(paths) < _ALL // 2):
             pixel = np.arange(begun, min(begun + _ALL, height * width))
@@ -161,80 +161,80 @@ def begin(transport, pixel, number, seed) -> Paths:
 
 def onward(transport, paths, most, sums, gather=None) -> Paths:
     """Paths after their next surface or event, those that go on."""
-    body, far, place = located(transport.geometry, paths)
+    body, far, triangle = located(transport.geometry, paths)
     outside = body == _geometry.OUTSIDE
-    parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], place[outside])]
+    parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], triangle[outside])]
     for number in np.unique(body[~outside]):
         here = body == number
-        parts += inside(transport, paths.of(here), number, far[here], place[here], most, sums, gather)
+        parts += inside(transport, paths.of(here), number, far[here], triangle[here], most, sums, gather)
     return joined(parts)
 
 
 def located(geometry, paths):
     """Bodies (n,) in which paths are, and distance (m) and place of the first triangle ahead of each."""
     n = len(paths)
-    body, far, place = np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64)
-    run(_geometry.locate, n, geometry, paths.origin, paths.direction, paths.start, body, far, place)
-    return body, far, place
+    body, far, triangle = np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64)
+    run(_geometry.locate, n, geometry, paths.origin, paths.direction, paths.start, body, far, triangle)
+    return body, far, triangle
 
 
-def through(transport, number, paths, far, place, most, waits):
+def through(transport, number, paths, far, triangle, most, waits):
     """Takes paths through a body: how far they have come (`_walk`), and distance and place of what they meet."""
     n, before = len(paths), paths.events.copy()
     status, alive = np.empty(n, np.int64), np.empty(n, bool)
     body = transport.bodies[number]
     run(_walk.advance, n, transport.geometry, body.medium, body.shells, most, waits, paths.origin, paths.direction, paths.weight,
-        paths.states, far, place, paths.start, paths.drawn, paths.density, paths.single, paths.events, paths.bounces, status,
+        paths.states, far, triangle, paths.start, paths.drawn, paths.density, paths.single, paths.events, paths.bounces, status,
         alive)
     paths.order += paths.events - before
     paths.scattered |= paths.events > before
     return status
 
 
-def inside(transport, paths, number, far, place, most, sums, gather):
+def inside(transport, paths, number, far, triangle, most, sums, gather):
     """Parts of the paths in a body after their next surface or event."""
     body = transport.bodies[number]
     if gather is not None:
         gather(transport, paths, number, far, sums)
     paths.rival[paths.events == 0] = 0.0
-    split = np.flatnonzero(_splits(paths) & (paths.order == 0) & np.isfinite(far) & (place >= 0)) if most[number] else []
+    split = np.flatnonzero(_splits(paths) & (paths.order == 0) & np.isfinite(far) & (triangle >= 0)) if most[number] else []
     parts = []
     if len(split):
         # what comes straight through, and what scatters on the way, both for sure
         straight = paths.of(split)
         run(_walk.straight, len(split), body.medium, straight.weight, far[split])
-        parts += _met(transport, number, straight, far[split], place[split], sums)
+        parts += _met(transport, number, straight, far[split], triangle[split], sums)
         fate = paths.of(split)
         wavefront.skip(fate.states, 1 << 41)
         run(_walk.inside, len(split), body.medium, fate.origin, fate.direction, fate.weight, fate.states, fate.start, fate.events,
             fate.order, fate.bounces, far[split])
         fate.scattered[:], fate.seen[:] = True, False
         parts.append(_at_events(transport, number, fate, paths.origin[split], sums))
-        rest = np.ones(len(paths), bool)
-        rest[split] = False
-        paths, far, place = paths.of(rest), far[rest], place[rest]
+        whole = np.ones(len(paths), bool)
+        whole[split] = False
+        paths, far, triangle = paths.of(whole), far[whole], triangle[whole]
     begun = paths.origin.copy()
-    status = through(transport, number, paths, far, place, most[number],
-                     body.matched or sums.found and (bool(transport.bent[number]) or transport.chained)
+    status = through(transport, number, paths, far, triangle, most[number],
+                     body.matched or sums.by_paths and (bool(transport.bent[number]) or transport.chained)
                      or _joins(transport, number, sums))
     met, events = status == _walk.CONTACT, status == _walk.EVENT
     parts.append(_at_events(transport, number, paths.of(events), begun[events], sums))
-    return parts + _met(transport, number, paths.of(met), far[met], place[met], sums)
+    return parts + _met(transport, number, paths.of(met), far[met], triangle[met], sums)
 
 
-def _met(transport, number, paths, far, place, sums):
+def _met(transport, number, paths, far, triangle, sums):
     """Parts of paths in a body after the surface that they have come to."""
     if not transport.bodies[number].matched:
-        return [at_surfaces(transport, paths, sums, far, place)]
-    own = transport.geometry.owner[place]
-    crosses = (own >= 0) & transport.matched[np.maximum(own, 0)]
-    return [crossed(transport, paths.of(crosses), far[crosses], place[crosses]), shaded(transport, paths.of(~crosses), sums)]
+        return [at_surfaces(transport, paths, sums, far, triangle)]
+    owner = transport.geometry.owner[triangle]
+    crosses = (owner >= 0) & transport.matched[np.maximum(owner, 0)]
+    return [crossed(transport, paths.of(crosses), far[crosses], triangle[crosses]), shaded(transport, paths.of(~crosses), sums)]
 
 
-def crossed(transport, paths, far, place):
+def crossed(transport, paths, far, triangle):
     """Paths beyond boundaries to which light is blind."""
     paths.origin += (far + transport.off)[:, None] * paths.direction
-    paths.start[:], paths.events[:] = place, 0
+    paths.start[:], paths.events[:] = triangle, 0
     # light samples at surfaces end at any boundary, those at events do not
     paths.single |= ~paths.scattered
     return paths
@@ -242,7 +242,7 @@ def crossed(transport, paths, far, place):
 
 def _joins(transport, number, sums):
     """Whether beams bring light that paths in a body find, too."""
-    return sums.found and transport.rivals is not None and transport.rivals[number] > 0
+    return sums.by_paths and transport.rivals is not None and transport.rivals[number] > 0
 
 
 def _at_events(transport, number, paths, begun, sums):
@@ -251,9 +251,9 @@ def _at_events(transport, number, paths, begun, sums):
     if n == 0:
         return paths
     medium = transport.bodies[number].medium
-    if sums.found and (transport.bodies[number].matched or number in transport.lamps):
+    if sums.by_paths and (transport.bodies[number].matched or number in transport.lamps):
         _lit(transport, medium, paths, sums)
-    for bent in transport.bent[number] if sums.found else []:
+    for bent in transport.bent[number] if sums.by_paths else []:
         _lit_through(transport, number, bent, paths, sums)
     alive, before = np.empty(n, bool), paths.direction.copy()
     run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
@@ -284,45 +284,46 @@ def in_between(transport, origin, towards, distance, bright):
     inside, last = np.empty((n, len(transport.bodies))), np.empty(n)
     run(_geometry.lengths, n, transport.geometry, transport.matched, origin, towards, distance * bright, inside, last)
     seen = bright & np.isfinite(inside).all(axis=1)
-    some = np.flatnonzero(seen)
-    last, towards_some = last[some] + transport.off, towards[some]
-    ahead = distance[some] * (1 - 1e-4) - last
-    hidden = transport.world.trace(origin[some] + last[:, None] * towards_some, towards_some, np.maximum(ahead, 0))
-    seen[some] = ~(hidden < ahead)
+    bright_rays = np.flatnonzero(seen)
+    last, towards_some = last[bright_rays] + transport.off, towards[bright_rays]
+    ahead = distance[bright_rays] * (1 - 1e-4) - last
+    hidden = transport.world.trace(origin[bright_rays] + last[:, None] * towards_some, towards_some, np.maximum(ahead, 0))
+    seen[bright_rays] = ~(hidden < ahead)
     return inside, seen
 
 
 def _lit_through(transport, number, bent, paths, sums):
     """Adds what a light without extent sends through the boundary of body `number` to events in it."""
-    place, towards, within, share = refraction.joined(transport, number, bent, paths)
-    some = np.flatnonzero(share > 0)
-    if not len(some):
+    point, towards, within, share = refraction.joined(transport, number, bent, paths)
+    with_light = np.flatnonzero(share > 0)
+    if not len(with_light):
         return
-    lit, place, towards, added = paths.of(some), place[some], towards[some], np.empty((len(some), 3))
-    sample = transport.world.from_light(bent.number, place)
+    reached, point, towards, added = paths.of(with_light), point[with_light], towards[with_light], np.empty((len(with_light), 3))
+    sample = transport.world.from_light(bent.number, point)
     away = sample.direction.astype(float)
-    radiance = sample.radiance * share[some, None]
-    inside, seen = in_between(transport, place + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
-    inside[:, number] += within[some]
-    run(_walk.lit, len(some), transport.bodies[number].medium, transport.colours, transport.sigma_t, inside, seen, lit.direction,
-        lit.weight, towards, radiance.astype(np.float32), sample.density, np.ones(len(some), bool), added)
-    sums.add(lit, added)
+    radiance = sample.radiance * share[with_light, None]
+    inside, seen = in_between(transport, point + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
+    inside[:, number] += within[with_light]
+    run(_walk.lit, len(with_light), transport.bodies[number].medium, transport.colours, transport.sigma_t, inside, seen,
+        reached.direction, reached.weight, towards, radiance.astype(np.float32), sample.density, np.ones(len(with_light), bool),
+        added)
+    sums.add(reached, added)
 
 
-def at_surfaces(transport, paths, sums, far, place):
+def at_surfaces(transport, paths, sums, far, triangle):
     """Paths outside of bodies, or at a boundary that turns light, after their next surface."""
     if not len(paths):
         return paths
-    matched = np.flatnonzero(place >= 0)
-    own = transport.geometry.owner[place[matched]]
-    matched = matched[(own >= 0) & transport.matched[np.maximum(own, 0)]]
+    matched = np.flatnonzero(triangle >= 0)
+    owner = transport.geometry.owner[triangle[matched]]
+    matched = matched[(owner >= 0) & transport.matched[np.maximum(owner, 0)]]
     if not len(matched):
         return shaded(transport, paths, sums)
     # nothing else may stand before the body
     free = ~(transport.world.trace(paths.origin[matched], paths.direction[matched], far[matched] * (1 - 1e-4)) < np.inf)
     crosses = np.zeros(len(paths), bool)
     crosses[matched[free]] = True
-    return joined([crossed(transport, paths.of(crosses), far[crosses], place[crosses]),
+    return joined([crossed(transport, paths.of(crosses), far[crosses], triangle[crosses]),
                    shaded(transport, paths.of(~crosses), sums)])
 
 
@@ -345,7 +346,7 @@ def shaded(transport, paths, sums, power=False):
     both = back.hit & back.delta & on.delta & (back.density > 0) & (on.density > 0) \
         & (np.abs(back.density + on.density - 1) < 1e-4)
     parts.append(_turned(transport, paths.of(~both), _shade(transport, paths.of(~both), numbers[~both], power), sums))
-    for shading, add in ((back, sums), (on, Sums(0, found=False))):
+    for shading, add in ((back, sums), (on, Sums(0, by_paths=False))):
         part = paths.of(both)
         part.weight *= shading.density[both][:, None]
         parts.append(_turned(transport, part, _rows(shading, both), add))
@@ -370,13 +371,13 @@ def _chosen(numbers, lobe):
 
 
 def _rows(shading, chosen):
-    """Some of what was found."""
-    return type(shading)(*(_rows(one, chosen) if isinstance(one, tuple) else one[chosen] for one in shading))
+    """Some of the rows of what Mitsuba has answered."""
+    return type(shading)(*(_rows(values, chosen) if isinstance(values, tuple) else values[chosen] for values in shading))
 
 
 def _turned(transport, paths, shading, sums):
     """Paths that go on from surfaces as Mitsuba says, after their light has been added."""
-    if sums.found:
+    if sums.by_paths:
         _emits(transport, paths, shading, sums)
     # from the boundary to the next surface, where `emitted` asks for the density of light samples
     paths.rival[paths.events == 0] = 0.0
@@ -414,19 +415,19 @@ def _ended(paths):
 def _emits(transport, paths, shading, sums):
     """Adds the light that paths meet, and that of light samples at surfaces."""
     added = np.empty((len(paths), 3))
-    emitted, lit = shading.emitted, shading.light.radiance
+    emitted, from_samples = shading.emitted, shading.light.radiance
     if paths.rival.any():
-        left = paths.events == 0
-        emitted = emitted * _share(np.where(left, paths.rival, 0.0), shading.by_light)
+        leaving = paths.events == 0
+        emitted = emitted * _share(np.where(leaving, paths.rival, 0.0), shading.by_light)
         # a rough boundary takes its light sample while the path is still inside
-        leaves = np.flatnonzero(~left & (paths.rival > 0) & (lit > 0).any(axis=1))
-        ways = shading.light.direction[leaves].astype(float)
-        ways = Paths.begun(shading.point[leaves] + transport.off * ways, ways, np.ones((len(ways), 1)), leaves, leaves)
-        leaves = leaves[located(transport.geometry, ways)[0] == _geometry.OUTSIDE]
+        leaves = np.flatnonzero(~leaving & (paths.rival > 0) & (from_samples > 0).any(axis=1))
+        ahead = shading.light.direction[leaves].astype(float)
+        ahead = Paths.begun(shading.point[leaves] + transport.off * ahead, ahead, np.ones((len(ahead), 1)), leaves, leaves)
+        leaves = leaves[located(transport.geometry, ahead)[0] == _geometry.OUTSIDE]
         density = np.where(shading.light.delta, np.inf, shading.light.density)[leaves]
-        lit = lit.copy()
-        lit[leaves] *= _share(paths.rival[leaves], density)
-    for radiance in (emitted, lit):
+        from_samples = from_samples.copy()
+        from_samples[leaves] *= _share(paths.rival[leaves], density)
+    for radiance in (emitted, from_samples):
         wavefront.emitted(transport.colours, paths.weight, paths.order, radiance, added)
         sums.add(paths, added)
 
@@ -450,25 +451,25 @@ def _gathered(transport, paths, number, far, sums, gather):
     if not len(rows):
         return
     rows = rows[by_place(paths.origin[rows], body.vertices)]
-    some, lengths = paths.of(rows), far[rows]
-    some.weight /= chance[rows, None]
+    lines, lengths = paths.of(rows), far[rows]
+    lines.weight /= chance[rows, None]
     around = np.empty(len(rows) + 1, np.int64)
-    groups = _choice.grouped(some.origin, some.direction, lengths, float(body.medium.sigma_t.min()), around)
-    picks = np.where(some.seen & (gather.shares[some.pixel] == number), gather.fewer[number], gather.picks)
-    brought, cosines = np.zeros((3, *some.weight.shape)), mean_cosines(body.medium)
+    groups = _choice.grouped(lines.origin, lines.direction, lengths, float(body.medium.sigma_t.min()), around)
+    picks = np.where(lines.seen & (gather.shares[lines.pixel] == number), gather.fewer[number], gather.picks)
+    brought, cosines = np.zeros((3, *lines.weight.shape)), mean_cosines(body.medium)
     for w, (points, segments) in enumerate(body.tables):
         clusters = _choice.clusters_of(body.medium.sigma_t[w], w, beams)
         run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, clusters,
-            picks, gather.later, gather.second[number], gather.beyond[number][w], around, some.origin,
-            some.direction, lengths, some.states, brought, block=16)
+            picks, gather.later, gather.second[number], gather.beyond[number][w], around, lines.origin,
+            lines.direction, lengths, lines.states, brought, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
     wavefront.skip(states, _gather.DRAWS * gather.picks)
     paths.states[rows] = states
-    later, second, other = (values * some.weight @ transport.colours.to_rgb.T for values in brought)
-    sums.add_gathered(some, later)
-    sums.add(some, second, 2)
-    sums.add(some, other, 3)
+    later, second, beyond = (values * lines.weight @ transport.colours.to_rgb.T for values in brought)
+    sums.add_gathered(lines, later)
+    sums.add(lines, second, 2)
+    sums.add(lines, beyond, 3)
 
 
 def by_place(points, vertices):
