@@ -69,7 +69,10 @@ def _taken(scene, quality, variant):
     from renderers.mitsuba.world import World
 
     prepare = import_module(f"{scene.renderer}.methods").prepare
-    return choice.chosen(prepare, choice.Opened.of(scene), World.of(scene, variant), quality)
+    world = World.of(scene, variant)
+    if world.camera is None:
+        raise scene.no_camera()
+    return choice.chosen(prepare, choice.Opened.of(scene), world, quality)
 
 
 class _Pilot(NamedTuple):
