@@ -80,7 +80,7 @@ def _pixels(about):
 
     radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
     camera, nearest = about.world.camera, math.inf
-    bodies = [one.where for one in about.scene.values.materials]
+    bodies = [entry.where for entry in about.scene.values.materials]
     pixel = about.pixel()
     for number in about.bodies:
         path = about.scene.file(bodies[number].mesh)
@@ -114,7 +114,7 @@ def _largest(radii):
 
 def _tiles(about):
     """Of a dictionary of tiles the renderer reads one, the nearest that is as dense as the recipe's first fraction."""
-    fractions = [float(one) for one in about.recipe.packing.fraction]
+    fractions = [float(fraction) for fraction in about.recipe.packing.fraction]
     if len(fractions) > 1:
         first = fractions[0]
         yield Knob("packing.fraction", first, f"[{first:g}]", f"bodies are filled at {first:g}, which is the first of "
