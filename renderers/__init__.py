@@ -1,1 +1,10 @@
 """Renderers: each a thin folder that takes assets through `bakery.open` and makes pictures."""
+
+from __future__ import annotations
+
+
+def pictures(scene, output=None, **options):
+    """An iterator over the pictures of a scene while its passes go on: `renderers.live.Pictures`."""
+    from renderers.live import Pictures
+
+    return Pictures(scene, output, **options)

@@ -60,6 +60,7 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "choice": {"budget", "engine", "entries", "mitsuba", "progressive", "remembered", "trial"},
           "progressive": {"budget", "colour", "engine", "means", "mitsuba", "running", "signed"},
           "passes": {"budget", "choice", "denoise", "images", "means", "mitsuba", "progressive", "reached", "running"},
+          "picture": {"budget", "colour", "images"}, "live": {"denoise", "passes", "picture", "running", "scene"},
           "integrator": {"means", "mitsuba"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
           "transport": {"denoise", "engine", "mitsuba", "scattering", "solids", "threads", "wavefront"}, "solids": set(),
