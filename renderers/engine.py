@@ -240,7 +240,8 @@ class Passes:
         if stop.samples is not None and work > 0:
             ends.append(pace * sum(max(0, math.ceil(stop.samples / samples) - mean.count) * mean.expected
                                    for mean, samples in passes))
-        return max(0.0, min(ends)) if ends else None
+        least = pace * sum(max(0, LEAST - mean.count) * mean.expected for mean, _ in passes)
+        return max(least, min(ends)) if ends else None
 
     def so_far(self) -> Passes:
         """What there is now, as a picture that later passes do not change; no array is copied."""

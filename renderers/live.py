@@ -17,11 +17,11 @@ from bakery.errors import BakeryError, UsageError
 from renderers import denoise, passes, running, scene
 from renderers.picture import DENOISED, NOISE, PICTURE, Picture, words_of
 
-SHARE = 0.04  # of the passes' time that frames of a page may take of a processor
+SHARE = 0.04  # of the passes' processor time that frames of a page may take
 _ASKED = 5.0  # s for which a page is taken to look at the layer that it asked for last
 _A_PIXEL = 2e-6  # s that the filter of the first picture is expected to take
 _OFTEN = 0.1  # s between two pictures, at least: a pass may take a thousandth of that
-_FIGURES = ("noise", "noise_region", "noise_mean", "pixel_noise")  # of a report
+_FIGURES = ("noise", "noise_region", "noise_mean")  # of a report
 
 
 def refuse_other(scene) -> None:
@@ -31,12 +31,12 @@ def refuse_other(scene) -> None:
                          "nothing to see before its end; bake render without --live would do")
 
 
-def _prepared(path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
-              resume=False) -> passes.Rendering:
+def _prepared(path, output, begins=None, *, overrides=None, variant=None, seed=None, resume=False, **options) -> passes.Rendering:
+    """options : `quality`, `progress`, `overwrite` of `renderers.running.Render`."""
     opened = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
     refuse_other(opened)
-    job = running.Render(opened, output, quality=quality, overwrite=overwrite, progress=progress)
-    return passes.Rendering(import_module(f"{opened.renderer}.methods").prepare, job, variant, seed, resume)
+    prepare = import_module(f"{opened.renderer}.methods").prepare
+    return passes.Rendering(prepare, running.Render(opened, output, **options), variant, seed, resume, begins)
 
 
 def _picture(rendering, *, noise=None, denoised=None, report=None) -> Picture:
@@ -75,7 +75,6 @@ class Pictures:
             that goes by no passes
         """
         self._rendering, self._every = _prepared(path, output, **options), every
-        self._variant = _variant()
         self._asked, self._over, self.report = False, False, None
 
     def __iter__(self) -> Pictures:
@@ -95,7 +94,7 @@ class Pictures:
             noises[:] = [noise]
             return self._asked or _passes(estimate) > before and estimate.spent - begin >= self._every
 
-        _variant(self._variant)
+        _set_variant(self._rendering.variant)
         self._over = True  # unless all goes well
         self._rendering.run(enough)
         if estimate.stopped_by == "request" and not self._asked:
@@ -124,13 +123,12 @@ def _passes(estimate) -> int:
     return sum(mean.count for mean in estimate.means.values())
 
 
-def _variant(name: str | None = None) -> str:
-    """Mitsuba's variant, after setting that of this name: between two pictures a program may have rendered something else."""
+def _set_variant(name: str) -> None:
+    """Mitsuba's: between two pictures a program may have rendered something else."""
     import mitsuba as mi
 
-    if name is not None and name != mi.variant():
+    if name != mi.variant():
         mi.set_variant(name)
-    return mi.variant()
 
 
 # ---- for a page
@@ -157,9 +155,13 @@ class Frame(NamedTuple):
 
 
 class Allowance:
-    """Time that something may take beside the passes: a share of what they took."""
+    """Processor time that something may take beside the passes: a share of what they took.
 
-    def __init__(self, share: float, clock=time.monotonic):
+    share : of the time
+    clock : seconds that the passes took: of all processors, or, where these wait for a graphics card, of the clock
+    """
+
+    def __init__(self, share: float, clock=time.process_time):
         self._share, self._clock, self._begin, self.spent = share, clock, clock(), 0.0
 
     def allows(self, seconds: float) -> bool:
@@ -169,13 +171,13 @@ class Allowance:
 class Watch:
     """A render as pages see it: what goes on, frames of the newest picture, and the wish to stop it.  For several threads.
 
-    Frames are drawn where a page asks for them, in its thread, and no more of them than `SHARE` of a processor's time allows: an
-    older one stands until then.  The filter of the noise runs between passes, and as seldom.
+    Frames are drawn where a page asks for them, in its thread, and no more of them than `SHARE` of the time allows: an older one
+    stands until then.  The filter of the noise runs between passes, and as seldom.
     """
 
     def __init__(self):
         self._news, self._drawing = threading.Condition(), threading.Lock()
-        self._state = {"version": 0, "phase": "preparing", "text": "", "layers": []}
+        self._state = {"version": 0, "phase": "preparing", "part": "scene", "text": "", "layers": []}
         self._picture: Picture | None = None
         self._frames: dict[str, tuple[Picture, Frame]] = {}
         self._seconds: dict[str, float] = {}  # that frames took, and the filter
@@ -185,10 +187,15 @@ class Watch:
 
     # -- what the render calls
 
+    def prepare(self, part: str) -> None:
+        """A part of what comes before the passes begins."""
+        self._tell(part=part)
+
     def begin(self, rendering) -> None:
         """The passes of a `renderers.passes.Rendering` begin."""
         stop, (height, width) = rendering.stop, rendering.estimate.identity["size"]
-        self._rendering, self._drawn, self._filtered = rendering, Allowance(SHARE), Allowance(SHARE)
+        clock = time.monotonic if rendering.variant.startswith("cuda") else time.process_time
+        self._rendering, self._drawn, self._filtered = rendering, Allowance(SHARE, clock), Allowance(SHARE, clock)
         self._seconds["filter"] = _A_PIXEL * height * width
         self._filters = denoise.chosen(rendering.job.scene.values, rendering.job.quality, "")[0]
         self._tell(phase="passes", size=[width, height], method=rendering.method.name, reasons=list(rendering.reasons),
@@ -229,7 +236,7 @@ class Watch:
         """The picture is written."""
         self._filters, cleared = False, self._rendering.denoised
         self._take(_picture(self._rendering, denoised=None if cleared is None else cleared.rgb, report=report),
-                   noise=_finite(max(filter(None, (report[name] for name in _FIGURES[:3])), default=None)))
+                   noise=_finite(max(filter(None, (report[name] for name in _FIGURES)), default=None)))
         self._tell(phase="over", text="The render is over.", figures={name: _finite(report[name]) for name in _FIGURES},
                    report={name: report[name] for name in ("files", "missed", "reasons", "stopped_by")})
 
@@ -297,7 +304,7 @@ def _finite(value):
 def render(path, output, watch: Watch, **options) -> dict:
     """Renders a scene that a page watches; options, report and errors are those of `Pictures`."""
     try:
-        rendering = _prepared(path, output, **options)
+        rendering = _prepared(path, output, watch.prepare, **options)
         watch.begin(rendering)
         rendering.run(watch.observe)
         watch.write()

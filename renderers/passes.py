@@ -72,24 +72,28 @@ class Rendering:
     denoised : `renderers.denoise.Denoised` of the picture that was written, None where there is none
     """
 
-    def __init__(self, prepare, job, variant=None, seed=None, resume=False):
+    def __init__(self, prepare, job, variant=None, seed=None, resume=False, begins=None):
         """
         Parameters
         ----------
         prepare, variant, seed, resume : as `render` takes them
         job : the scene
+        begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks
         """
+        begins = begins or (lambda name: None)
         self.job, scene, seed = job, job.scene, seed or 0
         self._world = world = World.of(scene, variant)
         if world.camera is None:
             raise scene.no_camera()
         images.refuse_too_large(scene.path, *world.size)
         job.part_over("scene")
+        begins("choice")
         opened = choice.Opened(scene, job.assets, job.asset)
         self._taken = taken = choice.chosen(prepare, opened, world, job.quality, job.pair[1] if resume else None)
         if taken is not None:
             job.part_over("choice")
             job.scene = choice.with_method(scene, taken.method)
+        begins("preparation")
         self.method = prepare(job, world, seed)
         job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
@@ -110,6 +114,11 @@ class Rendering:
         split = budget.of(self.job.scene, approximations=measured)
         stop = Stop.of(split, values.measure, time=values.stop.time, samples=values.stop.samples, quality=self.job.quality)
         return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking]
+
+    @property
+    def variant(self) -> str:
+        """Of Mitsuba."""
+        return self._world.variant
 
     def run(self, observer=None):
         """Renders passes; observer : as `renderers.engine.Passes.run` takes it."""

@@ -11,25 +11,29 @@ from bakery.system.terminal import remark
 
 
 @contextmanager
-def shown(name: str, source: str, port: int, browser: bool) -> Iterator[Callable]:
+def shown(scene, source: str, port: int, browser: bool) -> Iterator[Callable]:
     """What renders a scene as its renderer does, and shows it on a page meanwhile: a function of (scene, output, **options).
 
     Parameters
     ----------
-    name, source : of the scene, and of its file
+    scene : `renderers.scene.Scene`
+    source : its file, as the user names it
     port : of the page; 0: a free one
     browser : open one, where there is a screen and somebody at the terminal
+
+    Raises UsageError where its renderer goes by no passes.
 
     Notes
     -----
     Where the port cannot be had, or no browser opens, a line says so and the render goes on.
     """
     from bakery.report import live, served
-    from renderers.live import Watch, render
+    from renderers.live import Watch, refuse_other, render
 
+    refuse_other(scene)
     watch, server = Watch(), None
     try:
-        server = served.Server(live.page(name, source), watch, port)
+        server = served.Server(live.page(scene.values.name, source), watch, port)
         remark(f"live: {server.address}")
     except (OSError, OverflowError) as fault:
         wanted = f"port {port}" if port else "a port"

@@ -88,10 +88,8 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, l
         draw = renderer.render
         if live or port is not None:
             from bakery.cli.live import shown
-            from renderers.live import refuse_other
 
-            refuse_other(path)
-            draw = folders.enter_context(shown(name, source, port or 0, browser=not as_json))
+            draw = folders.enter_context(shown(path, source, port or 0, browser=not as_json))
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             running.refuse_too_large(path)

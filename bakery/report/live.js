@@ -8,7 +8,7 @@
   const frames = {};                       // by layer: number, passes, white, image, values, channels
   const LARGEST = 4e8;                     // bytes of values that a page keeps
   const EARLIER = 400;                     // points of the course of the noise
-  let state = { version: -1, phase: "connecting", layers: [] }, chosen = "picture", clock = null, course = [], busy = false, kept = false;
+  let state = { version: -1, phase: "connecting", layers: [] }, chosen = "picture", clock = null, course = [], busy = false, kept = false, empty = true;
   let scale = 1, left = 0, top = 0, fitted = true, pointer = null;
 
   // ---- words
@@ -18,9 +18,8 @@
 
   function time(seconds) {
     if (seconds == null) return "–";
-    if (seconds < 100) return `${seconds.toFixed(0)} s`;
-    const minutes = seconds / 60;
-    return minutes < 100 ? `${minutes.toFixed(0)} min` : `${(minutes / 60).toFixed(1)} h`;
+    const whole = Math.round(seconds), minutes = Math.floor(whole / 60), hours = Math.floor(minutes / 60);
+    return hours ? `${hours} h ${minutes % 60} min` : minutes ? `${minutes} min ${whole % 60} s` : `${whole} s`;
   }
 
   function label(layer) {
@@ -33,10 +32,12 @@
 
   const ENDS = { noise: "the noise is reached", time: "the time is over", samples: "the samples are done", request: "stopped" };
 
+  const PARTS = { scene: "Preparing the scene", choice: "Choosing the method", preparation: "Preparing the method" };
+
   function phase() {
     if (state.phase === "over") return `Done: ${ENDS[state.report.stopped_by] || state.report.stopped_by}`;
     if (state.stopping) return state.samples ? "Stopping after this pass" : "Stopping after the first pass";
-    return { connecting: "Connecting", preparing: "Preparing", passes: "Rendering", writing: "Writing the picture",
+    return { connecting: "Connecting", preparing: PARTS[state.part], passes: "Rendering", writing: "Writing the picture",
              failed: "Ended", lost: "No connection" }[state.phase];
   }
 
@@ -48,7 +49,7 @@
     const remaining = state.seconds_left == null ? null : Math.max(0, state.seconds_left - since);
     get("spent").textContent = time(spent);
     get("remaining").textContent = ["over", "failed", "lost"].includes(state.phase) ? "–" : time(remaining);
-    const share = state.phase === "over" ? 1 : remaining == null || !spent ? 0 : spent / (spent + remaining);
+    const share = state.phase === "over" ? 1 : remaining == null || !spent ? 0 : Math.min(0.99, spent / (spent + remaining));
     const done = document.querySelector(".done");
     done.firstElementChild.style.width = `${100 * share}%`;
     done.setAttribute("aria-valuenow", Math.round(100 * share));
@@ -100,12 +101,11 @@
   }
 
   function draw_course() {
-    const points = course.filter(([seconds, noise]) => seconds > 0 && noise > 0);
-    get("course").toggleAttribute("hidden", points.length < 3);
-    if (points.length < 3) return;
-    const seconds = points.map((point) => Math.log(point[0])), noises = points.map((point) => Math.log(point[1]));
+    get("course").toggleAttribute("hidden", course.length < 3);
+    if (course.length < 3) return;
+    const seconds = course.map((point) => Math.log(point[0])), noises = course.map((point) => Math.log(point[1]));
     const goal = state.wanted > 0 ? [Math.log(state.wanted)] : [];
-    const [begin, end] = [seconds[0], Math.max(seconds.at(-1), seconds[0] + 1e-6)];
+    const [begin, end] = [seconds[0], seconds.at(-1)];
     const low = Math.min(...noises, ...goal), high = Math.max(...noises, ...goal, low + 0.1);
     const x = (value) => 300 * (value - begin) / (end - begin), y = (value) => 100 - 88 * (value - low) / (high - low);
     const path = seconds.map((value, i) => `${i ? "L" : "M"}${x(value).toFixed(1)} ${y(noises[i]).toFixed(1)}`).join("");
@@ -144,12 +144,12 @@
     const frame = frames[chosen];
     get("empty").hidden = Boolean(frame);
     if (!frame) {
-      if (state.samples) get("empty").textContent = "This layer is drawn.";
+      get("empty").textContent = state.samples ? "This layer is drawn." : state.phase === "passes" ? "The first pass" : phase();
       context.clearRect(0, 0, canvas.width, canvas.height);
     } else {
       const [width, height] = [frame.image.width, frame.image.height];
       const other = canvas.width !== width || canvas.height !== height;
-      if (other) [canvas.width, canvas.height] = [width, height];
+      if (other) [canvas.width, canvas.height, empty] = [width, height, false];
       context.drawImage(frame.image, 0, 0);
       if (other) fit();
     }
@@ -207,13 +207,14 @@
   function news(next) {
     if (next.seconds !== state.seconds || next.phase !== state.phase) {
       clock = performance.now();
-      if (next.noise != null) course.push([next.seconds, next.noise]);
+      if (next.noise > 0 && next.seconds > (course.at(-1) || [0])[0]) course.push([next.seconds, next.noise]);
       if (course.length > EARLIER) course = course.filter((_, i) => i % 2 === 0 || i > EARLIER - 20);
     }
     state = next;
     layers();
     figures();
     draw_course();
+    if (!frames[chosen]) show();
     refresh();
   }
 
@@ -258,14 +259,13 @@
     top = along(top, scale * canvas.height, height);
     canvas.style.transform = `translate(${left}px, ${top}px) scale(${scale})`;
     view.classList.toggle("large", scale * devicePixelRatio >= 1);
-    get("scale").textContent = `${Number((100 * scale * devicePixelRatio).toPrecision(3))} %`;
+    get("scale").textContent = empty ? "" : `${Number((100 * scale * devicePixelRatio).toPrecision(3))} %`;
     read();
   }
 
   function fit() {
     fitted = true;
-    const most = Math.min(view.clientWidth / canvas.width, view.clientHeight / canvas.height);
-    scale = most >= 2 ? Math.floor(most) : most;
+    scale = Math.min(view.clientWidth / canvas.width, view.clientHeight / canvas.height);
     place();
   }
 

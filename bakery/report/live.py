@@ -27,10 +27,11 @@ def page(name: str, source: str) -> str:
     return document(f"{name}: rendering", [
         f'<header><h1>{escape(name)}</h1><p class="lead">{escape(source)}</p></header>\n',
         '<main id="live">\n<section class="stage" aria-label="Picture">\n'
-        f'<div class="bar"><div id="layers" role="radiogroup" aria-label="Layer"></div><div class="zoom">{zoom}'
-        '<output id="scale"></output></div></div>\n'
-        '<div id="view" tabindex="0" role="img" aria-label="The picture so far; arrows move it, + and − change its size"><canvas '
-        'width="1" height="1"></canvas><span id="pixel" hidden></span><p id="empty">Preparing the scene</p></div>\n'
+        '<div id="layers" role="radiogroup" aria-label="Layer"></div>\n'
+        '<div class="frame"><div id="view" tabindex="0" role="img" aria-label="The picture so far; arrows move it, + and − '
+        'change its size"><canvas width="1" height="1"></canvas><span id="pixel" hidden></span>'
+        '<p id="empty">Preparing the scene</p></div>'
+        f'<div class="zoom"><output id="scale"></output>{zoom}</div></div>\n'
         '<p id="words"></p><p id="readout">Point at a pixel to read its values.</p>\n</section>\n'
         '<aside aria-label="Figures">\n<p id="phase" role="status">connecting</p>\n'
         '<div class="done" role="progressbar" aria-label="Share done" aria-valuemin="0" aria-valuemax="100"><span></span></div>\n'

@@ -14,7 +14,7 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Protocol
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # of the Host header: another one means that a name of somebody else's leads here
@@ -135,7 +135,7 @@ class _Handler(BaseHTTPRequestHandler):
             time.sleep(max(0.0, begin + _PACE - time.monotonic()))
             self._answer(200, json.dumps(state, allow_nan=False).encode(), "application/json")
         elif path.startswith("layer/"):
-            self._layer(path.removeprefix("layer/"), _integer(query.get("have")))
+            self._layer(unquote(path.removeprefix("layer/")), _integer(query.get("have")))
         else:
             self._refuse(404)
 

@@ -59,6 +59,7 @@ class Rendering:
     def __init__(self, folder, samples=12):
         self.job, self.estimate, self.stop = Job(folder), pair(), Stop(noise=1e-9, samples=samples)
         self.method, self.reasons, self.denoised = SimpleNamespace(name="test"), ["as it is"], None
+        self.variant = "scalar_rgb"
 
     def run(self, observer=None):
         self.estimate.run(self.stop, None, observer)
@@ -130,6 +131,10 @@ def test_seconds_left():
     assert estimate.seconds_left(Stop(noise=0.01), 0.02) == pytest.approx(2 * 6 * 4.0 * 3)  # four times the passes in all
     assert estimate.seconds_left(Stop(noise=0.01, time=40.0), 0.02) == pytest.approx(8.0)
     assert estimate.seconds_left(Stop(noise=0.01), 0.005) == 0.0
+    for mean, count in zip(estimate.means.values(), (4, 1)):
+        mean.count, mean.resumed = count, 0
+    estimate.spent = 2 * (4 * 1.0 + 1 * 3.0)
+    assert estimate.seconds_left(Stop(time=1.0), 0.02) == pytest.approx(2 * 3.0)  # a second pass of each kind comes in any case
     assert estimate.seconds_left(Stop(), 0.02) is None and pair().seconds_left(Stop(samples=4), None) is None
 
 
@@ -269,14 +274,16 @@ def test_a_page_stops_the_render(watched):
 
 
 def test_what_goes_wrong_is_on_the_page(monkeypatch):
-    def fails(path, output, **options):
+    def fails(path, output, begins, **options):
+        begins("choice")
         raise live.UsageError("x.yaml: found nothing")
 
     monkeypatch.setattr(live, "_prepared", fails)
     watch = live.Watch()
     with pytest.raises(live.UsageError):
         live.render("x.yaml", None, watch)
-    assert (watch.state()["phase"], watch.state()["text"]) == ("failed", "x.yaml: found nothing") and watch.ended
+    state = watch.state()
+    assert (state["phase"], state["part"], state["text"]) == ("failed", "choice", "x.yaml: found nothing") and watch.ended
 
 
 def test_the_map_of_noise():
