@@ -20,6 +20,7 @@ from renderers.picture import DENOISED, NOISE, PICTURE, Picture, words_of
 SHARE = 0.04  # of the passes' processor time that frames of a page may take
 _ASKED = 5.0  # s for which a page is taken to look at the layer that it asked for last
 _A_PIXEL = 2e-6  # s that the filter of the first picture is expected to take
+_FRAMES = 4  # that are kept, 30 bytes a pixel each
 _OFTEN = 0.1  # s between two pictures, at least: a pass may take a thousandth of that
 _FIGURES = ("noise", "noise_region", "noise_mean")  # of a report
 
@@ -275,7 +276,10 @@ class Watch:
             begin, self._count = time.thread_time(), self._count + 1
             frame = _frame(picture, name, self._count)
             figures = {key: _finite(value) for key, value in picture.figures.items()}
+            self._frames.pop(name, None)
             self._frames[name] = picture, frame
+            for oldest in list(self._frames)[:-_FRAMES]:
+                del self._frames[oldest]
             self._seconds[name] = time.thread_time() - begin
             self._drawn.spent += self._seconds[name]
         if not self.ended:

@@ -48,7 +48,8 @@
     const spent = state.seconds == null ? null : state.seconds + since;
     const remaining = state.seconds_left == null ? null : Math.max(0, state.seconds_left - since);
     get("spent").textContent = time(spent);
-    get("remaining").textContent = ["over", "failed", "lost"].includes(state.phase) ? "–" : time(remaining);
+    get("remaining").textContent = ["over", "failed", "lost"].includes(state.phase) ? "–"
+      : remaining === 0 ? "after this pass" : time(remaining);
     const share = state.phase === "over" ? 1 : remaining == null || !spent ? 0 : Math.min(0.99, spent / (spent + remaining));
     const done = document.querySelector(".done");
     done.firstElementChild.style.width = `${100 * share}%`;

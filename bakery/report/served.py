@@ -29,8 +29,6 @@ _PAGES = 64  # that are remembered at once
 class Source(Protocol):
     """What is shown: `renderers.live.Watch`."""
 
-    ended: bool
-
     def state(self, seen: int, seconds: float) -> dict: ...
 
     def frame(self, name: str): ...

@@ -208,6 +208,17 @@ def test_pictures_of_a_scene(folder, monkeypatch):
     assert np.allclose(shown[-1].rgb[..., 1], found["G"], rtol=1e-6) and {"order0", "light.panel"} <= shown[-1].layers.keys()
 
 
+@pytest.mark.slow
+def test_the_python_of_the_docs(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("BAKERY_CACHE", str(folder / "cache"))
+    (folder / "lamp.yaml").write_text(SCENE.replace("name: mist", "name: lamp"))
+    (snippet,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "live.md").read_text(), re.MULTILINE | re.DOTALL)
+    exec(compile(snippet, "docs/live.md", "exec"), {})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2].startswith("<Picture 24 x 18, paths, 32 samples a pixel, noise ") and lines[-1] == "['lamp.png', 'lamp.exr']"
+
+
 def process(folder, *arguments):
     process = subprocess.Popen([sys.executable, "-m", "bakery", "render", "mist.scene.yaml", "--live", *arguments], cwd=folder,
                                env={**os.environ, "PYTHONPATH": str(ROOT), "BAKERY_CACHE": str(folder / "cache")}, text=True,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from bakery.errors import Interrupted
 from renderers import colour, images, live, reached
 from renderers.mitsuba import bitmaps
 from renderers.picture import Picture
@@ -173,6 +176,25 @@ def test_who_stops_has_the_picture_written(pictures, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"x.png", "x.exr"} and list(running) == []
 
 
+def test_an_interruption_writes_the_picture(pictures, tmp_path, monkeypatch):
+    """As without an iterator: the files, and an error with the signal's status; nothing comes after it."""
+    running = pictures(every=0)
+    next(running)
+    monkeypatch.setattr(live, "_set_variant", lambda name: None)
+    part = running._rendering.estimate.parts[0]
+    render = part.render
+
+    def interrupted(index):
+        os.kill(os.getpid(), signal.SIGINT)
+        return render(index)
+
+    running._rendering.estimate.parts = (part._replace(render=interrupted), running._rendering.estimate.parts[1])
+    with pytest.raises(Interrupted, match="--resume goes on with it") as fault:
+        list(running)
+    assert fault.value.exit_status == 130 and list(running) == [] and running.report is None
+    assert {path.name for path in tmp_path.iterdir()} == {"x.png", "x.exr"}
+
+
 def test_pictures_are_no_oftener_than_asked(pictures):
     """One without a wait in between: all passes together take less than an hour."""
     assert len(list(pictures(every=3600.0))) == 1
@@ -242,6 +264,43 @@ def test_frames_are_drawn_as_often_as_their_time_allows(watched, monkeypatch):
     some_passes(watch, rendering, 12)
     watch.over(rendering.finish())
     assert watch.frame("picture").passes == 12
+
+
+def test_the_filter_runs_where_somebody_looks_and_as_seldom(tmp_path, monkeypatch):
+    """Only while a page looks at its layer, within its time; where it can do nothing there is no layer; the last one is shown."""
+    monkeypatch.setattr(live, "_OFTEN", 0.0)
+    monkeypatch.setattr(live.denoise, "chosen", lambda values, quality, shared: (True, []))
+    watch, rendering, runs = live.Watch(), Rendering(tmp_path), []
+
+    def cleared(features=None):
+        runs.append(rendering.estimate.samples)
+        return SimpleNamespace(rgb=np.full(SHAPE, 0.25)) if len(runs) == 1 else None, []
+
+    def names():
+        return [layer["name"] for layer in watch.state()["layers"]]
+
+    rendering.cleared = cleared
+    watch.begin(rendering)
+    watch._filtered = live.Allowance(1e9)
+    some_passes(watch, rendering, 4)
+    assert runs == [] and names()[:2] == ["picture", "denoised"] and watch.frame("denoised") is None
+    some_passes(watch, rendering, 6)  # somebody asked
+    assert runs[:1] == [4] and len(runs) == 2
+    watch, rendering.estimate = live.Watch(), pair()
+    runs.clear()
+    watch.begin(rendering)
+    watch._filtered = live.Allowance(0.0)
+    watch.frame("denoised")
+    some_passes(watch, rendering, 6)
+    assert runs == []
+    watch._filtered = live.Allowance(1e9)
+    watch.observe(None)
+    assert len(runs) == 1 and np.all(np.frombuffer(watch.frame("denoised").values, "<f4") == 0.25)
+    watch.observe(None)
+    assert len(runs) == 2 and "denoised" not in names() and watch.frame("denoised") is None
+    report, rendering.denoised = rendering.finish(), SimpleNamespace(rgb=np.full(SHAPE, 0.5))
+    watch.over(report)
+    assert "denoised" in names() and np.all(np.frombuffer(watch.frame("denoised").values, "<f4") == 0.5)
 
 
 def test_an_allowance_is_a_share_of_the_time():
