@@ -4,7 +4,10 @@ from __future__ import annotations
 
 
 def pictures(scene, output=None, **options):
-    """An iterator over the pictures of a scene while its passes go on: `renderers.live.Pictures`."""
+    """An iterator over the pictures of a scene while its passes go on, of which the last one is written.
+
+    Parameters, errors and how to stop it: `renderers.live.Pictures`.
+    """
     from renderers.live import Pictures
 
     return Pictures(scene, output, **options)

@@ -243,6 +243,8 @@ def test_frames_show_what_is_written(watched, tmp_path):
     noise, once = (watch.frame(name) for name in ("noise", "order1"))
     assert np.allclose(np.frombuffer(noise.values, "<f4").reshape(SHAPE), values[..., 3:]) and noise.white > 0
     assert np.allclose(np.frombuffer(once.values, "<f4").reshape(SHAPE)[..., 2], channels["order1.B"], rtol=1e-6)
+    shares = np.array(Image.open(io.BytesIO(watch.frame("first0").png)))
+    assert np.all(shares == round(255 * float(colour.encode(0.5))))  # as they are, without the tone curve
     state = watch.state()
     assert (state["phase"], state["samples"], state["report"]["files"]) == ("over", 12, report["files"])
     assert state["noise"] == pytest.approx(max(report[name] for name in ("noise", "noise_region", "noise_mean")))
