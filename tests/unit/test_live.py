@@ -41,7 +41,7 @@ def noisy(word, level=1.0):
 
     def render(index):
         once = level + 0.3 * np.random.default_rng([word, index]).standard_normal(SHAPE)
-        return {"": once + 0.25, "order1": once, "first0": np.full(SHAPE, 0.5), "inner": once}
+        return {"": once + 0.25, "order1": once, "first0": np.full(SHAPE, 0.25), "inner": once}
 
     return render
 
