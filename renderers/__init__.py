@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 
-def pictures(scene, output=None, **options):
+def live(scene, output=None, **options):
     """An iterator over the pictures of a scene while its passes go on, of which the last one is written.
 
-    Parameters, errors and how to stop it: `renderers.live.Pictures`.
+    Parameters, errors and how to stop it: `renderers.pictures.live.Pictures`.
     """
-    from renderers.live import Pictures
+    from renderers.pictures.live import Pictures
 
     return Pictures(scene, output, **options)

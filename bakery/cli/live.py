@@ -28,7 +28,7 @@ def shown(scene, source: str, port: int, browser: bool) -> Iterator[Callable]:
     Where the port cannot be had, or no browser opens, a line says so and the render goes on.
     """
     from bakery.report import live, served
-    from renderers.live import Watch, refuse_other, render
+    from renderers.pictures.live import Watch, refuse_other, render
 
     refuse_other(scene)
     watch, server = Watch(), None

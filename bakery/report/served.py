@@ -27,7 +27,7 @@ _PAGES = 64  # that are remembered at once
 
 
 class Source(Protocol):
-    """What is shown: `renderers.live.Watch`."""
+    """What is shown: `renderers.pictures.live.Watch`."""
 
     def state(self, seen: int, seconds: float) -> dict: ...
 

@@ -17,10 +17,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import renderers
 from bakery.cli import live as command_live
 from bakery.cli import status_of
 from bakery.report import served
-from renderers import live, pictures
+from renderers.pictures import live
 from tests.browser import CHROMIUM, Page
 from tests.conftest import ROOT
 from tests.exr import layers
@@ -160,7 +161,7 @@ def test_what_has_no_passes_is_refused(call, folder, monkeypatch, capsys):
         assert words in capsys.readouterr().err
         assert words == "" or not list(folder.glob("fog.png"))
     with pytest.raises(live.UsageError, match="makes its picture at once"):
-        pictures("fog.yaml")
+        renderers.live("fog.yaml")
 
 
 @pytest.mark.slow
@@ -201,7 +202,7 @@ def test_pictures_of_a_scene(folder, monkeypatch):
     """The last one is what is written; the passes are those of `bake render`."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("BAKERY_CACHE", str(folder / "cache"))
-    shown = list(pictures("mist.scene.yaml", "python.png", every=0))
+    shown = list(renderers.live("mist.scene.yaml", "python.png", every=0))
     assert len(shown) >= 2 and [picture.samples for picture in shown] == sorted(picture.samples for picture in shown)
     assert shown[-1].report["files"] == ["python.png", "python.exr"] and shown[-1].samples == 32
     found = layers(folder / "python.exr")

@@ -12,18 +12,19 @@ import pytest
 from PIL import Image
 
 from bakery.errors import Interrupted
-from renderers import colour, images, live, reached
+from renderers import colour
 from renderers.mitsuba import bitmaps
-from renderers.picture import Picture
-from renderers.progressive import Estimate, Part, Stop
-from renderers.running import rgb_layers
+from renderers.pictures import images, live, reached
+from renderers.pictures.picture import Picture
+from renderers.pictures.progressive import Estimate, Part, Stop
+from renderers.pictures.running import rgb_layers
 
 SHAPE = (6, 8, 3)
 DISPLAY = {"curve": "reinhard", "exposure": 2.0, "white": 4.0}
 
 
 class Job:
-    """What `renderers.running.Render` does at the end, without a scene."""
+    """What `renderers.pictures.running.Render` does at the end, without a scene."""
 
     quality = None
 
@@ -57,7 +58,7 @@ def written(folder, estimate):
 
 
 class Rendering:
-    """A `renderers.passes.Rendering` without a scene."""
+    """A `renderers.pictures.passes.Rendering` without a scene."""
 
     def __init__(self, folder, samples=12):
         self.job, self.estimate, self.stop = Job(folder), pair(), Stop(noise=1e-9, samples=samples)
