@@ -34,11 +34,14 @@ from bakery.grammar.qualities import QUALITIES
 @click.option("--denoise/--no-denoise", default=None, help="Take the noise out of a scene's PNG, or not.  "
               "[default: as the scene says; else at draft and preview]")
 @click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
+@click.option("--live", is_flag=True, help="Show a scene's picture on a page while it gets better; the page can stop it.")
+@click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N", help="Port of that page.  [default: a free one]")
 @at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, denoise, resume, place, overwrite, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, denoise, resume, live, port, place, overwrite, as_json,
+            quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
     A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
@@ -63,6 +66,8 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
     prepared = None  # (path, progress) -> what is drawn
     if resume and suffix not in (".yaml", ".yml"):
         raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
+    if (live or port is not None) and suffix not in (".yaml", ".yml"):
+        raise UsageError(f"--live: {source} is no scene (.yaml); nothing of it can be seen before its end, leave the option out")
     if place and suffix in (".yaml", ".yml", ".xml"):
         raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
     if denoise is not None:
@@ -83,6 +88,10 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
             raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
         options |= {"resume": True} if resume else {}
         draw = renderer.render
+        if live or port is not None:
+            from bakery.cli.live import shown
+
+            draw = folders.enter_context(shown(path, source, port or 0, browser=not as_json))
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             running.refuse_too_large(path)

@@ -32,6 +32,7 @@ class Render:
     assets : of the scene's materials, opened; those of several may be the same
     asset : the first of them
     pair : paths (PNG, EXR) of the pictures
+    quality : name, or None: final
     seconds : dict, of each part that was said to be over, and `total`
     """
 
@@ -53,7 +54,7 @@ class Render:
         StageError, StoreError : its recipe cannot be baked
         """
         self._begin = self._last = time.monotonic()
-        self._progress, self._quality = progress, quality
+        self._progress, self.quality = progress, quality
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         refuse_too_large(self.scene)
@@ -100,7 +101,7 @@ class Render:
             `renderers.pictures.denoise.Denoised.figures`, or None), `reasons`, `missed` (sentences: what was asked for and not
             reached, [] where all was), `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
-        missed, remarks = reached.verdict(self.scene.values, self._quality, more.pop("unreached", ()), bias)
+        missed, remarks = reached.verdict(self.scene.values, self.quality, more.pop("unreached", ()), bias)
         layers, text, shown, pilots = layers or {}, text or {}, rgb, more.pop("choice", None)
         if denoised is not None:
             layers, text, shown = layers | denoised.channels, text | denoised.text, denoised.rgb
