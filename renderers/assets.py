@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 from bakery.run.ensure import ensured
@@ -25,27 +26,38 @@ def baked(scene: Scene, progress=None) -> Scene:
     ------
     BakeryError : a recipe is wrong, a stage fails, an asset cannot be written
     """
-    if scene.assets:
-        return scene
-    paths, shares = {}, [0.0]
-    for one in scene.materials:
-        if (key := (one.asset, one.recipe)) in paths:
-            continue
-        recipe, output, candidates = recipe_of(scene, one)
-        if recipe is None:
-            paths[key] = output
-            shares.append(budget.HALF)
-            continue
+    return scene if scene.assets else together([scene], progress)[0]
 
-        def require(*about):
-            required = requirements.of_scene(scene, *about)
-            shares.append(required.share)
-            return required
 
-        paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
-                             progress=progress, by=str(scene.path))
-    assets = tuple(paths[one.asset, one.recipe] for one in scene.materials)
-    return dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
+def together(scenes: Sequence[Scene], progress=None, measured: Sequence[int] | None = None) -> list[Scene]:
+    """Scenes of one file, such as the frames of a sequence, with assets that are good enough for all of them.
+
+    measured : positions of those that say what an asset has to hold; all of them if None
+    """
+    paths, shares, spoken = {}, [0.0], range(len(scenes)) if measured is None else measured
+    for number, scene in enumerate(scenes):
+        for one in scene.materials:
+            if (key := (one.asset, one.recipe)) in paths:
+                continue
+            recipe, output, candidates = recipe_of(scene, one)
+            if recipe is None:
+                paths[key] = output
+                shares.append(budget.HALF)
+                continue
+            asking = [scenes[k] for k in spoken if any((each.asset, each.recipe) == key for each in scenes[k].materials)]
+
+            def require(*about, asking=asking or [scenes[number]]):
+                required = requirements.of_scenes(asking, *about)
+                shares.append(required.share)
+                return required
+
+            paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
+                                 progress=progress, by=str(scene.path))
+    return [_with_assets(scene, tuple(paths[one.asset, one.recipe] for one in scene.materials), max(shares)) for scene in scenes]
+
+
+def _with_assets(scene: Scene, assets: tuple[Path, ...], share: float) -> Scene:
+    return dataclasses.replace(scene, asset=assets[0], assets=assets, share=share)
 
 
 def recipe_of(scene: Scene, material) -> tuple[Path | None, Path | None, list[Path]]:

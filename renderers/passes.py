@@ -60,7 +60,8 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
         raise scene.no_camera()
     images.refuse_too_large(scene.path, *world.size)
     job.part_over("scene")
-    taken = choice.chosen(prepare, choice.Opened(scene, job.assets, job.asset), world, quality, job.pair[1] if resume else None)
+    taken = scene.choice or choice.chosen(prepare, choice.Opened(scene, job.assets, job.asset), world, quality,
+                                          job.pair[1] if resume else None)
     if taken is not None:
         job.part_over("choice")
         job.scene = choice.with_method(scene, taken.method)

@@ -228,6 +228,16 @@ def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
     return _shared_out(about, _rules(scene), seconds)._replace(read=tuple(scene.sources))
 
 
+def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable) -> Required:
+    """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
+    each = [of_scene(scene, recipe, medium, seconds) for scene in listed]
+    if len(each) == 1:
+        return each[0]
+    return Required(merged([one.needs for one in each], recipe.leaves),
+                    tuple(dict.fromkeys(remark for one in each for remark in one.remarks)), max(one.share for one in each),
+                    tuple(dict.fromkeys(file for one in each for file in one.read)))
+
+
 def _shared_out(about, rules, seconds) -> Required:
     """The needs by the split that takes least.
 

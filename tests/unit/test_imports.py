@@ -45,10 +45,10 @@ SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.ke
 BAKES = {"renderers/assets.py": ("bakery.run.ensure",), "renderers/remembered.py": ("bakery.run.cache", "bakery.store.tree")}
 # what renderers share, from the ground up: each part with what it may import of the others.  Renderers may import all of it,
 # and nothing of each other
-SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "progress": set(), "grids": set(),
-          "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
+SHARED = {"camera": set(), "colour": set(), "common": {"frames"}, "frames": set(), "inputs": set(), "progress": set(),
+          "grids": set(), "threads": set(), "wavefront": set(), "scattering": {"wavefront"}, "images": {"colour"},
           "entries": {"common"}, "former": set(), "declaration": {"common"},
-          "scene": {"budget", "common", "entries", "former", "inputs"}, "budget": set(),
+          "scene": {"budget", "common", "entries", "former", "frames", "inputs"}, "budget": set(),
           "requirements": {"budget", "inputs", "mitsuba", "scene"},
           "assets": {"budget", "requirements", "scene"},
           "mitsuba": {"camera", "colour", "engine", "images", "inputs", "reached"},
@@ -63,6 +63,8 @@ SHARED = {"camera": set(), "colour": set(), "common": set(), "inputs": set(), "p
           "integrator": {"means", "mitsuba"}, "pace": set(),
           "differences": {"colour", "images", "mitsuba", "progressive", "signed"},
           "transport": {"denoise", "engine", "mitsuba", "scattering", "solids", "threads", "wavefront"}, "solids": set(),
+          "sequence": {"assets", "budget", "choice", "colour", "denoise", "frames", "images", "mitsuba", "progressive", "running",
+                       "scene"},
           "comparison": {"assets", "denoise", "entries", "images", "pace", "progressive", "reached", "scene"}}
 # what makes one scene of several materials stands on the renderers of each
 OF_SEVERAL = {"materials": {"discrete", "granular", "translucent"},
