@@ -8,7 +8,7 @@ from pathlib import Path
 from bakery.store.outputs import FileKind, by_suffix, check_outputs
 from renderers import images
 
-_FILM = FileKind("MP4 film", lambda head: head[4:8] == b"ftyp")
+_FILM = FileKind("film (MP4)", lambda head: head[4:8] == b"ftyp")
 
 
 def pairs(output, numbers: Sequence[int], inputs: Iterable[Path], overwrite: bool) -> list[tuple[Path, Path]]:

@@ -112,14 +112,24 @@ def _loaded(path, settings, numbers) -> list:
 
 
 def _described(wrong: dict[int, list[Problem]], count: int) -> list[Problem]:
-    """The problems of all frames, each once; those of some say in which."""
-    frames: dict[Problem, list[int]] = {}
+    """The problems of all frames; of one place those of the first frame that has any there, and in how many there are some."""
+    frames: dict[tuple, list[int]] = {}
+    told: dict[tuple, list[Problem]] = {}
     for number, problems in wrong.items():
         for problem in problems:
-            frames.setdefault(problem, []).append(number)
-    return [problem if len(found) == count else
-            dataclasses.replace(problem, found=f"{problem.found}, in frame {found[0]}{_others(len(found) - 1)}")
-            for problem, found in frames.items()]
+            place = problem.file, problem.line, problem.column, problem.key
+            if number not in frames.setdefault(place, []):
+                frames[place].append(number)
+            if frames[place] == [number]:
+                told.setdefault(place, []).append(problem)
+    return [problem if _same(problem, frames[place], wrong, count) else
+            dataclasses.replace(problem, found=f"{problem.found}, in frame {frames[place][0]}{_others(len(frames[place]) - 1)}")
+            for place, problems in told.items() for problem in problems]
+
+
+def _same(problem, numbers, wrong, count: int) -> bool:
+    """Whether a problem is that of every frame, in the same words."""
+    return len(numbers) == count and all(problem in wrong[number] for number in numbers)
 
 
 def _others(count: int) -> str:
