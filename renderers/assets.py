@@ -36,15 +36,15 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[int] | N
     """
     paths, shares, spoken = {}, [0.0], range(len(scenes)) if measured is None else measured
     for number, scene in enumerate(scenes):
-        for one in scene.materials:
-            if (key := (one.asset, one.recipe)) in paths:
+        for entry in scene.materials:
+            if (key := (entry.asset, entry.recipe)) in paths:
                 continue
-            recipe, output, candidates = recipe_of(scene, one)
+            recipe, output, candidates = recipe_of(scene, entry)
             if recipe is None:
                 paths[key] = output
                 shares.append(budget.HALF)
                 continue
-            asking = [scenes[k] for k in spoken if any((each.asset, each.recipe) == key for each in scenes[k].materials)]
+            asking = [scenes[k] for k in spoken if any((same.asset, same.recipe) == key for same in scenes[k].materials)]
 
             def require(*about, asking=asking or [scenes[number]]):
                 required = requirements.of_scenes(asking, *about)
@@ -53,10 +53,11 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[int] | N
 
             paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
                                  progress=progress, by=str(scene.path))
-    return [_with_assets(scene, tuple(paths[one.asset, one.recipe] for one in scene.materials), max(shares)) for scene in scenes]
+    return [_with_assets(scene, paths, max(shares)) for scene in scenes]
 
 
-def _with_assets(scene: Scene, assets: tuple[Path, ...], share: float) -> Scene:
+def _with_assets(scene: Scene, paths, share: float) -> Scene:
+    assets = tuple(paths[entry.asset, entry.recipe] for entry in scene.materials)
     return dataclasses.replace(scene, asset=assets[0], assets=assets, share=share)
 
 

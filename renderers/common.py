@@ -56,8 +56,8 @@ def vector(quantity: Quantity = NUMBER_ONLY, example: str = "[0, 0, 1]"):
 
 def _read_parameter(node):
     """A text, or several numbers as Mitsuba writes them."""
-    if isinstance(node, Sequence) and node and all(isinstance(each, Scalar) for each in node):
-        return ", ".join(each.text for each in node)
+    if isinstance(node, Sequence) and node and all(isinstance(item, Scalar) for item in node):
+        return ", ".join(item.text for item in node)
     return scalar(node, "a value as the Mitsuba scene has it, such as 5 or [0.8, 0.5, 0.2]").text
 
 

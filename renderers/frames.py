@@ -63,12 +63,12 @@ class _Key:
     """A key that frames change: how it is written, where, and the nodes that say its values."""
 
     key: str
-    place: Place
+    begin: Place
     items: tuple[Node, ...]  # of a spread its ends, and what is between them
     spread: bool
 
-    def problem(self, found: str, expected: str) -> Problem:
-        return self.place.problem(found, expected, key=f"frames.{self.key}")
+    def problem(self, fault: str, expected: str) -> Problem:
+        return self.begin.problem(fault, expected, key=f"frames.{self.key}")
 
     def node(self, number: int, count: int) -> Node:
         """The value of a frame."""
@@ -108,17 +108,17 @@ class Frames:
         problems : keys for which the tree has no place
         """
         texts, problems = {}, []
-        for each in self.keys:
-            if key := next((key for key in settings if _overlap(key, each.key)), None):
-                problems.append(each.problem(f"found a key that --set {key} gives as well",
-                                             f"expected one of them; --set 'frames.{each.key}=…' would change it in all frames"))
+        for key in self.keys:
+            if by_hand := next((setting for setting in settings if _overlap(setting, key.key)), None):
+                problems.append(key.problem(f"found a key that --set {by_hand} gives as well",
+                                            f"expected one of them; --set 'frames.{key.key}=…' would change it in all frames"))
                 continue
-            node = each.node(number, self.count)
-            texts[each.key] = overrides.written(node)
+            node = key.node(number, self.count)
+            texts[key.key] = overrides.written(node)
             try:
-                overrides.put("frames", root, each.key, node)
+                overrides.put("frames", root, key.key, node)
             except RecipeError as error:
-                problems += [each.problem(problem.found, problem.expected) for problem in error.problems]
+                problems += [key.problem(problem.found, problem.expected) for problem in error.problems]
         return texts, problems
 
 
@@ -128,7 +128,7 @@ def read(node: Node) -> Frames:
         raise Wrong(f"found {describe(node)}", f"expected a mapping with {_EXAMPLE}, and count")
     options, keys, problems = {}, [], []
     for name, child in node.items():
-        place = node.names[name]
+        begin = node.names[name]
         try:
             if name in _OPTIONS:
                 options[name] = _option(name, child)
@@ -136,13 +136,13 @@ def read(node: Node) -> Frames:
                 raise Wrong(f"found {show(name)}, which is neither an option nor a dotted key",
                             f"expected {one_of([*_OPTIONS, _EXAMPLE])}{nearest(name, _OPTIONS)}")
             else:
-                keys.append(_key(name, place, child))
+                keys.append(_key(name, begin, child))
         except _Misplaced as wrong:
             problems.append(wrong.place.problem(wrong.found, wrong.expected, wrong.offset, key=f"frames.{name}"))
         except Wrong as wrong:
-            problems.append(place.problem(wrong.found, wrong.expected, wrong.offset, key=f"frames.{name}"))
+            problems.append(begin.problem(wrong.found, wrong.expected, wrong.offset, key=f"frames.{name}"))
     problems += _unfit(node, options, keys) if not problems else ()
-    lengths = [len(each.items) for each in keys if not each.spread]
+    lengths = [len(key.items) for key in keys if not key.spread]
     count = options.get("count", lengths[0] if lengths else 0)
     return Frames(0 if problems else count, options.get("rate", RATE), options.get("noise", NOISE[0]), tuple(keys),
                   tuple(problems))
@@ -150,19 +150,19 @@ def read(node: Node) -> Frames:
 
 def _unfit(section: Mapping, options: dict, keys: list[_Key]) -> Iterator[Problem]:
     """What is wrong with the keys together."""
-    place = section.parent.names["frames"]
+    begin = section.parent.names["frames"]
     if not keys:
-        yield place.problem("found no key that changes", f"expected {_EXAMPLE}", key="frames")
+        yield begin.problem("found no key that changes", f"expected {_EXAMPLE}", key="frames")
         return
-    lists = [each for each in keys if not each.spread]
+    lists = [key for key in keys if not key.spread]
     if "count" not in options and not lists:
-        yield place.problem("missing", "expected count: how many frames there are", key="frames.count")
+        yield begin.problem("missing", "expected count: how many frames there are", key="frames.count")
         return
     count = options.get("count", len(lists[0].items) if lists else 0)
     of = "count" if "count" in options else f"frames.{lists[0].key}"
-    for each in lists:
-        if len(each.items) != count:
-            yield each.problem(f"found {len(each.items)} values", f"expected {count}, as {of} says, one a frame")
+    for key in lists:
+        if len(key.items) != count:
+            yield key.problem(f"found {len(key.items)} values", f"expected {count}, as {of} says, one a frame")
 
 
 class _Misplaced(Exception):
@@ -185,7 +185,7 @@ def _option(name: str, node: Node):
         raise _Misplaced(wrong, node) from None
 
 
-def _key(name: str, place: Place, node: Node) -> _Key:
+def _key(name: str, begin: Place, node: Node) -> _Key:
     fixed = re.split(r"[.\[]", name)[0]
     if fixed in _FIXED:
         raise Wrong("found a key that frames cannot change", f"expected another one: {_FIXED[fixed]}")
@@ -193,8 +193,8 @@ def _key(name: str, place: Place, node: Node) -> _Key:
         items = tuple(_ends(node))
         for i in range(len(items) - 1):
             _between(items[i], items[i + 1], 0.5)  # says what has nothing between
-        return _Key(name, place, items, True)
-    return _Key(name, place, tuple(_items(node)), False)
+        return _Key(name, begin, items, True)
+    return _Key(name, begin, tuple(_items(node)), False)
 
 
 def _items(node: Node) -> Iterator[Node]:
@@ -230,25 +230,25 @@ def _ends(node: Mapping) -> Iterator[Node]:
 # ---- between two values
 
 
-def _between(one: Node, other: Node, share: float) -> Node:
+def _between(start: Node, end: Node, share: float) -> Node:
     """The value at a share of the way from one to another: of numbers with their unit, or of lists of such."""
-    if isinstance(one, Sequence) and isinstance(other, Sequence) and len(one) == len(other):
-        between = Sequence(_place(one), True)
-        for a, b in zip(one, other):
+    if isinstance(start, Sequence) and isinstance(end, Sequence) and len(start) == len(end):
+        between = Sequence(_place_of(start), True)
+        for a, b in zip(start, end):
             node = _between(a, b, share)
             node.parent = between
             between.append(node)
         return between
-    if not (isinstance(one, Scalar) and isinstance(other, Scalar)):
-        raise _Misplaced(Wrong(f"found {describe(other)} where from or through has {describe(one)}",
-                               "expected values of the same form"), other)
-    (a, unit), (b, other_unit) = _quantities(one), _quantities(other)
-    if unit != other_unit or len(a) != len(b):
-        raise _Misplaced(Wrong(f"found {show(other.text)} after {show(one.text)}", "expected as many numbers, in the same unit"),
-                         other)
+    if not (isinstance(start, Scalar) and isinstance(end, Scalar)):
+        raise _Misplaced(Wrong(f"found {describe(end)} where from or through has {describe(start)}",
+                               "expected values of the same form"), end)
+    (a, unit), (b, end_unit) = _quantities(start), _quantities(end)
+    if unit != end_unit or len(a) != len(b):
+        raise _Misplaced(Wrong(f"found {show(end.text)} after {show(start.text)}", "expected as many numbers, in the same unit"),
+                         end)
     values = [_text(x if share == 0 else y if share == 1 else (1 - share) * x + share * y) for x, y in zip(a, b)]
-    written = values[0] if units.NUMBER.match(one.text.strip()) else f"[{', '.join(values)}]"
-    return Scalar(f"{written} {unit}".strip(), _place(one))
+    written = values[0] if units.NUMBER.match(start.text.strip()) else f"[{', '.join(values)}]"
+    return Scalar(f"{written} {unit}".strip(), _place_of(start))
 
 
 def _quantities(node: Scalar) -> tuple[list[float], str]:
@@ -256,11 +256,11 @@ def _quantities(node: Scalar) -> tuple[list[float], str]:
     text = node.text.strip()
     match, number = _UNIT_BEHIND.fullmatch(text), units.NUMBER.match(text)
     written = [entry.strip() for entry in match[2].split(",")] if match else [number[0]] if number else []
-    if node.broken or not written or not all(units.NUMBER.fullmatch(each) for each in written) \
+    if node.broken or not written or not all(units.NUMBER.fullmatch(entry) for entry in written) \
             or max(map(len, written)) > units.MAX_DIGITS:
         raise _Misplaced(Wrong(f"found {describe(node)}, which has no values between it and another",
                                "expected a number, or a list of one value a frame"), node)
-    return [float(each) for each in written], re.sub(r"\s+", "", match[3] or "" if match else text[number.end():])
+    return [float(entry) for entry in written], re.sub(r"\s+", "", match[3] or "" if match else text[number.end():])
 
 
 def _text(value: float) -> str:
@@ -268,15 +268,15 @@ def _text(value: float) -> str:
     return repr(value).removesuffix(".0")
 
 
-def _place(node: Node) -> Place:
+def _place_of(node: Node) -> Place:
     return Place(node.place.source, node.place.begin, node.place.end, "")
 
 
 def _copied(node: Node) -> Node:
     """A node like another, which can stand elsewhere in the tree."""
     if isinstance(node, Scalar):
-        return Scalar(node.text, _place(node), node.quoted, node.broken)
-    copy = (Mapping if isinstance(node, Mapping) else Sequence)(_place(node), True)
+        return Scalar(node.text, _place_of(node), node.quoted, node.broken)
+    copy = (Mapping if isinstance(node, Mapping) else Sequence)(_place_of(node), True)
     copy.broken = node.broken
     for step, child in node.items() if isinstance(node, Mapping) else enumerate(node):
         below = _copied(child)
@@ -290,7 +290,7 @@ def _copied(node: Node) -> Node:
     return copy
 
 
-def _overlap(one: str, other: str) -> bool:
+def _overlap(key: str, second: str) -> bool:
     """Whether two dotted keys are the same, or one stands below the other."""
-    short, long = sorted((one, other), key=len)
+    short, long = sorted((key, second), key=len)
     return long.startswith(short) and long[len(short):][:1] in ("", ".", "[")

@@ -230,12 +230,13 @@ def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
 
 def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable) -> Required:
     """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
-    each = [of_scene(scene, recipe, medium, seconds) for scene in listed]
-    if len(each) == 1:
-        return each[0]
-    return Required(merged([one.needs for one in each], recipe.leaves),
-                    tuple(dict.fromkeys(remark for one in each for remark in one.remarks)), max(one.share for one in each),
-                    tuple(dict.fromkeys(file for one in each for file in one.read)))
+    required = [of_scene(scene, recipe, medium, seconds) for scene in listed]
+    if len(required) == 1:
+        return required[0]
+    remarks, files = (tuple(dict.fromkeys(item for asked in required for item in getattr(asked, name)))
+                      for name in ("remarks", "read"))
+    return Required(merged([asked.needs for asked in required], recipe.leaves), remarks, max(asked.share for asked in required),
+                    files)
 
 
 def _shared_out(about, rules, seconds) -> Required:

@@ -406,9 +406,9 @@ def _unused_parameters(mitsuba: Path, node: Node | None) -> Iterator[Problem]:
     """Parameters that the Mitsuba scene does not have."""
     if not isinstance(node, Mapping):
         return
-    known = sorted(parameters_of(mitsuba))
+    names = sorted(parameters_of(mitsuba))
     for name in node:
-        if name not in known:
-            has = f"it has {fields.one_of([f'${one}' for one in known])}" if known else "it has none"
+        if name not in names:
+            has = f"it has {fields.one_of([f'${parameter}' for parameter in names])}" if names else "it has none"
             yield node.names[name].problem(f"found {text.show(name)}, but {text.label_of(mitsuba)} has no ${name}",
-                                           f"expected a parameter of it; {has}{fields.nearest(name, known)}")
+                                           f"expected a parameter of it; {has}{fields.nearest(name, names)}")

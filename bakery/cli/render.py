@@ -77,7 +77,8 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, f
     if frames is not None or cluster is not None:
         from bakery.cli.render_frames import rendered
 
-        options |= {"overrides": values, "output": output, "resume": resume}
+        of_pictures = {name: options.pop(name) for name in ("quality", "variant", "seed")}
+        options |= {"options": of_pictures, "overrides": values, "output": output, "resume": resume}
         return rendered(source, frames, cluster, options, as_json, quiet)
     if suffix in (".yaml", ".yml"):
         from importlib import import_module

@@ -15,8 +15,8 @@ from bakery.system.signals import Terminated
 _MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between
 
 
-def render(path, output=None, numbers=None, *, overrides=None, quality=None, variant=None, seed=None, overwrite=False,
-           resume=False, progress=None, cluster=None) -> dict:
+def render(path, output=None, numbers=None, *, overrides=None, options=None, overwrite=False, resume=False, progress=None,
+           cluster=None) -> dict:
     """Renders frames of a scene, each to a PNG and an EXR file, and a film and a contact sheet where they are several.
 
     Parameters
@@ -24,7 +24,8 @@ def render(path, output=None, numbers=None, *, overrides=None, quality=None, var
     path : of the scene, which has a section `frames`
     output : `X.png` or `X.exr`, frames are `X.0001.png` …; beside the scene, by its name, if None
     numbers : of the frames, ascending (`renderers.frames.numbers`); all if None
-    overrides, quality, variant, seed, overwrite : as renderers take them
+    overrides, overwrite : as renderers take them
+    options : dict of `quality`, `variant` and `seed`, where they are given, as renderers take them
     resume : go on with the passes of frames that are not finished
     progress : `bakery.run.progress.Progress`, or None
     cluster : `bakery.run.dask.Cluster` whose workers render; None: this process does
@@ -44,8 +45,8 @@ def render(path, output=None, numbers=None, *, overrides=None, quality=None, var
     from renderers.sequence import film, outputs, prepared, sheet
 
     begin, progress = time.monotonic(), progress or _Silent()
-    sequence = prepared.of(path, output, numbers, overrides=overrides, quality=quality, variant=variant, seed=seed,
-                           overwrite=overwrite, progress=progress, measured=_MEASURED)
+    sequence = prepared.of(path, output, numbers, overrides=overrides, options=options or {}, overwrite=overwrite,
+                           progress=progress, measured=_MEASURED)
     done: dict[int, dict] = {}
     try:
         for number, row in _rows(sequence, resume, progress, cluster):
@@ -54,15 +55,15 @@ def render(path, output=None, numbers=None, *, overrides=None, quality=None, var
         raise _interrupted(stop, len(done), len(sequence.frames)) from None
     rows = [done[frame.number] for frame in sequence.frames]
     remarks, missed = [*sequence.remarks, *_uneven(rows)], []
-    made = dict.fromkeys(("film", "sheet"))
+    written = dict.fromkeys(("film", "sheet"))
     if len(rows) > 1:
         pictures = [frame.pair[0] for frame in sequence.frames]
         names = outputs.beside(sequence.output)
         with progress.during("film and contact sheet"):
-            made["sheet"] = sheet.write(names["sheet"], pictures, [frame.number for frame in sequence.frames])
-            made["film"], words = film.write(names["film"], pictures, sequence.rate)
+            written["sheet"] = sheet.write(names["sheet"], pictures, [frame.number for frame in sequence.frames])
+            written["film"], words = film.write(names["film"], pictures, sequence.rate)
         (missed if film.program() else remarks).extend(words)
-    return {"scene": str(sequence.path), "frames": rows, **made, "rate": sequence.rate, "noise": sequence.noise,
+    return {"scene": str(sequence.path), "frames": rows, **written, "rate": sequence.rate, "noise": sequence.noise,
             "remarks": remarks, "missed": missed, "seconds": time.monotonic() - begin}
 
 
@@ -77,12 +78,12 @@ def describe(report) -> list[str]:
 
     rows = report["frames"]
     counts = Counter(row["status"] for row in rows)
-    said = ", ".join(f"{counts[status]} {words}" for status, words in
-                     (("rendered", "rendered"), ("resumed", "gone on with"), ("kept", "left as they are")) if counts[status])
+    statuses = ", ".join(f"{counts[status]} {words}" for status, words in
+                         (("rendered", "rendered"), ("resumed", "gone on with"), ("kept", "left as they are")) if counts[status])
     noises = [row["noise"] for row in rows if row["noise"] is not None]
     noise = f"; noise {percent(min(noises))} to {percent(max(noises))}" if noises else ""
     shown = [f"film: {report['film']}, {report['rate']:g} frames a second"] if report["film"] else []
-    return [f"{len(rows)} frames: {said}{noise}", *shown,
+    return [f"{len(rows)} frames: {statuses}{noise}", *shown,
             *([f"contact sheet: {report['sheet']}"] if report["sheet"] else []), *report["remarks"],
             f"time: {report['seconds']:.1f} s"]
 
@@ -98,14 +99,14 @@ def _rows(sequence, resume, progress, cluster):
             due.append(frame)
         else:
             yield frame.number, row
-    draw = rendered.here if cluster is None else rendered.afar
+    draw = rendered.locally if cluster is None else rendered.on_cluster
     yield from draw(sequence, due, resume, progress, cluster)
 
 
 def _interrupted(stop, finished, count):
     """What to raise where a signal ended the frames."""
-    said = f"{stop}; " if isinstance(stop, Interrupted) else "interrupted; "
-    error = Interrupted(f"{said}{finished} of {count} frames are finished, and the same call renders the others")
+    how_far = f"{stop}; " if isinstance(stop, Interrupted) else "interrupted; "
+    error = Interrupted(f"{how_far}{finished} of {count} frames are finished, and the same call renders the others")
     error.exit_status = stop.exit_status if isinstance(stop, Interrupted) else 143 if isinstance(stop, Terminated) else 130
     return error
 

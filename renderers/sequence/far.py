@@ -65,15 +65,15 @@ class Answer(NamedTuple):
 
 def bundles(frames) -> tuple[dict[str, bytes], list[dict[str, bytes]]]:
     """Absolute path -> content, of the files that all frames are made of, and of those of each frame besides."""
-    each = [dict.fromkeys(_absolute(file) for file in (*frame.scene.inputs, *frame.scene.assets)) for frame in frames]
-    common = [file for file in each[0] if all(file in files for files in each)]
-    content = {file: Path(file).read_bytes() for file in dict.fromkeys(file for files in each for file in files)
+    needed = [dict.fromkeys(_absolute(file) for file in (*frame.scene.inputs, *frame.scene.assets)) for frame in frames]
+    common = [file for file in needed[0] if all(file in files for files in needed)]
+    content = {file: Path(file).read_bytes() for file in dict.fromkeys(file for files in needed for file in files)
                if Path(file).is_file()}
     return ({file: content[file] for file in common if file in content},
-            [{file: content[file] for file in files if file in content and file not in common} for files in each])
+            [{file: content[file] for file in files if file in content and file not in common} for files in needed])
 
 
-def rendered(common: Mapping[str, bytes], own: Mapping[str, bytes], task: Task) -> Answer:
+def rendered(common: Mapping[str, bytes], besides: Mapping[str, bytes], task: Task) -> Answer:
     """Renders a frame in a worker."""
     from renderers.sequence.prepared import versions
 
@@ -82,15 +82,15 @@ def rendered(common: Mapping[str, bytes], own: Mapping[str, bytes], task: Task) 
                            for name, wanted in task.versions.items() if theirs[name] != wanted)
         return Answer(None, {}, fault=f"a worker has {unlike}; equal versions give equal pictures: install the same there",
                       status=2)
-    with _ONE_AT_A_TIME, tempfile.TemporaryDirectory(prefix="bakery-frame-") as place:
+    with _ONE_AT_A_TIME, tempfile.TemporaryDirectory(prefix="bakery-frame-") as output:
         folder = _unpacked(common)
-        _write(folder, own)
+        _write(folder, besides)
         began = time.monotonic()
         try:
-            report, resumed = _drawn(folder, task, Path(place, "frame.png"))
+            report, resumed = _drawn(folder, task, Path(output, "frame.png"))
         except BakeryError as error:
             return Answer(None, {}, fault=str(error).replace(folder, ""), status=error.exit_status)
-        pictures = tuple(Path(place, f"frame.{kind}").read_bytes() for kind in ("png", "exr"))
+        pictures = tuple(Path(output, f"frame.{kind}").read_bytes() for kind in ("png", "exr"))
         return Answer(pictures, report, resumed, time.monotonic() - began)
 
 
@@ -100,12 +100,12 @@ def _drawn(folder, task, picture):
     from renderers.sequence.frame import drawn
 
     handed, files = task.handed, [Path(_below(folder, _absolute(path))) for path in task.handed["assets"]]
-    one = scene.load(_below(folder, _absolute(task.path)), task.settings, assets=False, frame=task.number)
-    one = dataclasses.replace(one, assets=tuple(files), asset=files[0], share=handed["share"], mark=handed["mark"],
-                              choice=handed["choice"])
+    shot = scene.load(_below(folder, _absolute(task.path)), task.settings, assets=False, frame=task.number)
+    shot = dataclasses.replace(shot, assets=tuple(files), asset=files[0], share=handed["share"], mark=handed["mark"],
+                               choice=handed["choice"])
     if task.before is not None:
         picture.with_suffix(".exr").write_bytes(task.before)
-    report, resumed = drawn(one, picture, task.options, task.before is not None)
+    report, resumed = drawn(shot, picture, task.options, task.before is not None)
     return {name: report[name] for name in kept.FIGURES}, resumed
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from bakery.errors import StoreError
 from renderers import images
 
-# H.264 has half as many colours as pixels along each edge: to an odd edge a black row or column is added.  The matrix of BT.709 is
-# told and used: left to themselves ffmpeg takes that of BT.601, and players the other
+# H.264 has half as many colours as pixels along each edge: to an odd edge a black row or column is added.  The matrix of BT.709
+# is told and used: left to themselves ffmpeg takes that of BT.601, and players the other
 _CODED = ["-vf", "scale=out_color_matrix=bt709:out_range=tv,pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt",
           "yuv420p", "-crf", "16", "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1",
           "-color_range", "tv", "-movflags", "+faststart"]
@@ -45,7 +45,7 @@ def _coded(call: Sequence[str], pictures: Sequence[Path]) -> None:
                 process.stdin.write(picture.read_bytes())
         except BrokenPipeError:
             pass  # it has ended, and says why
-        _, said = process.communicate()
+        _, message = process.communicate()
     if process.returncode:
-        lines = said.decode(errors="replace").strip().splitlines() or ["no reason given"]
+        lines = message.decode(errors="replace").strip().splitlines() or ["no reason given"]
         raise RuntimeError(f"ffmpeg ended with status {process.returncode}: {lines[-1]}")

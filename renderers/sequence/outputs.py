@@ -19,7 +19,7 @@ def pairs(output, numbers: Sequence[int], inputs: Iterable[Path], overwrite: boo
     pair, inputs = images.output_pair(output, overwrite=True), list(inputs)
     frames = [tuple(path.with_name(f"{path.stem}.{number:04d}{path.suffix}") for path in pair) for number in numbers]
     others = list(beside(output).values()) if len(frames) > 1 else []
-    check_outputs(by_suffix([path for each in frames for path in each] + others, {".mp4": _FILM}), inputs, overwrite)
+    check_outputs(by_suffix([path for pair in frames for path in pair] + others, {".mp4": _FILM}), inputs, overwrite)
     return frames
 
 

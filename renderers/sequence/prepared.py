@@ -62,35 +62,36 @@ class Sequence(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def of(path, output, numbers: Several[int] | None, *, overrides, quality, variant, seed, overwrite, progress,
-       measured: int) -> Sequence:
+def of(path, output, numbers: Several[int] | None, *, overrides, options, overwrite, progress, measured: int) -> Sequence:
     """Checks all frames of a scene, sees to their assets and decides by which method they are rendered.
 
     numbers : of the frames that are asked for; all if None
+    options : dict of quality, variant and seed, where they are given
     measured : how many frames say what an asset has to hold
 
     Raises RecipeError with the problems of all frames, UsageError where there is no such frame or a picture cannot be written.
     """
     settings = dict(overrides or {})
+    quality, variant, seed = (options.get(name) for name in ("quality", "variant", "seed"))
     loaded = _loaded(path, settings, numbers)
     section = loaded[0].values.frames
     numbers = tuple(range(1, section.count + 1)) if numbers is None else tuple(numbers)
     asked = [loaded[number - 1] for number in numbers]
     output = Path(output or loaded[0].picture)
-    pairs = outputs.pairs(output, numbers, {file: None for each in loaded for file in each.inputs}, overwrite)
+    pairs = outputs.pairs(output, numbers, {file: None for frame in loaded for file in frame.inputs}, overwrite)
     running.refuse_too_large(loaded[0])
-    for each in asked:
-        denoise.refuse_absent(each)
+    for frame in asked:
+        denoise.refuse_absent(frame)
     remarks = _measured_in(loaded, measured)
     loaded = assets.together(loaded, progress, _spread(len(loaded), measured))
     with progress.during("method"):
         taken = _choice(loaded, quality, variant)
     marks, frames = _Marks(quality, _variant(variant)), []
     for number, pair in zip(numbers, pairs):
-        one = loaded[number - 1]
-        one = dataclasses.replace(one, choice=taken if choice.candidates(one) else None)
-        options = {"quality": quality, "variant": variant, "seed": _seed(seed, section.noise, number)}
-        frames.append(Frame(number, dataclasses.replace(one, mark=marks.of(one, options["seed"])), pair, options))
+        shot, own_seed = loaded[number - 1], _seed(seed, section.noise, number)
+        shot = dataclasses.replace(shot, choice=taken if choice.candidates(shot) else None)
+        shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
+        frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))
     remarks += [f"{taken.sentence}; decided in frame 1, for all frames"] if taken else []
     return Sequence(Path(path), settings, tuple(frames), output, section.rate, section.noise, overwrite, tuple(remarks))
 
@@ -117,14 +118,14 @@ def _described(wrong: dict[int, list[Problem]], count: int) -> list[Problem]:
     told: dict[tuple, list[Problem]] = {}
     for number, problems in wrong.items():
         for problem in problems:
-            place = problem.file, problem.line, problem.column, problem.key
-            if number not in frames.setdefault(place, []):
-                frames[place].append(number)
-            if frames[place] == [number]:
-                told.setdefault(place, []).append(problem)
-    return [problem if _same(problem, frames[place], wrong, count) else
-            dataclasses.replace(problem, found=f"{problem.found}, in frame {frames[place][0]}{_others(len(frames[place]) - 1)}")
-            for place, problems in told.items() for problem in problems]
+            spot = problem.file, problem.line, problem.column, problem.key
+            if number not in frames.setdefault(spot, []):
+                frames[spot].append(number)
+            if frames[spot] == [number]:
+                told.setdefault(spot, []).append(problem)
+    return [problem if _same(problem, frames[spot], wrong, count) else
+            dataclasses.replace(problem, found=f"{problem.found}, in frame {frames[spot][0]}{_others(len(frames[spot]) - 1)}")
+            for spot, problems in told.items() for problem in problems]
 
 
 def _same(problem, numbers, wrong, count: int) -> bool:
@@ -143,7 +144,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 def _measured_in(loaded, most: int) -> list[str]:
     """What is to be said where not every frame says what the bake of a recipe has to hold."""
-    if len(loaded) <= most or not any(assets.recipe_of(loaded[0], one)[0] for one in loaded[0].materials):
+    if len(loaded) <= most or not any(assets.recipe_of(loaded[0], entry)[0] for entry in loaded[0].materials):
         return []
     numbers = ", ".join(str(position + 1) for position in _spread(len(loaded), most))
     return [f"frames {numbers} say what the assets of all frames have to hold"]
@@ -151,7 +152,7 @@ def _measured_in(loaded, most: int) -> list[str]:
 
 def _choice(loaded, quality, variant):
     """The choice of the first frame whose method chooses: all frames are rendered alike, or one would stand out."""
-    first = next((each for each in loaded if choice.candidates(each)), None)
+    first = next((frame for frame in loaded if choice.candidates(frame)), None)
     return first and choice.of_scene(first, quality, variant)
 
 
@@ -186,11 +187,11 @@ class _Marks:
         self._files: dict[Path, str] = {}
         self._assets: dict[Path, str] = {}
 
-    def of(self, one, seed) -> str:
-        told, *files = made_of(one)
-        shown = one.values.model_dump(mode="json", include={"stop", "display", "denoise"}, warnings=False)
-        return fingerprint(told, shown, [self._file(file) for file in files], [self._asset(file) for file in one.assets],
-                           one.share, one.choice and one.choice.method, seed or 0, *self._common)
+    def of(self, shot, seed) -> str:
+        told, *files = made_of(shot)
+        shown = shot.values.model_dump(mode="json", include={"stop", "display", "denoise"}, warnings=False)
+        return fingerprint(told, shown, [self._file(file) for file in files], [self._asset(file) for file in shot.assets],
+                           shot.share, shot.choice and shot.choice.method, seed or 0, *self._common)
 
     def _file(self, path: Path) -> str:
         if path not in self._files:

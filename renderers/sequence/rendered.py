@@ -13,26 +13,26 @@ from renderers.sequence.frame import drawn
 from renderers.sequence.prepared import versions
 
 
-def here(sequence, frames, resume, progress, _cluster=None) -> Iterator[tuple[int, dict]]:
+def locally(sequence, frames, resume, progress, _cluster=None) -> Iterator[tuple[int, dict]]:
     """(number, row of the report) of each frame; arguments as of `renderers.sequence.render`."""
-    for place, frame in enumerate(frames):
-        progress.stage(f"frame {frame.number}", f"{place + 1} of {len(frames)}", 0.0, 0.0)
+    for position, frame in enumerate(frames):
+        progress.stage(f"frame {frame.number}", f"{position + 1} of {len(frames)}", 0.0, 0.0)
         began = time.monotonic()
         report, resumed = drawn(frame.scene, frame.pair[0], frame.options | {"overwrite": sequence.overwrite},
                                 resume and frame.pair[1].is_file(), progress.update)
         yield frame.number, kept.of(frame, report, "resumed" if resumed else "rendered", time.monotonic() - began)
 
 
-def afar(sequence, frames, resume, progress, cluster) -> Iterator[tuple[int, dict]]:
+def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[int, dict]]:
     """The same on the workers of a `bakery.run.dask.Cluster`: pictures come back as bytes, and are written here."""
     if not frames:
         return
-    common, own = far.bundles(frames)
+    common, besides = far.bundles(frames)
     progress.stage(f"{len(frames)} frames", "on the cluster", 0.0, 0.0)
     tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, frame.options, _handed(frame.scene), versions(),
                       frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
     finished = 0
-    for position, answer in cluster.arriving(far.rendered, [common] * len(frames), own, tasks):
+    for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
         if answer.fault:
             raise _fault(frames[position].number, answer)
         frame, finished = frames[position], finished + 1

@@ -35,9 +35,8 @@ def _grid(count: int, size: tuple[int, int]) -> tuple[int, tuple[int, int]]:
     """Columns, and (height, width) of a thumbnail."""
     height, width = size
     columns = min(count, max(1, round(math.sqrt(count * _SHAPE * height / width))))
-    wide = min(_WIDE, (_SHEET - _GAP) // columns - _GAP)
-    wide = min(wide, width * max(1, math.ceil(_LEAST / width)))
-    return columns, (max(1, round(height * wide / width)), wide)
+    across = min(_WIDE, (_SHEET - _GAP) // columns - _GAP, width * max(1, math.ceil(_LEAST / width)))
+    return columns, (max(1, round(height * across / width)), across)
 
 
 def _display(path: Path):
@@ -77,9 +76,9 @@ def _draw(path: str, thumbnails, numbers: Sequence[int], columns: int) -> None:
     size = columns * across + _GAP, rows * down + _GAP
     figure = Figure((size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor=_DARK)
     FigureCanvasAgg(figure)
-    for place, (picture, number) in enumerate(zip(thumbnails, numbers)):
-        left, top = _GAP + place % columns * across, _GAP + place // columns * down
-        figure.figimage(picture, left, size[1] - top - height, origin="upper")
-        figure.text((left + width / 2) / size[0], 1 - (top + height + _LABEL / 2) / size[1], str(number), color=_LIGHT,
+    for position, (picture, number) in enumerate(zip(thumbnails, numbers)):
+        x, top = _GAP + position % columns * across, _GAP + position // columns * down
+        figure.figimage(picture, x, size[1] - top - height, origin="upper")
+        figure.text((x + width / 2) / size[0], 1 - (top + height + _LABEL / 2) / size[1], str(number), color=_LIGHT,
                     fontsize=8, ha="center", va="center")
     figure.savefig(path, format="png", dpi=_DPI, facecolor=_DARK, metadata={"Software": None})

@@ -1,4 +1,4 @@
-"""`bake render SCENE --frames` as a user calls it: whole frames, the same bytes, what is there stays, interruptions, film and sheet."""
+"""`bake render SCENE --frames` as a user calls it: the same bytes, what is there stays, interruptions, film and sheet."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def place(baked, tmp_path, monkeypatch):
     monkeypatch.setattr(film, "program", lambda: None)
     (tmp_path / "drops.h5").symlink_to(baked)
     (tmp_path / "s.yaml").write_text(SCENE)
-    (tmp_path / "lamp.xml").write_text(XML.replace("3 3 3", "$panel").replace("0\">", "0\"><default name=\"panel\" value=\"1\"/>", 1))
+    xml = XML.replace("3 3 3", "$panel").replace('0">', '0"><default name="panel" value="1"/>', 1)
+    (tmp_path / "lamp.xml").write_text(xml)
     (tmp_path / "apart").mkdir()
     return tmp_path
 
@@ -84,7 +85,7 @@ def test_frames_are_whole_and_depend_on_nothing_else(call, place):
 
 @pytest.mark.slow
 def test_what_is_there_stays(call, place):
-    """A frame that is whole and of the same scene, files, seed and quality is left; one that is not is rendered, to the same bytes."""
+    """A frame that is whole and of the same scene, files, seed and quality is left; others are rendered, to the same bytes."""
     frames_of(call, place, "1-3")
     before = content(place)
     (place / "drift.0002.png").unlink()
@@ -167,7 +168,8 @@ def test_a_missed_noise_is_told_in_the_end(call, place):
 
 @pytest.mark.parametrize(("options", "told"), [
     (("--frames", "4"), "--frames: found frame 4; "), (("--frames", "3-1"), "1-48, 1,5,9 or 1-48:2 would do"),
-    (("--cluster", "tcp://host:1"), "--frames 1-48 beside it would do"), (("--frames", "1", "--cluster", "host"), "Dask scheduler"),
+    (("--cluster", "tcp://host:1"), "--frames 1-48 beside it would do"),
+    (("--frames", "1", "--cluster", "host"), "Dask scheduler"),
     (("--frames", "1", "--set", "frames.count=4"), "found 3 values; expected 4, as count says"),
     (("--frames", "2", "--set", "frames.display.exposure=[1, 1, 0]"), "display.exposure: found \"0\", in frame 3"),
     (("--frames", "1-2", "-o", "gone/a.png"), "there is no folder gone"),

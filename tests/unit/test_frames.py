@@ -1,4 +1,4 @@
-"""Frames of a sequence: numbers as they are asked for, values between others, every fault with its line, and the scene of a frame."""
+"""Frames of a sequence: numbers as they are asked for, values between others, faults with their lines, the scene of a frame."""
 
 from __future__ import annotations
 
@@ -102,12 +102,12 @@ def test_values_of_the_mitsuba_scene(load):
     text = SCENE + "frames:\n  scene.parameters.lamp: [1, [3, 2, 1], 0.5]\n"
     assert [load(text, number).values.scene.parameters["lamp"] for number in (1, 2, 3)] == ["1", "3, 2, 1", "0.5"]
     told = faults(load, text.replace("parameters: {lamp: 3}", "parameters: {lmap: 3}"))
-    assert 's.yaml:3: scene.parameters.lmap: found "lmap", but street.xml has no $lmap; expected a parameter of it; it has $lamp ' \
-        "(lamp?)" in told
+    assert 's.yaml:3: scene.parameters.lmap: found "lmap", but street.xml has no $lmap; expected a parameter of it; ' \
+        "it has $lamp (lamp?)" in told
 
 
 @pytest.mark.parametrize(("line", "told"), [
-    ("  materials[0].time: {from: 0 s, to: 2 m}", 's.yaml:8: frames.materials[0].time: found "2 m" after "0 s"; expected as many'),
+    ("  materials[0].time: {from: 0 s, to: 2 m}", 's.yaml:8: frames.materials[0].time: found "2 m" after "0 s"; expected'),
     ("  materials[0].time: {from: 0 s, to: 2000 ms}", "expected as many numbers, in the same unit"),
     ("  materials[0].time: {from: 0 s}", "s.yaml:8: frames.materials[0].time: found no to; expected {from: 0 s, to: 2 s}"),
     ("  materials[0].time: {from: 0 s, too: 2 s}", 'found the unknown key "too"; expected from, through or to (to?)'),
