@@ -32,9 +32,8 @@ frames:
 """
 
 
-@pytest.fixture(scope="module")
-def baked(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("assets")
+def bake(folder):
+    """The asset of the scene's particles."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BAKERY_CACHE", str(folder / "cache"))
         (folder / "drops.yaml").write_text(RECIPE.replace("METHOD", "method: stored"))
@@ -42,15 +41,25 @@ def baked(tmp_path_factory):
     return folder / "drops.h5"
 
 
+def lay_out(folder, asset):
+    """The scene in a folder."""
+    (folder / "drops.h5").symlink_to(asset)
+    (folder / "s.yaml").write_text(SCENE)
+    xml = XML.replace("3 3 3", "$panel").replace('0">', '0"><default name="panel" value="1"/>', 1)
+    (folder / "lamp.xml").write_text(xml)
+    (folder / "apart").mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    return bake(tmp_path_factory.mktemp("assets"))
+
+
 @pytest.fixture
 def place(baked, tmp_path, monkeypatch):
     monkeypatch.setattr(film, "program", lambda: None)
-    (tmp_path / "drops.h5").symlink_to(baked)
-    (tmp_path / "s.yaml").write_text(SCENE)
-    xml = XML.replace("3 3 3", "$panel").replace('0">', '0"><default name="panel" value="1"/>', 1)
-    (tmp_path / "lamp.xml").write_text(xml)
-    (tmp_path / "apart").mkdir()
-    return tmp_path
+    return lay_out(tmp_path, baked)
 
 
 def frames_of(call, place, numbers, *options, name="drift.png"):
