@@ -34,7 +34,7 @@ def write(path: Path, pictures: Sequence[Path], numbers: Sequence[int]) -> str:
 def _grid(count: int, size: tuple[int, int]) -> tuple[int, tuple[int, int]]:
     """Columns, and (height, width) of a thumbnail."""
     height, width = size
-    columns = min(count, max(1, round(math.sqrt(count * _SHAPE * height / width))))
+    columns = min(count, math.ceil(math.sqrt(count * _SHAPE * height / width)))
     across = min(_WIDE, (_SHEET - _GAP) // columns - _GAP, width * max(1, math.ceil(_LEAST / width)))
     return columns, (max(1, round(height * across / width)), across)
 

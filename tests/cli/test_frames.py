@@ -78,7 +78,7 @@ def test_frames_are_whole_and_depend_on_nothing_else(call, place):
     assert [row["frame"] for row in report["frames"]] == [1, 2, 3] and report["rate"] == 12 and report["film"] is None
     assert all(row["status"] == "rendered" and row["samples"] == 2 and row["noise"] > 0 and row["missed"] == []
                for row in report["frames"])
-    assert report["sheet"] == str(place / "drift.frames.png") and library().Bitmap(report["sheet"]).size().x == 114
+    assert report["sheet"] == str(place / "drift.frames.png") and library().Bitmap(report["sheet"]).size().x == 168
     assert any("ffmpeg is not on the path" in remark for remark in report["remarks"])
     alone = frames_of(call, place, "2", name="apart/drift.png")
     assert alone["sheet"] is None and {path.name for path in (place / "apart").iterdir()} == {"drift.0002.png", "drift.0002.exr"}

@@ -166,4 +166,4 @@ def test_thumbnails_keep_the_light():
     small = sheet._along(sheet._along(picture, 10).swapaxes(0, 1), 7).swapaxes(0, 1)
     assert small.shape == (10, 7, 3) and np.allclose(small.mean(axis=(0, 1)), picture.mean(axis=(0, 1)), rtol=1e-12)
     assert np.array_equal(sheet._along(picture[:3], 9), np.repeat(picture[:3], 3, axis=0))
-    assert sheet._grid(48, (300, 400)) == (7, (240, 320)) and sheet._grid(2, (16, 16)) == (2, (48, 48))
+    assert sheet._grid(48, (300, 400)) == (8, (220, 293)) and sheet._grid(2, (16, 16)) == (2, (48, 48))
