@@ -29,13 +29,13 @@ def baked(scene: Scene, progress=None) -> Scene:
     return scene if scene.assets else together([scene], progress)[0]
 
 
-def together(scenes: Sequence[Scene], progress=None, measured: Sequence[int] | None = None) -> list[Scene]:
+def together(scenes: Sequence[Scene], progress=None, measured: Sequence[Scene] | None = None) -> list[Scene]:
     """Scenes of one file, such as the frames of a sequence, with assets that are good enough for all of them.
 
-    measured : positions of those that say what an asset has to hold; all of them if None
+    measured : scenes of the same file that say what an asset has to hold; those themselves if None
     """
-    paths, shares, spoken = {}, [0.0], range(len(scenes)) if measured is None else measured
-    for number, scene in enumerate(scenes):
+    paths, shares, measured = {}, [0.0], scenes if measured is None else measured
+    for scene in scenes:
         for entry in scene.materials:
             if (key := (entry.asset, entry.recipe)) in paths:
                 continue
@@ -44,9 +44,9 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[int] | N
                 paths[key] = output
                 shares.append(budget.HALF)
                 continue
-            asking = [scenes[k] for k in spoken if any((same.asset, same.recipe) == key for same in scenes[k].materials)]
+            asking = [frame for frame in measured if any((same.asset, same.recipe) == key for same in frame.materials)]
 
-            def require(*about, asking=asking or [scenes[number]]):
+            def require(*about, asking=asking or [scene]):
                 required = requirements.of_scenes(asking, *about)
                 shares.append(required.share)
                 return required

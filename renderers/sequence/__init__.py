@@ -9,10 +9,8 @@ from __future__ import annotations
 import time
 from collections import Counter
 
-from bakery.errors import Interrupted
+from bakery.errors import Interrupted, UsageError
 from bakery.system.signals import Terminated
-
-_MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between
 
 
 def render(path, output=None, numbers=None, *, overrides=None, options=None, overwrite=False, resume=False, progress=None,
@@ -46,7 +44,10 @@ def render(path, output=None, numbers=None, *, overrides=None, options=None, ove
 
     begin, progress = time.monotonic(), progress or _Silent()
     sequence = prepared.of(path, output, numbers, overrides=overrides, options=options or {}, overwrite=overwrite,
-                           progress=progress, measured=_MEASURED)
+                           progress=progress)
+    first = sequence.frames[0].scene
+    if resume and not first.rules.RESUMES:
+        raise UsageError(f"--resume: the renderer {first.section} cannot go on from an EXR; leave the option out")
     done: dict[int, dict] = {}
     try:
         for number, row in _rows(sequence, resume, progress, cluster):

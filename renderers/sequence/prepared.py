@@ -18,6 +18,8 @@ from renderers.frames import NOISE
 from renderers.progressive import fingerprint, made_of
 from renderers.sequence import outputs
 
+MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between
+CHECKED = 500  # frames of sequences that are checked whole, a second for 100; of longer ones those that are asked for
 _LIBRARIES = ("mitsuba", "drjit", "numba", "numpy", "scipy", denoise.PACKAGE)
 
 
@@ -62,54 +64,57 @@ class Sequence(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def of(path, output, numbers: Several[int] | None, *, overrides, options, overwrite, progress, measured: int) -> Sequence:
+def of(path, output, numbers: Several[int] | None, *, overrides, options, overwrite, progress) -> Sequence:
     """Checks all frames of a scene, sees to their assets and decides by which method they are rendered.
 
     numbers : of the frames that are asked for; all if None
     options : dict of quality, variant and seed, where they are given
-    measured : how many frames say what an asset has to hold
 
     Raises RecipeError with the problems of all frames, UsageError where there is no such frame or a picture cannot be written.
     """
     settings = dict(overrides or {})
     quality, variant, seed = (options.get(name) for name in ("quality", "variant", "seed"))
-    loaded = _loaded(path, settings, numbers)
-    section = loaded[0].values.frames
+    section, loaded = _loaded(path, settings, numbers)
     numbers = tuple(range(1, section.count + 1)) if numbers is None else tuple(numbers)
-    asked = [loaded[number - 1] for number in numbers]
-    output = Path(output or loaded[0].picture)
-    pairs = outputs.pairs(output, numbers, {file: None for frame in loaded for file in frame.inputs}, overwrite)
-    running.refuse_too_large(loaded[0])
+    first, asked = loaded[1], [loaded[number] for number in numbers]
+    output = Path(output or first.picture)
+    pairs = outputs.pairs(output, numbers, {file: None for frame in loaded.values() for file in frame.inputs}, overwrite)
+    running.refuse_too_large(first)
     for frame in asked:
         denoise.refuse_absent(frame)
-    remarks = _measured_in(loaded, measured)
-    loaded = assets.together(loaded, progress, _spread(len(loaded), measured))
+    measured = _spread(section.count, MEASURED)
+    first, *asked = assets.together([first, *asked], progress, [loaded[number] for number in measured])
     with progress.during("method"):
-        taken = _choice(loaded, quality, variant)
+        taken = choice.of_scene(first, quality, variant)
     marks, frames = _Marks(quality, _variant(variant)), []
-    for number, pair in zip(numbers, pairs):
-        shot, own_seed = loaded[number - 1], _seed(seed, section.noise, number)
+    for number, shot, pair in zip(numbers, asked, pairs):
+        own_seed = _seed(seed, section.noise, number)
         shot = dataclasses.replace(shot, choice=taken if choice.candidates(shot) else None)
         shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
         frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))
+    remarks = [f"frames {', '.join(map(str, measured))} say what the assets of all frames have to hold"] \
+        if section.count > MEASURED and any(assets.recipe_of(first, entry)[0] for entry in first.materials) else []
     remarks += [f"{taken.sentence}; decided in frame 1, for all frames"] if taken else []
     return Sequence(Path(path), settings, tuple(frames), output, section.rate, section.noise, overwrite, tuple(remarks))
 
 
-def _loaded(path, settings, numbers) -> list:
-    """Every frame of a scene: also those that are not asked for say what assets have to hold."""
-    count = scene.frames_of(path, settings).count
-    if numbers and count and numbers[-1] > count:
+def _loaded(path, settings, numbers):
+    """The section `frames`, and number -> scene of each frame: those that are asked for, those that say what assets have to hold,
+    and of short sequences all, so that a fault in the last one is told at once."""
+    section = scene.frames_of(path, settings)
+    count = max(section.count, 1)  # of a section with a fault the first frame says it
+    if numbers and section.count and numbers[-1] > count:
         raise UsageError(f"--frames: found frame {numbers[-1]}; {path} has frames 1 to {count} (frames.count)")
-    loaded, wrong = [], {}
-    for number in range(1, max(count, 1) + 1):
+    every = range(1, count + 1)
+    loaded, wrong = {}, {}
+    for number in every if numbers is None or count <= CHECKED else sorted({*_spread(count, MEASURED), *numbers}):
         try:
-            loaded.append(scene.load(path, settings, frame=number))
+            loaded[number] = scene.load(path, settings, frame=number)
         except RecipeError as fault:
             wrong[number] = fault.problems
     if wrong:
-        raise RecipeError(_described(wrong, max(count, 1)))
-    return loaded
+        raise RecipeError(_described(wrong, len(wrong) + len(loaded)))
+    return section, loaded
 
 
 def _described(wrong: dict[int, list[Problem]], count: int) -> list[Problem]:
@@ -138,22 +143,8 @@ def _others(count: int) -> str:
 
 
 def _spread(count: int, most: int) -> list[int]:
-    """Positions of some of so many frames, the first and the last among them."""
-    return sorted(set(np.linspace(0, count - 1, min(most, count)).round().astype(int).tolist()))
-
-
-def _measured_in(loaded, most: int) -> list[str]:
-    """What is to be said where not every frame says what the bake of a recipe has to hold."""
-    if len(loaded) <= most or not any(assets.recipe_of(loaded[0], entry)[0] for entry in loaded[0].materials):
-        return []
-    numbers = ", ".join(str(position + 1) for position in _spread(len(loaded), most))
-    return [f"frames {numbers} say what the assets of all frames have to hold"]
-
-
-def _choice(loaded, quality, variant):
-    """The choice of the first frame whose method chooses: all frames are rendered alike, or one would stand out."""
-    first = next((frame for frame in loaded if choice.candidates(frame)), None)
-    return first and choice.of_scene(first, quality, variant)
+    """Numbers of some of so many frames, the first and the last among them."""
+    return sorted(set(np.linspace(1, count, min(most, count)).round().astype(int).tolist()))
 
 
 def _seed(seed, noise: str, number: int):
