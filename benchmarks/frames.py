@@ -18,8 +18,9 @@ import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
-from renderers import colour, denoise, images, sequence
+from renderers import colour, sequence
 from renderers.mitsuba import bitmaps
+from renderers.pictures import denoise, images
 
 PIXELS, SAMPLES, REFERENCE, FRAMES = sized((96, 16, 1024, 7), (16, 4, 8, 2))
 SPEEDS = sized((0.25, 1.0, 4.0), (1.0,))  # pixels a frame

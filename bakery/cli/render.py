@@ -83,8 +83,10 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, f
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
-        from renderers import assets, images, running, scene
-        from renderers.denoise import refuse_absent
+        from renderers import scene
+        from renderers.pictures import images, running
+        from renderers.pictures.denoise import refuse_absent
+        from renderers.scene import assets
 
         path = scene.load(path, values)
         renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
@@ -98,9 +100,9 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, f
             refuse_absent(path)
             prepared = assets.baked
     elif suffix == ".xml":
-        import renderers.granular.plugin
+        import renderers.materials.bodies.plugin
+        import renderers.materials.grains.plugin  # noqa: F401
         import renderers.mitsuba as renderer
-        import renderers.translucent.plugin  # noqa: F401  and this
 
         options |= {"quality": quality or "final", "seed": seed or 0, "parameters": values}
         draw, target, name = renderer.render_scene, output or path.with_suffix(".png"), path.name

@@ -22,7 +22,7 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     from bakery.run import compiling, dask
     from bakery.run.progress import choose
     from renderers import sequence
-    from renderers.frames import numbers
+    from renderers.scene.frames import numbers
 
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"{'--cluster' if frames is None else '--frames'}: {source} is no scene (.yaml), which alone has frames")

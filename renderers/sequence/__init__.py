@@ -1,6 +1,6 @@
 """Sequences: the frames of a scene, a film and a contact sheet of them.
 
-What frames are stands in `renderers.frames`.  Here they are rendered, each whole, by the renderer of the scene; a frame that is
+What frames are stands in `renderers.scene.frames`.  Here they are rendered, each whole, by the renderer of the scene; one that is
 there and was made of the same is left as it is.
 """
 
@@ -21,7 +21,7 @@ def render(path, output=None, numbers=None, *, overrides=None, options=None, ove
     ----------
     path : of the scene, which has a section `frames`
     output : `X.png` or `X.exr`, frames are `X.0001.png` …; beside the scene, by its name, if None
-    numbers : of the frames, ascending (`renderers.frames.numbers`); all if None
+    numbers : of the frames, ascending (`renderers.scene.frames.numbers`); all if None
     overrides, overwrite : as renderers take them
     options : dict of `quality`, `variant` and `seed`, where they are given, as renderers take them
     resume : go on with the passes of frames that are not finished
@@ -75,7 +75,7 @@ def files(report) -> list[str]:
 
 def describe(report) -> list[str]:
     """Lines for people."""
-    from renderers.budget import percent
+    from renderers.scene.budget import percent
 
     rows = report["frames"]
     counts = Counter(row["status"] for row in rows)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bakery.errors import StoreError
-from renderers import images
+from renderers.pictures import images
 
 # H.264 has half as many colours as pixels along each edge: to an odd edge a black row or column is added.  The matrix of BT.709
 # is told and used: left to themselves ffmpeg takes that of BT.601, and players the other

@@ -6,7 +6,7 @@ import json
 
 from bakery.errors import UsageError
 from renderers.mitsuba import bitmaps
-from renderers.running import FRAME
+from renderers.pictures.running import FRAME
 
 FIGURES = "method", "samples", "noise", "denoised", "missed"
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from bakery.store.outputs import FileKind, by_suffix, check_outputs
-from renderers import images
+from renderers.pictures import images
 
 _FILM = FileKind("film (MP4)", lambda head: head[4:8] == b"ftyp")
 

@@ -13,9 +13,11 @@ import numpy as np
 
 import bakery
 from bakery.errors import Problem, RecipeError, UsageError
-from renderers import assets, choice, denoise, running, scene
-from renderers.frames import NOISE
-from renderers.progressive import fingerprint, made_of
+from renderers import choice, scene
+from renderers.pictures import denoise, running
+from renderers.pictures.progressive import fingerprint, made_of
+from renderers.scene import assets
+from renderers.scene.frames import NOISE
 from renderers.sequence import outputs
 
 MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bakery.errors import BakeryError
-from renderers import images
+from renderers.pictures import images
 from renderers.sequence import far, kept
 from renderers.sequence.frame import drawn
 from renderers.sequence.prepared import versions

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from renderers import colour, images
+from renderers import colour
+from renderers.pictures import images
 
 MOST = 400  # thumbnails; of more frames some are left out, evenly
 _SHEET, _WIDE = 2400, 320  # pixels, of the sheet and of a thumbnail, at most

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bakery.cli import status_of
-from renderers import engine
+from renderers.pictures import engine
 from renderers.sequence import film
 from tests.cli.test_render_discrete import RECIPE, XML
 from tests.exr import library
@@ -149,7 +149,7 @@ def test_an_interruption_keeps_what_is_finished(call, place, monkeypatch):
 
 
 def test_an_interruption_between_passes(call, place, monkeypatch):
-    from renderers import passes
+    from renderers.pictures import passes
 
     made = []
 

@@ -20,8 +20,8 @@ from bakery import kernels, rng
 from bakery.physics.discrete import hashing
 from bakery.physics.shapes.radial import icosphere
 from renderers import scene
-from renderers.discrete import place
-from renderers.discrete.medium import classes_of, without_peak
+from renderers.materials.particles import place
+from renderers.materials.particles.medium import classes_of, without_peak
 from tests.odds import ODDS, SIGMAS
 
 NOBODY = np.full(3, np.nan)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from bakery.errors import RecipeError, UsageError
-from renderers import frames, progressive, scene
+from renderers import scene
+from renderers.pictures import progressive
+from renderers.scene import frames
 from renderers.sequence import prepared, sheet
 
 SCENE = """\
