@@ -88,7 +88,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
     first, *asked = assets.together([first, *asked], progress, [loaded[number] for number in measured])
     with progress.during("method"):
         taken = choice.of_scene(first, quality, variant)
-    marks, frames = _Marks(quality, _variant(variant)), []
+    marks, frames = _Marks(quality, variant_of(variant)), []
     for number, shot, pair in zip(numbers, asked, pairs):
         own_seed = _seed(seed, section.noise, number)
         shot = dataclasses.replace(shot, choice=taken if choice.candidates(shot) else None)
@@ -154,7 +154,8 @@ def _seed(seed, noise: str, number: int):
     return seed if noise == NOISE[0] else (seed or 0) + number
 
 
-def _variant(variant) -> str:
+def variant_of(variant) -> str:
+    """The variant of Mitsuba that renders here, where users name one or none."""
     from renderers.mitsuba import variants
 
     return variant or variants.choose("rgb").names[0]

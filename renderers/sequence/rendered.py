@@ -10,7 +10,7 @@ from bakery.errors import BakeryError
 from renderers.pictures import images
 from renderers.sequence import far, kept
 from renderers.sequence.frame import drawn
-from renderers.sequence.prepared import versions
+from renderers.sequence.prepared import variant_of, versions
 
 
 def locally(sequence, frames, resume, progress, _cluster=None) -> Iterator[tuple[int, dict]]:
@@ -29,7 +29,7 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
         return
     common, besides = far.bundles(frames)
     progress.stage(f"{len(frames)} frames", "on the cluster", 0.0, 0.0)
-    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, frame.options, _handed(frame.scene), versions(),
+    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, _options(frame), _handed(frame.scene), versions(),
                       frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
@@ -40,6 +40,11 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
                       for path, data in zip(frame.pair, answer.pictures)])
         progress.update(finished / len(frames), None, f"{finished} of {len(frames)}")
         yield frame.number, kept.of(frame, answer.figures, "resumed" if answer.resumed else "rendered", answer.seconds)
+
+
+def _options(frame) -> dict:
+    """As the renderer takes them, with the variant that would render here: another one has other bytes.  Filters take none."""
+    return frame.options | ({"variant": variant_of(frame.options["variant"])} if frame.scene.rules.RESUMES else {})
 
 
 def _handed(scene) -> dict:

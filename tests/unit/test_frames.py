@@ -8,7 +8,7 @@ import pytest
 from bakery.errors import RecipeError, UsageError
 from renderers import scene
 from renderers.pictures import progressive
-from renderers.scene import frames
+from renderers.scene import assets, frames, requirements
 from renderers.sequence import prepared, sheet
 
 SCENE = """\
@@ -169,3 +169,41 @@ def test_thumbnails_keep_the_light():
     assert small.shape == (10, 7, 3) and np.allclose(small.mean(axis=(0, 1)), picture.mean(axis=(0, 1)), rtol=1e-12)
     assert np.array_equal(sheet._along(picture[:3], 9), np.repeat(picture[:3], 3, axis=0))
     assert sheet._grid(48, (300, 400)) == (8, (220, 293)) and sheet._grid(2, (16, 16)) == (2, (48, 48))
+
+
+def test_of_long_sequences_only_what_is_asked_for_is_checked(load, tmp_path, monkeypatch):
+    load()
+    (tmp_path / "s.yaml").write_text(SCENE + FRAMES.replace("4, 5]", "-4, 5]"))
+    monkeypatch.setattr(prepared, "CHECKED", 4)
+    section, loaded = prepared._loaded("s.yaml", {}, (2,))
+    assert section.count == 5 and sorted(loaded) == [1, 2, 3, 5]  # and those that say what assets have to hold
+    with pytest.raises(RecipeError, match=r'display.exposure: found "-4", in frame 4'):
+        prepared._loaded("s.yaml", {}, (4,))
+
+
+def test_an_asset_is_baked_once_for_all_frames(load, tmp_path, monkeypatch):
+    """Of each recipe that frames name, by the needs of all of them that were measured."""
+    for name in ("snow", "rain"):
+        (tmp_path / f"{name}.yaml").write_text(f"bakery: 1\nname: {name}\ndiscrete: {{}}\n")
+    baked, needs = [], []
+
+    def ensured(recipe, *, require, **_):
+        baked.append(recipe.name)
+        require("recipe", "medium", "seconds")
+        return tmp_path / f"{recipe.stem}.baked.h5"
+
+    def of_scenes(scenes, *about):
+        needs.append([one.frame for one in scenes])
+        return requirements.Required((), share=0.25)
+
+    monkeypatch.setattr(assets, "ensured", ensured)
+    monkeypatch.setattr(requirements, "of_scenes", of_scenes)
+    text = SCENE.replace("asset: snow.h5", "recipe: snow.yaml")
+    scenes = [load(text + FRAMES, number) for number in range(1, 6)]
+    together = assets.together(scenes, measured=[scenes[0], scenes[2], scenes[4]])
+    assert baked == ["snow.yaml"] and needs == [[1, 3, 5]]
+    assert {one.asset for one in together} == {tmp_path / "snow.baked.h5"} and {one.share for one in together} == {0.25}
+    listed = "frames:\n  materials[0].recipe: [snow.yaml, rain.yaml, snow.yaml]\n"
+    together = assets.together([load(text + listed, number) for number in (1, 2, 3)])
+    assert baked[1:] == ["snow.yaml", "rain.yaml"] and needs[1:] == [[1, 3], [2]]
+    assert [one.asset.name for one in together] == ["snow.baked.h5", "rain.baked.h5", "snow.baked.h5"]
