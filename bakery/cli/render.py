@@ -36,18 +36,23 @@ from bakery.grammar.qualities import QUALITIES
 @click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
 @click.option("--live", is_flag=True, help="Show a scene's picture on a page while it gets better; the page can stop it.")
 @click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N", help="Port of that page.  [default: a free one]")
+@click.option("--frames", metavar="NUMBERS", help="Frames of a scene that has a section frames: 1-48, 1,5,9 or 1-48:2.")
+@click.option("--cluster", metavar="ADDRESS", help="Render the frames on the workers of a Dask scheduler at this address.")
 @at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, denoise, resume, live, port, place, overwrite, as_json,
-            quiet):
+def command(source, output, quality, variant, seed, settings, denoise, resume, live, port, frames, cluster, place, overwrite,
+            as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
     A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
     asset is replaced.  In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
     Prints the paths of both pictures; how they were made is said on standard error.  Exit status 3 where the noise or tolerance
     that a SCENE asks for was missed; a draft only tells.
+
+    With --frames each frame is a picture of its own, NAME.0001.png and .exr; one that is there and made of the same is left as it
+    is.  Of several there are a film (where ffmpeg is) and a contact sheet.
     """
     from contextlib import ExitStack
     from pathlib import Path
@@ -74,6 +79,15 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, l
         if suffix not in (".yaml", ".yml"):
             raise UsageError(f"--{'' if denoise else 'no-'}denoise: {source} is no scene (.yaml); leave the option out")
         values["denoise"] = "yes" if denoise else "no"
+    if frames is not None or cluster is not None:
+        from bakery.cli.render_frames import rendered
+
+        if live or port is not None:
+            raise UsageError("--live: shows one picture, not the frames of a sequence; leave the option or --frames out")
+
+        of_pictures = {name: options.pop(name) for name in ("quality", "variant", "seed")}
+        options |= {"options": of_pictures, "overrides": values, "output": output, "resume": resume}
+        return rendered(source, frames, cluster, options, as_json, quiet)
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -88,6 +89,19 @@ def candidates(scene) -> tuple[str, ...]:
     if scene.renderer not in entries.PACKAGES.values():
         return ()
     return entries.declared(scene.values.materials[0].kind)[scene.values.method].candidates
+
+
+def of_scene(scene, quality: str | None = None, variant: str | None = None) -> Choice | None:
+    """The choice that a render of a scene makes or finds; None where its method chooses from none.  Errors as below.
+
+    scene : `renderers.scene.Scene` with its assets
+    """
+    if not candidates(scene):
+        return None
+    from renderers.mitsuba.world import World
+
+    prepare = import_module(f"{scene.renderer}.methods").prepare
+    return chosen(prepare, Opened.of(scene), World.of(scene, variant), quality)
 
 
 def with_method(scene, name: str):

@@ -61,16 +61,6 @@ class Forecast(NamedTuple):
     choice: tuple[str, ...] = ()
 
 
-def _taken(scene, quality, variant):
-    """The `renderers.choice.Choice` that a render will make or find; None where its method is none that chooses."""
-    if not choice.candidates(scene):
-        return None
-    from renderers.mitsuba.world import World
-
-    prepare = import_module(f"{scene.renderer}.methods").prepare
-    return choice.chosen(prepare, choice.Opened.of(scene), World.of(scene, variant), quality)
-
-
 class _Pilot(NamedTuple):
     """A picture that was rendered."""
 
@@ -90,7 +80,7 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     ------
     BakeryError : as the renderer
     """
-    taken = _taken(scene, quality, variant)
+    taken = choice.of_scene(scene, quality, variant)
     if taken is not None:
         chosen = forecast(choice.with_method(scene, taken.method), quality=quality, variant=variant, seed=seed)
         return chosen._replace(choice=tuple(taken.reasons))

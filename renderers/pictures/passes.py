@@ -92,7 +92,7 @@ class Rendering:
         job.part_over("scene")
         begins("choice")
         opened = choice.Opened(scene, job.assets, job.asset)
-        self._taken = taken = choice.chosen(prepare, opened, world, job.quality, job.pair[1] if resume else None)
+        self._taken = taken = scene.choice or choice.chosen(prepare, opened, world, job.quality, job.pair[1] if resume else None)
         if taken is not None:
             job.part_over("choice")
             job.scene = choice.with_method(scene, taken.method)

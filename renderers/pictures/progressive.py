@@ -207,7 +207,9 @@ def made_of(scene):
     values = scene.values
     apart = {scene.path, *(scene.file(name) for one in scene.materials for name in (one.asset, one.recipe) if name)}
     # no warnings: they are about tuples in place of lists
-    told = values.model_dump(mode="json", exclude={"stop", "display", "denoise", "name", "description"}, warnings=False)
+    told = values.model_dump(mode="json", exclude={"stop", "display", "denoise", "name", "description", "frames"}, warnings=False)
+    if told.get("scene") and told["scene"]["parameters"] is None:
+        del told["scene"]["parameters"]  # pictures of scenes without any are gone on with, also those of earlier versions
     return told, *(one for one in scene.inputs if one not in apart)
 
 
