@@ -34,17 +34,25 @@ from bakery.grammar.qualities import QUALITIES
 @click.option("--denoise/--no-denoise", default=None, help="Take the noise out of a scene's PNG, or not.  "
               "[default: as the scene says; else at draft and preview]")
 @click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
+@click.option("--live", is_flag=True, help="Show a scene's picture on a page while it gets better; the page can stop it.")
+@click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N", help="Port of that page.  [default: a free one]")
+@click.option("--frames", metavar="NUMBERS", help="Frames of a scene that has a section frames: 1-48, 1,5,9 or 1-48:2.")
+@click.option("--cluster", metavar="ADDRESS", help="Render the frames on the workers of a Dask scheduler at this address.")
 @at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, denoise, resume, place, overwrite, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, denoise, resume, live, port, frames, cluster, place, overwrite,
+            as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
     A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
     asset is replaced.  In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
     Prints the paths of both pictures; how they were made is said on standard error.  Exit status 3 where the noise or tolerance
     that a SCENE asks for was missed; a draft only tells.
+
+    With --frames each frame is a picture of its own, NAME.0001.png and .exr; one that is there and made of the same is left as it
+    is.  Of several there are a film (where ffmpeg is) and a contact sheet.
     """
     from contextlib import ExitStack
     from pathlib import Path
@@ -63,12 +71,23 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
     prepared = None  # (path, progress) -> what is drawn
     if resume and suffix not in (".yaml", ".yml"):
         raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
+    if (live or port is not None) and suffix not in (".yaml", ".yml"):
+        raise UsageError(f"--live: {source} is no scene (.yaml); nothing of it can be seen before its end, leave the option out")
     if place and suffix in (".yaml", ".yml", ".xml"):
         raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
     if denoise is not None:
         if suffix not in (".yaml", ".yml"):
             raise UsageError(f"--{'' if denoise else 'no-'}denoise: {source} is no scene (.yaml); leave the option out")
         values["denoise"] = "yes" if denoise else "no"
+    if frames is not None or cluster is not None:
+        from bakery.cli.render_frames import rendered
+
+        if live or port is not None:
+            raise UsageError("--live: shows one picture, not the frames of a sequence; leave the option or --frames out")
+
+        of_pictures = {name: options.pop(name) for name in ("quality", "variant", "seed")}
+        options |= {"options": of_pictures, "overrides": values, "output": output, "resume": resume}
+        return rendered(source, frames, cluster, options, as_json, quiet)
     if suffix in (".yaml", ".yml"):
         from importlib import import_module
 
@@ -83,6 +102,10 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
             raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
         options |= {"resume": True} if resume else {}
         draw = renderer.render
+        if live or port is not None:
+            from bakery.cli.live import shown
+
+            draw = folders.enter_context(shown(path, source, port or 0, browser=not as_json))
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             running.refuse_too_large(path)

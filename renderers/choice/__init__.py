@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -95,6 +96,21 @@ class Opened(NamedTuple):
         opened = {path: bakery.open(path) for path in dict.fromkeys(scene.assets)}
         listed = [opened[path] for path in scene.assets]
         return cls(scene, listed, listed[0])
+
+
+def of_scene(scene, quality: str | None = None, variant: str | None = None) -> Choice | None:
+    """The choice that a render of a scene makes or finds; None where its method chooses from none.  Errors as below.
+
+    scene : `renderers.scene.Scene` with its assets
+    """
+    if not candidates.of(scene):
+        return None
+    from renderers.mitsuba.world import World
+
+    prepare, world = import_module(f"{scene.renderer}.methods").prepare, World.of(scene, variant)
+    if world.camera is None:
+        raise scene.no_camera()
+    return chosen(prepare, Opened.of(scene), world, quality)
 
 
 def applied(scene, choice: Choice):

@@ -21,7 +21,6 @@ from renderers import choice
 from renderers.pictures import denoise, reached
 from renderers.pictures.engine import TRUSTED
 from renderers.pictures.pace import shared_out
-from renderers.scene import candidates
 
 TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
 SECONDS = 2.0  # of the passes of each
@@ -62,19 +61,6 @@ class Forecast(NamedTuple):
     choice: tuple[str, ...] = ()
 
 
-def _taken(scene, quality, variant):
-    """The `renderers.choice.Choice` that a render will make or find; None where its method is none that chooses."""
-    if not candidates.of(scene):
-        return None
-    from renderers.mitsuba.world import World
-
-    prepare = import_module(f"{scene.renderer}.methods").prepare
-    world = World.of(scene, variant)
-    if world.camera is None:
-        raise scene.no_camera()
-    return choice.chosen(prepare, choice.Opened.of(scene), world, quality)
-
-
 class _Pilot(NamedTuple):
     """A picture that was rendered."""
 
@@ -94,7 +80,7 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     ------
     BakeryError : as the renderer
     """
-    taken = _taken(scene, quality, variant)
+    taken = choice.of_scene(scene, quality, variant)
     scene, reasons = (scene, ()) if taken is None else (choice.applied(scene, taken), tuple(taken.reasons))
     return _forecast_of(scene, quality, variant, seed)._replace(choice=reasons)
 

@@ -198,7 +198,8 @@ class World:
         size = (film.height, film.width) if film.height else None
         if surfaces is None:
             return cls(view=scene.values.camera, size=size or SIZE, variant=variant)
-        return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant)
+        return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant,
+                   parameters=surfaces.parameters)
 
     @property
     def scene(self):

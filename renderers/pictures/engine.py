@@ -80,7 +80,8 @@ class Passes:
     Attributes
     ----------
     parts, means : tuple of `Part`, and `Mean` by their names
-    stopped_by : `noise`, `samples`, `time`, `interruption`, or None before `run`
+    stopped_by : `noise`, `samples`, `time`, `request`, `interruption`, or None before `run`
+    spent : s, of all calls of `run`
     signal : number of the signal that interrupted it, or 0
     unreached : sentences of `renderers.pictures.reached.unreached`
     """
@@ -89,7 +90,7 @@ class Passes:
         self.parts = tuple(parts)
         self.means = {part.name: Mean() for part in self.parts}
         self.stopped_by, self.unreached = None, ()
-        self.signal = 0
+        self.signal, self.spent = 0, 0.0
 
     @property
     def rgb(self):
@@ -152,27 +153,30 @@ class Passes:
         """A pixel, in the part that has fewest."""
         return min(part.samples * self.means[part.name].count for part in self.parts)
 
-    def run(self, stop, progress=None):
+    def run(self, stop, progress=None, observer=None):
         """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 
         Parameters
         ----------
         stop : `Stop`
         progress : function of (fraction 0 to 1, noise or None), or None
+        observer : function of the noise so far or None, called before each pass once every part has one; true ends the passes,
+            and another call of `run` goes on with them.  None: nobody looks
 
         Notes
         -----
         The next pass is one of the part that takes most variance away a second.  So the numbers of passes depend on the machine,
         unless samples alone stop them.
         """
-        begin = time.monotonic()
+        begin = time.monotonic() - self.spent
         with _interruptions() as arrived:
             while True:
-                spent = time.monotonic() - begin
+                self.spent = time.monotonic() - begin
                 part, noise = self._next(stop), self._noise_to_reach(stop)
-                self.stopped_by = "interruption" if arrived else self._over(stop, part, noise, spent)
+                asked = observer is not None and self.samples > 0 and observer(noise)
+                self.stopped_by = "interruption" if arrived else self._over(stop, part, noise) or ("request" if asked else None)
                 if progress:
-                    progress(1.0 if self.stopped_by else self._fraction(stop, noise, spent), noise)
+                    progress(1.0 if self.stopped_by else self._fraction(stop, noise), noise)
                 if self.stopped_by:
                     self.unreached = self._what_missed(stop)
                     break
@@ -192,7 +196,7 @@ class Passes:
         behind = [(mean, part) for mean, part in left if mean.count * mean.expected < _SHARE * spent]
         return max(behind or left, key=lambda one: one[0].gain())[1]
 
-    def _over(self, stop, part, noise, spent):
+    def _over(self, stop, part, noise):
         """What stops the passes before one of `part`; None if nothing does."""
         passes = min(mean.count for mean in self.means.values())
         if part is None:
@@ -201,7 +205,7 @@ class Passes:
         trusted = _DARK if not np.any(self.rgb) else _TRUSTED_SHARED if shared else TRUSTED
         if passes >= trusted and stop.noise is not None and noise <= stop.noise:
             return "noise"
-        if passes >= LEAST and stop.time is not None and spent + self.means[part.name].expected > stop.time:
+        if passes >= LEAST and stop.time is not None and self.spent + self.means[part.name].expected > stop.time:
             return "time"
         return None
 
@@ -211,16 +215,45 @@ class Passes:
         regions = 0.0 if noise is None else max(self.noise_region, self.noise_mean)
         return reached.unreached(self.stopped_by, stop.noise, noise, stop.pixels, regions)
 
-    def _fraction(self, stop, noise, spent):
+    def _fraction(self, stop, noise):
         shares = [0.0]
         shares += [(stop.noise / noise) ** 2] if stop.noise is not None and noise else []
-        shares += [spent / stop.time] if stop.time else []
+        shares += [self.spent / stop.time] if stop.time else []
         shares += [self.samples / stop.samples] if stop.samples else []
         return min(max(shares), 0.99)
 
     def layer(self, name):
         """(H, W, 3), sum over the parts that have it."""
         return sum(mean.layers[name] for mean in self.means.values() if name in mean.layers)
+
+    def seconds_left(self, stop, noise):
+        """Seconds until what comes first ends the passes, at the pace so far; None where nothing tells.
+
+        noise : that has to be as low as the one that is asked for, as `run` gives it
+        """
+        passes = [(self.means[part.name], part.samples) for part in self.parts]
+        work, fresh = (sum(counted(mean) * mean.expected for mean, _ in passes)
+                       for counted in (lambda mean: mean.count, lambda mean: mean.count - mean.resumed))
+        pace = self.spent / fresh if fresh > 0 else 1.0  # by the clock, over what the quickest passes take
+        ends = [] if stop.time is None else [stop.time - self.spent]
+        if stop.noise and noise is not None and work > 0:
+            ends.append(pace * work * ((noise / stop.noise) ** 2 - 1))
+        if stop.samples is not None and work > 0:
+            ends.append(pace * sum(max(0, math.ceil(stop.samples / samples) - mean.count) * mean.expected
+                                   for mean, samples in passes))
+        least = pace * sum(max(0, LEAST - mean.count) * mean.expected for mean, _ in passes)
+        return max(least, min(ends)) if ends else None
+
+    def so_far(self) -> Passes:
+        """What there is now, as a picture that later passes do not change; no array is copied."""
+        still = Passes(part._replace(render=_ended) for part in self.parts)
+        still.means = {name: mean.so_far() for name, mean in self.means.items()}
+        still.stopped_by, still.spent = self.stopped_by, self.spent
+        return still
+
+
+def _ended(_number):
+    raise ValueError("a picture as it was has no further passes")
 
 
 @contextmanager

@@ -6,7 +6,9 @@ A picture is (H, W, 3) linear sRGB, float, 1 = white of the display before expos
 from __future__ import annotations
 
 import os
+import struct
 import tempfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from bakery.system.memory import free_memory
 from renderers import colour
 
 TONE_CURVE = "luminance L -> L (1 + L / white^2) / (1 + L) after exposure, colour ratios kept, then the sRGB curve"
+_RGB = 2  # colour type of a PNG
 
 
 # bytes a pixel of all that rendering holds at once, with its layers, those of each kind of pass and their scatter; measured at
@@ -56,6 +59,17 @@ def shown(rgb, curve="none", exposure=1.0, white=4.0):
 def eight_bits(display):
     """Display values, 0 to 1, as bytes."""
     return np.round(255 * np.clip(display, 0, 1)).astype(np.uint8)
+
+
+def png(pixels, level: int = 6) -> bytes:
+    """Bytes (H, W, 3) as PNG (ISO 15948); `level` is zlib's: 0 packs nothing, in 3 ms a million pixels where 1 takes 70."""
+    height, width, _ = pixels.shape
+    rows = np.zeros((height, 1 + 3 * width), np.uint8)  # no filter: noise gains nothing by one
+    rows[:, 1:] = pixels.reshape(height, 3 * width)
+    chunks = ((b"IHDR", struct.pack(">IIBBBBB", width, height, 8, _RGB, 0, 0, 0)), (b"IDAT", zlib.compress(rows, level)),
+              (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks)
 
 
 def relative_noise(mean, error):

@@ -6,6 +6,7 @@ no better than its pixels, however many they are; the scatter of the regions' ow
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable
 
@@ -30,11 +31,12 @@ class Mean:
     regions : the same of the luminance's means over the tiles of `tiled`
     lost : values that were no number, from a weight that overflowed, and count as dark
     seconds : of the quickest pass seen, as the first one compiles; inf before it
+    resumed : passes that were not seen, as a file had them
     """
 
     def __init__(self):
         self.count, self.layers, self.square, self.spread, self.regions = 0, {}, 0.0, np.zeros(4), 0.0
-        self.lost, self.seconds = 0, math.inf
+        self.lost, self.seconds, self.resumed = 0, math.inf, 0
 
     def add(self, layers, seconds=math.inf):
         """One more pass; a layer that it lacks is black in it."""
@@ -51,6 +53,12 @@ class Mean:
                 self.square = self.square + before * after
                 self.spread = self.spread + before.mean((0, 1)) * after.mean((0, 1))
                 self.regions = self.regions + tiled(before[..., 3]) * tiled(after[..., 3])
+
+    def so_far(self) -> Mean:
+        """The same as a mean of its own: `add` puts new arrays in the place of those that both have."""
+        still = copy.copy(self)
+        still.layers = dict(self.layers)
+        return still
 
     @property
     def variance(self):

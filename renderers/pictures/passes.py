@@ -58,49 +58,107 @@ def render(prepare, path, output, *, overrides=None, quality=None, variant=None,
 
     prepare : function of (`renderers.pictures.running.Render`, World, seed) -> Method
     """
-    job = Render(path, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
-    scene, wanted, seed = job.scene, job.scene.values.stop, seed or 0
-    world = World.of(scene, variant)
-    if world.camera is None:
-        raise scene.no_camera()
-    images.refuse_too_large(scene.path, *world.size)
-    job.part_over("scene")
-    taken = choice.chosen(prepare, choice.Opened(scene, job.assets, job.asset), world, quality, job.pair[1] if resume else None)
-    if taken is not None:
-        job.part_over("choice")
-        job.scene = choice.applied(scene, taken)
-    method = prepare(job, world, seed)
-    job.part_over("preparation")
-    estimate = Estimate(method.parts, {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
-                                       "asset": [asset.content_hash for asset in job.assets]})
-    if resume:
-        estimate.resume(job.pair[1])
-    measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
-    split = budget.of(job.scene, approximations=measured)
-    stop = Stop.of(split, scene.values.measure, time=wanted.time, samples=wanted.samples, quality=quality)
-    reasons = [*(taken.reasons if taken else []), *method.reasons, *split.lacking]
-    if world.dark:
-        # no pass will find anything by chance; the picture has its layers all the same
-        stop, reasons = Stop(samples=1), [DARK]
-    # Dr.Jit compiles a call for the surfaces and lights of all scenes of a process: beside those of pilots, or of a render
-    # before, kernels are others, and so are last bits
-    gc.collect()
-    estimate.run(stop, job.progress(0.05, 0.98))
-    job.part_over("passes")
-    after = method.after(estimate) | ({"text": taken.text(), "choice": taken.table} if taken else {})
-    after["layers"] = (after.get("layers") or {}) | {DEPTH: world.depth(method.entry)}
-    if taken and "materials" in after:
-        after["materials"] = taken.of_entries(after["materials"])
-    if taken and taken.approximations and not method.unmeasured:
-        after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
-    denoised, remarks = (None, []) if world.dark else _denoised(scene.values, quality, method, estimate)
-    if denoised is not None:
-        job.part_over("denoising")
-    return estimate.finish(job, method=method.name, reasons=[*reasons, *after.pop("reasons", ()), *remarks], denoised=denoised,
-                           **after)
+    rendering = Rendering(prepare, Render(path, output, overrides=overrides, quality=quality, overwrite=overwrite,
+                                          progress=progress), variant, seed, resume)
+    rendering.run()
+    return rendering.finish()
 
 
-def _denoised(values, quality, method, estimate):
+class Rendering:
+    """A scene whose method is chosen and prepared.
+
+    Attributes
+    ----------
+    job : `renderers.pictures.running.Render`
+    method : `Method`
+    estimate : `Estimate`, the passes so far
+    stop : `Stop`, what ends them
+    reasons : sentences, how the method was chosen and what it leaves out
+    denoised : `renderers.pictures.denoise.Denoised` of the picture that was written, None where there is none
+    """
+
+    def __init__(self, prepare, job, variant=None, seed=None, resume=False, begins=None):
+        """
+        Parameters
+        ----------
+        prepare, variant, seed, resume : as `render` takes them
+        job : the scene
+        begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks
+        """
+        begins = begins or (lambda name: None)
+        self.job, scene, seed = job, job.scene, seed or 0
+        self._world = world = World.of(scene, variant)
+        if world.camera is None:
+            raise scene.no_camera()
+        images.refuse_too_large(scene.path, *world.size)
+        job.part_over("scene")
+        begins("choice")
+        opened = choice.Opened(scene, job.assets, job.asset)
+        self._taken = taken = scene.choice or choice.chosen(prepare, opened, world, job.quality, job.pair[1] if resume else None)
+        if taken is not None:
+            job.part_over("choice")
+            job.scene = choice.applied(scene, taken)
+        begins("preparation")
+        self.method = prepare(job, world, seed)
+        job.part_over("preparation")
+        identity = {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
+                    "asset": [asset.content_hash for asset in job.assets]}
+        self.estimate = Estimate(self.method.parts, identity)
+        if resume:
+            self.estimate.resume(job.pair[1])
+        self.stop, self.reasons = self._stop()
+        self.denoised = None
+        # Dr.Jit compiles a call for the surfaces and lights of all scenes of a process: beside those of pilots, or of a render
+        # before, kernels are others, and so are last bits
+        gc.collect()
+
+    def _stop(self):
+        """What ends the passes, and sentences."""
+        values, taken, method = self.job.scene.values, self._taken, self.method
+        if self._world.dark:
+            # no pass will find anything by chance; the picture has its layers all the same
+            return Stop(samples=1), [DARK]
+        measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
+        split = budget.of(self.job.scene, approximations=measured)
+        stop = Stop.of(split, values.measure, time=values.stop.time, samples=values.stop.samples, quality=self.job.quality)
+        return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking]
+
+    @property
+    def variant(self) -> str:
+        """Of Mitsuba."""
+        return self._world.variant
+
+    def run(self, observer=None):
+        """Renders passes; observer : as `renderers.pictures.engine.Passes.run` takes it."""
+        self.estimate.run(self.stop, self.job.progress(0.05, 0.98), observer)
+
+    def cleared(self, features=None):
+        """The picture so far as `renderers.pictures.denoise.Denoised`, None where its noise stays, and sentences.
+
+        features : function that gives the `renderers.pictures.denoise.Features` of the scene, or None
+        """
+        if self._world.dark:
+            return None, []
+        return _denoised(self.job.scene.values, self.job.quality, self.method, self.estimate, features)
+
+    def finish(self) -> dict:
+        """Writes the pictures, and reports as `render` does."""
+        self.job.part_over("passes")
+        taken = self._taken
+        after = self.method.after(self.estimate) | ({"text": taken.text(), "choice": taken.table} if taken else {})
+        after["layers"] = (after.get("layers") or {}) | {DEPTH: self._world.depth(self.method.entry)}
+        if taken and "materials" in after:
+            after["materials"] = taken.of_entries(after["materials"])
+        if taken and taken.approximations and not self.method.unmeasured:
+            after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
+        self.denoised, remarks = self.cleared(self.method.features)
+        if self.denoised is not None:
+            self.job.part_over("denoising")
+        return self.estimate.finish(self.job, method=self.method.name, denoised=self.denoised,
+                                    reasons=[*self.reasons, *after.pop("reasons", ()), *remarks], **after)
+
+
+def _denoised(values, quality, method, estimate, features):
     """The picture without its noise, or None where that stays, and sentences."""
     if not all(mean.count for mean in estimate.means.values()):
         return None, []  # interrupted before there was a picture
@@ -110,7 +168,7 @@ def _denoised(values, quality, method, estimate):
     if method.features is None and set(estimate.means) <= set(method.apart):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
     parts = {name: (mean.layers[""], _variance(mean)) for name, mean in estimate.means.items()}
-    made = denoise.denoised(parts, [name for name in parts if name in method.apart], method.features and method.features())
+    made = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features())
     return made, [*sentences, denoise.sentence(made.figures)]
 
 

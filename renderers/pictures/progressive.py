@@ -68,11 +68,12 @@ class Estimate(Passes):
 
         Returns
         -------
-        report : of `Render.finish`, with `noise_mean`, `noise_region`, `pixel_noise`, `passes` by part, `stopped_by`,
-            `mean_error`, standard error of `mean` by the scatter of passes, None where a part has one pass, and `below_zero`, the
-            figures of `renderers.pictures.signed.Clipped` or None (`mean` is that of the estimate); `parts` by name: `samples`
-            (of a pass), `passes`, `noise` (its share of the picture's, in squares), `seconds` (of the quickest pass) and
-            `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have the same)
+        report : of `Render.finish`, with `noise_mean`, `noise_region`, `pixel_noise`, `passes` by part, `stopped_by`, `stopped`
+            (whether somebody asked for that), `mean_error`, standard error of `mean` by the scatter of passes, None where a part
+            has one pass, and `below_zero`, the figures of `renderers.pictures.signed.Clipped` or None (`mean` is that of the
+            estimate); `parts` by name: `samples` (of a pass), `passes`, `noise` (its share of the picture's, in squares),
+            `seconds` (of the quickest pass) and `concentration` (of its variance in few pixels: 1 in one, 1/sqrt(N) where N have
+            the same)
 
         Raises
         ------
@@ -87,6 +88,7 @@ class Estimate(Passes):
         channels = self.layers() | (layers or {})
         picture = signed.clipped(self.rgb, {name: image for name, image in channels.items() if name.startswith("noise.")})
         reasons = [*reasons] + [f"{lost} values of pixels were no numbers and count as dark"] * (lost > 0)
+        reasons += [f"stopped on request, after {self.samples} samples a pixel"] * (self.stopped_by == "request")
         reasons += picture.reasons
         report = job.finish(picture.rgb, layers=channels | picture.layers,
                             text=more.pop("text", {}) | {_STATE: json.dumps({"identity": self.identity, "parts": kept})},
@@ -97,6 +99,7 @@ class Estimate(Passes):
                             passes={name: mean.count for name, mean in self.means.items()},
                             parts={part.name: self._part(part, self.means[part.name]) for part in self.parts},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
+                            stopped=self.stopped_by == "request",
                             reasons=reasons, unreached=self.unreached, **more)
         if self.signal:
             noise = "" if self.noise is None else f", noise {percent(self.noise)}"
@@ -142,6 +145,7 @@ class Estimate(Passes):
             prefix, part = self._prefix(name), state["parts"][name]
             whole = prefix or signed.estimate_of(channels)
             mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), _spread(part)
+            mean.resumed = mean.count
             if not (0 < mean.count < _MOST and mean.lost >= 0):
                 raise ValueError("numbers of passes that nobody renders")
             mean.layers = {layer: _image(channels, _joined(prefix, layer) or whole) for layer in part["layers"]}
@@ -203,7 +207,9 @@ def made_of(scene):
     values = scene.values
     apart = {scene.path, *(scene.file(name) for one in scene.materials for name in (one.asset, one.recipe) if name)}
     # no warnings: they are about tuples in place of lists
-    told = values.model_dump(mode="json", exclude={"stop", "display", "denoise", "name", "description"}, warnings=False)
+    told = values.model_dump(mode="json", exclude={"stop", "display", "denoise", "name", "description", "frames"}, warnings=False)
+    if told.get("scene") and told["scene"]["parameters"] is None:
+        del told["scene"]["parameters"]  # pictures of scenes without any are gone on with, also those of earlier versions
     return told, *(one for one in scene.inputs if one not in apart)
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from bakery.grammar.qualities import quality
 from renderers.scene.budget import percent
 
+_EARLY = {"time": "time", "samples": "samples", "request": "a request"}  # what may end passes before a noise, in words
 SHARED = 0.5  # of the noise of pixels: where the means of regions have more than that, pixels share most of it
 
 
@@ -50,7 +51,7 @@ def asked(values) -> bool:
 
 def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels: bool = False,
               regions: float = 0.0) -> tuple[str, ...]:
-    """A sentence where `time` or `samples` ended the passes before a noise was reached.
+    """A sentence where `time`, `samples` or a `request` ended the passes before a noise was reached.
 
     Parameters
     ----------
@@ -58,12 +59,12 @@ def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels
     noise : that of the picture, or with `pixels` of 99 of 100 pixels; None where it is not known
     regions : noise of the means of regions, which has to be as low
     """
-    if stopped_by not in ("time", "samples") or wanted is None or noise is not None and max(noise, regions) <= wanted:
+    if stopped_by not in _EARLY or wanted is None or noise is not None and max(noise, regions) <= wanted:
         return ()
     of = "of 99 of 100 pixels " if pixels else ""
     became = "after so few it is not known" if noise is None else f"it is {percent(noise)}"
     shared = "" if noise is None or regions <= noise else f", {percent(regions)} of the means of regions"
-    return f"{stopped_by} ended the passes: a noise {of}of {percent(wanted)} was wanted, {became}{shared}",
+    return f"{_EARLY[stopped_by]} ended the passes: a noise {of}of {percent(wanted)} was wanted, {became}{shared}",
 
 
 def verdict(values, name: str | None, sentences: Sequence[str], bias: float | None) -> Verdict:

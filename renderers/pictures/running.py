@@ -5,6 +5,7 @@ A renderer begins a `Render`, makes a picture of linear radiance out of `scene.v
 
 from __future__ import annotations
 
+import json
 import time
 
 import bakery
@@ -14,6 +15,8 @@ from renderers.pictures import denoise, images, reached
 from renderers.progress import share
 from renderers.scene import assets
 from renderers.scene.budget import percent
+
+FRAME = "bakery_frame"  # attribute of the pictures of a finished frame of a sequence
 
 
 def refuse_too_large(scene) -> None:
@@ -32,6 +35,7 @@ class Render:
     assets : of the scene's materials, opened; those of several may be the same
     asset : the first of them
     pair : paths (PNG, EXR) of the pictures
+    quality : name, or None: final
     seconds : dict, of each part that was said to be over, and `total`
     """
 
@@ -53,7 +57,7 @@ class Render:
         StageError, StoreError : its recipe cannot be baked
         """
         self._begin = self._last = time.monotonic()
-        self._progress, self._quality = progress, quality
+        self._progress, self.quality = progress, quality
         self.seconds = {}
         self.scene = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
         refuse_too_large(self.scene)
@@ -100,11 +104,13 @@ class Render:
             `renderers.pictures.denoise.Denoised.figures`, or None), `reasons`, `missed` (sentences: what was asked for and not
             reached, [] where all was), `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
-        missed, remarks = reached.verdict(self.scene.values, self._quality, more.pop("unreached", ()), bias)
+        missed, remarks = reached.verdict(self.scene.values, self.quality, more.pop("unreached", ()), bias)
         layers, text, shown, pilots = layers or {}, text or {}, rgb, more.pop("choice", None)
         if denoised is not None:
             layers, text, shown = layers | denoised.channels, text | denoised.text, denoised.rgb
         display, words = images.shown(shown, **dict(self.scene.values.display))
+        if self.scene.mark and more.get("stopped_by") != "interruption":
+            text = text | _of_frame(self.scene.mark, method, samples, noise, missed, denoised is not None)
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | layers, text)
         self.part_over("write")
         if self._progress:
@@ -123,6 +129,12 @@ class Render:
         """Of each entry what made it; `pilot` is what its method was chosen by, None where by none."""
         return [{"kind": one.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": pilots}
                 for one in getattr(self.scene.values, "materials", ())]
+
+
+def _of_frame(mark, method, samples, noise, missed, denoised) -> dict[str, str]:
+    """Attributes of the pictures of a finished frame: what it was made of, and of its report what no clock decides."""
+    return {FRAME: json.dumps({"mark": mark, "method": method, "samples": samples, "noise": noise, "missed": list(missed),
+                               "denoised": denoised})}
 
 
 def rgb_layers(prefix, image):

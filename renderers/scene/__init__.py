@@ -35,9 +35,9 @@ from bakery.errors import Problem, RecipeError, UsageError
 from bakery.grammar import fields, files, overrides, text
 from bakery.grammar.problems import distinct, places, translate
 from bakery.grammar.text import Mapping, Node
-from renderers.scene import budget, common, entries, former
+from renderers.scene import budget, common, entries, former, frames
 from renderers.scene.common import FORMAT, Every, names_at, node_at, value_at
-from renderers.scene.inputs import files_of, integrators, sources_of, unbounded
+from renderers.scene.inputs import files_of, integrators, parameters_of, sources_of, unbounded
 
 SUFFIXES = (".yaml", ".yml")
 RENDERERS = {"fog": "renderers.fog"}  # section of a scene -> the package that renders it
@@ -68,7 +68,10 @@ class Scene:
     section : name of the renderer: one of `RENDERERS` or of `OF_MATERIALS`
     renderer : the package that renders it
     values : `entries.SceneFile`, or `SceneFile` of a renderer that a section names; lengths in m, angles in rad
-    overrides : dotted key -> text
+    overrides : dotted key -> text; of a frame also what its number gives
+    frame : number of the frame of a sequence; None: the scene as it stands
+    mark : fingerprint of a frame, which its finished pictures keep; "" of other scenes
+    choice : `renderers.choice.Choice` of its method where that was chosen before; None: a render chooses
     asset : path of the first material; None where one of them may have to be baked and `renderers.scene.assets` has not seen to
         it
     assets : of the materials, in their order; () before `renderers.scene.assets` has seen to them
@@ -84,6 +87,9 @@ class Scene:
     places: MappingType[str, str] = dataclasses.field(repr=False)
     assets: tuple[Path, ...] = ()
     share: float = budget.HALF
+    frame: int | None = None
+    mark: str = ""
+    choice: object = dataclasses.field(default=None, repr=False)
 
     @property
     def materials(self) -> list:
@@ -114,8 +120,13 @@ class Scene:
         files = [self.path]
         for key in keys:
             value = value_at(self.values, key)
-            files += files_of(self.file(value)) if value is not None else []
+            files += files_of(self.file(value), self.parameters if key == "scene.mitsuba" else None) if value is not None else []
         return files
+
+    @property
+    def parameters(self) -> MappingType[str, str] | None:
+        """What stands for `$name` in the Mitsuba scene; None: its own values."""
+        return self.values.scene and self.values.scene.parameters
 
     def keys_of_files(self) -> list[str]:
         """Dotted keys that may name files."""
@@ -134,7 +145,7 @@ class Scene:
         return self.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
 
 
-def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = True) -> Scene:
+def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = True, frame: int | None = None) -> Scene:
     """Reads and checks a scene.
 
     Parameters
@@ -142,26 +153,29 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     path : of the scene, a regular file of at most 1 MiB
     settings : dotted key -> value as YAML text, such as `{"fog.density.scale": "5"}`
     assets : those that it names have to be there, or else their recipes beside them
+    frame : number of a frame, whose values stand in the place of the scene's; None: the scene as it stands
 
     Raises
     ------
-    UsageError : there is no such regular file
+    UsageError : there is no such regular file, or no such frame
     RecipeError : with every problem of the scene and of the settings
     """
     path = Path(path)
-    if not path.is_file():
-        raise UsageError(f"{text.label_of(path)}: there is no such scene; give the path of a scene (NAME.yaml)")
-    source, tree = _parsed(path)
+    source, tree = _read(path)
     problems = tree.problems + overrides.apply(source, tree, settings or {})[1]
     if not isinstance(tree.root, Mapping):
         found = "nothing" if tree.root is None else fields.describe(tree.root)
         expected = f"expected `key: value` lines; a scene starts with `bakery_scene: {FORMAT}`"
         place = None if tree.root is None else tree.root.place.begin
         raise RecipeError([*problems, source.problem(place, "", f"found {found}", expected)])
+    settings = dict(settings or {})
+    if frame is not None:
+        texts, wrong = _framed(path, source, tree.root, frame, settings)
+        settings, problems = settings | texts, problems + wrong
     section, problem = _section(source, tree.root)
     if not section:
         raise RecipeError([*problems, problem])
-    method = (settings or {}).get("method")  # of the command line: that of all entries
+    method = settings.get("method")  # of the command line: that of all entries
     known = entries.known(tree.root, path.parent, method) if section == "materials" else []
     if known:
         section = renderer_of([one.kind for one in known], [one.method for one in known])
@@ -178,13 +192,48 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     problems += _files(path, tree.root, values, _keys_of_files(section, len(known), lambda key: node_at(tree.root, key)), assets)
     problems += entries.problems(tree.root, values, known) if known else common.asset_problems(tree.root)
     problems += _of_renderer(tree.root, values, section, known)
+    problems += values["frames"].problems if "frames" in values else ()
     if problems:
         raise RecipeError(distinct(problems))
     where = {place.key: str(place) for place in places(tree.root)}
     parsed = _decided(parsed, known)
     named = [one.asset and path.parent / one.asset for one in (parsed.materials if known else [parsed])]
     asset = None if any(one is None or beside(one) for one in named) else named[0]
-    return Scene(path, section, _package(section), parsed, dict(settings or {}), asset, where)
+    return Scene(path, section, _package(section), parsed, settings, asset, where, frame=frame)
+
+
+def frames_of(path, settings: MappingType[str, str] | None = None) -> frames.Frames:
+    """The section `frames` of a scene, whose `count` is 0 where something is wrong with it: `load` says what.
+
+    Raises UsageError or RecipeError where the file is no scene, or has no such section.
+    """
+    source, tree = _read(Path(path))
+    _, problems = overrides.apply(source, tree, settings or {})
+    if tree.problems or problems or not isinstance(tree.root, Mapping):
+        raise RecipeError([*tree.problems, *problems] or [source.problem(None, "", "found no keys", "expected a scene")])
+    if "frames" not in tree.root:
+        raise _no_frames(source)
+    return frames.read(tree.root["frames"]) if isinstance(tree.root["frames"], Mapping) else frames.Frames()
+
+
+def _no_frames(source: text.Source) -> RecipeError:
+    return RecipeError([source.problem(None, "frames", "missing", "expected frames: {count: 48, KEY: {from: …, to: …}}, what "
+                                       "changes from frame to frame")])
+
+
+def _framed(path: Path, source: text.Source, root: Mapping, number: int, settings) -> tuple[dict[str, str], list[Problem]]:
+    """Puts the values of a frame into the tree: they as text, and what is wrong with them."""
+    node = root.get("frames")
+    if node is None:
+        raise _no_frames(source)
+    if not isinstance(node, Mapping):
+        return {}, []  # its kind of value says what it should be
+    section = frames.read(node)
+    if section.problems:
+        return {}, []
+    if not 1 <= number <= section.count:
+        raise UsageError(f"{text.label_of(path)}: found no frame {number}; it has frames 1 to {section.count} (frames.count)")
+    return section.put(root, number, settings)
 
 
 def _package(section: str) -> str:
@@ -283,6 +332,13 @@ def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | Non
     return next(filter(None, near), ""), source.problem(None, "", "found neither materials nor a renderer's section", expected)
 
 
+def _read(path: Path) -> tuple[text.Source, text.Tree]:
+    """Text and tree; UsageError where there is no such regular file."""
+    if not path.is_file():
+        raise UsageError(f"{text.label_of(path)}: there is no such scene; give the path of a scene (NAME.yaml)")
+    return _parsed(path)
+
+
 def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
     """Text and tree; what the grammar says of recipes holds for scenes."""
     try:
@@ -337,5 +393,25 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
                                      f"expected a file relative to {text.label_of(path.parent)}")
         elif not (path.parent / name).is_file():
             yield node.place.problem(f"found {text.show(name)}, which is no regular file", "expected a file")
-        elif reason := unbounded(path.parent / name):
+        elif reason := unbounded(path.parent / name, _parameters(values) if key == "scene.mitsuba" else None):
             yield node.place.problem(f"found {text.show(name)}, which names {reason}", "")
+        elif key == "scene.mitsuba":
+            yield from _unused_parameters(path.parent / name, node_at(root, "scene.parameters"))
+
+
+def _parameters(values: dict) -> dict[str, str]:
+    """`scene.parameters`, as far as they are well formed."""
+    below = "scene.parameters."
+    return {key.removeprefix(below): value for key, value in values.items() if key.startswith(below)}
+
+
+def _unused_parameters(mitsuba: Path, node: Node | None) -> Iterator[Problem]:
+    """Parameters that the Mitsuba scene does not have."""
+    if not isinstance(node, Mapping):
+        return
+    names = sorted(parameters_of(mitsuba))
+    for name in node:
+        if name not in names:
+            has = f"it has {fields.one_of([f'${parameter}' for parameter in names])}" if names else "it has none"
+            yield node.names[name].problem(f"found {text.show(name)}, but {text.label_of(mitsuba)} has no ${name}",
+                                           f"expected a parameter of it; {has}{fields.nearest(name, names)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 from bakery.run.ensure import ensured
@@ -24,27 +25,39 @@ def baked(scene: Scene, progress=None) -> Scene:
     ------
     BakeryError : a recipe is wrong, a stage fails, an asset cannot be written
     """
-    if scene.assets:
-        return scene
-    paths, shares = {}, [0.0]
-    for one in scene.materials:
-        if (key := (one.asset, one.recipe)) in paths:
-            continue
-        recipe, output, candidates = recipe_of(scene, one)
-        if recipe is None:
-            paths[key] = output
-            shares.append(budget.HALF)
-            continue
+    return scene if scene.assets else together([scene], progress)[0]
 
-        def require(*about):
-            required = requirements.of_scene(scene, *about)
-            shares.append(required.share)
-            return required
 
-        paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
-                             progress=progress, by=str(scene.path))
-    assets = tuple(paths[one.asset, one.recipe] for one in scene.materials)
-    return dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
+def together(scenes: Sequence[Scene], progress=None, measured: Sequence[Scene] | None = None) -> list[Scene]:
+    """Scenes of one file, such as the frames of a sequence, with assets that are good enough for all of them.
+
+    measured : scenes of the same file that say what an asset has to hold; those themselves if None
+    """
+    paths, shares, measured = {}, [0.0], scenes if measured is None else measured
+    for scene in scenes:
+        for entry in scene.materials:
+            if (key := (entry.asset, entry.recipe)) in paths:
+                continue
+            recipe, output, candidates = recipe_of(scene, entry)
+            if recipe is None:
+                paths[key] = output
+                shares.append(budget.HALF)
+                continue
+            asking = [frame for frame in measured if any((same.asset, same.recipe) == key for same in frame.materials)]
+
+            def require(*about, asking=asking or [scene]):
+                required = requirements.of_scenes(asking, *about)
+                shares.append(required.share)
+                return required
+
+            paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
+                                 progress=progress, by=str(scene.path))
+    return [_with_assets(scene, paths, max(shares)) for scene in scenes]
+
+
+def _with_assets(scene: Scene, paths, share: float) -> Scene:
+    assets = tuple(paths[entry.asset, entry.recipe] for entry in scene.materials)
+    return dataclasses.replace(scene, asset=assets[0], assets=assets, share=share)
 
 
 def recipe_of(scene: Scene, material) -> tuple[Path | None, Path | None, list[Path]]:

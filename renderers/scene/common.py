@@ -15,8 +15,9 @@ from bakery.errors import Problem
 from bakery.grammar import fields, text, units
 from bakery.grammar.fields import leaf, number, scalar, whole, word
 from bakery.grammar.section import Section, given
-from bakery.grammar.text import Mapping, Node, Sequence, owner
+from bakery.grammar.text import Mapping, Node, Scalar, Sequence, owner
 from bakery.grammar.units import ANGLE, FRACTION, NUMBER_ONLY, Quantity, Wrong
+from renderers.scene.frames import read as read_frames
 
 FORMAT = 2
 FILES = ("scene.mitsuba",)  # keys of files
@@ -53,7 +54,15 @@ def vector(quantity: Quantity = NUMBER_ONLY, example: str = "[0, 0, 1]"):
     ]
 
 
+def _read_parameter(node):
+    """A text, or several numbers as Mitsuba writes them."""
+    if isinstance(node, Sequence) and node and all(isinstance(item, Scalar) for item in node):
+        return ", ".join(item.text for item in node)
+    return scalar(node, "a value as the Mitsuba scene has it, such as 5 or [0.8, 0.5, 0.2]").text
+
+
 Format = leaf(_read_format, {"const": FORMAT})
+Parameter = leaf(_read_parameter, {"type": ["number", "string", "array"]})
 Length = number(LENGTH, above=0, most=1e12)
 Position = vector(LENGTH, "[0, -12, 1.7] m")
 Direction = vector()
@@ -70,6 +79,9 @@ class Surfaces(Section):
 
     mitsuba: fields.Path = Field(description="Mitsuba scene (XML), relative to the scene's folder.")
     unit: Length = Field(1.0, description="Length of one unit of the Mitsuba scene, such as 1 cm.")
+    parameters: dict[str, Parameter] | None = Field(
+        None, description="What stands for $NAME in the Mitsuba scene, by name; its <default> if absent."
+    )
 
 
 class Grid(Section):
@@ -136,6 +148,9 @@ class Every(Section):
     stop: Stop = Field(Stop.model_construct(noise=None, time=None, samples=None), description="When to stop.")
     display: Display = Field(
         Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows it."
+    )
+    frames: leaf(read_frames, {"type": "object"}) | None = Field(
+        None, description="Of a sequence: dotted key -> its value in each frame; only `--frames` goes by it."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Mapping
 from pathlib import Path
@@ -64,6 +65,12 @@ def _named(path, parameters: Mapping[str, object]) -> dict[Path, os.stat_result]
             roots += [root / folder for folder in folders for root in roots]
             waiting += [root / text for text in texts for root in roots]
     return named
+
+
+def parameters_of(path) -> set[str]:
+    """Names of the parameters of a Mitsuba scene: each `$name` in it, also in scenes that it includes."""
+    scenes = [file for file in files_of(path) if file.suffix.lower() == ".xml" and file.stat().st_size <= LONGEST]
+    return {name for file in scenes for name in re.findall(r"\$(\w+)", file.read_text(errors="replace"))}
 
 
 def integrators(path) -> list[str]:

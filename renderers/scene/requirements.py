@@ -228,6 +228,17 @@ def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
     return _shared_out(about, _rules(scene), seconds)._replace(read=tuple(scene.sources))
 
 
+def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable) -> Required:
+    """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
+    required = [of_scene(scene, recipe, medium, seconds) for scene in listed]
+    if len(required) == 1:
+        return required[0]
+    remarks, files = (tuple(dict.fromkeys(item for asked in required for item in getattr(asked, name)))
+                      for name in ("remarks", "read"))
+    return Required(merged([asked.needs for asked in required], recipe.leaves), remarks, max(asked.share for asked in required),
+                    files)
+
+
 def _shared_out(about, rules, seconds) -> Required:
     """The needs by the split that takes least.
 

@@ -48,18 +48,18 @@ def collision(varied, x, y, z, weight, states, i, sigma):
 @njit(cache=True, nogil=True, error_model="numpy")
 def thinned(varied, p, d, t, passed, states, i, sigma):
     """Whether light is left after a way of length t in a medium that varies: passed (L,) loses its share (ratio tracking)."""
-    gone, most = 0.0, varied.most
+    distance, most = 0.0, varied.most
     while True:
-        gone -= math.log1p(-uniform(states, i)) / most
-        if gone >= t:
+        distance -= math.log1p(-uniform(states, i)) / most
+        if distance >= t:
             return True
-        extinctions_at(varied, p[0] + gone * d[0], p[1] + gone * d[1], p[2] + gone * d[2], sigma)
+        extinctions_at(varied, p[0] + distance * d[0], p[1] + distance * d[1], p[2] + distance * d[2], sigma)
         largest = 0.0
         for w in range(len(passed)):
-            left = most
+            null_sigma = most
             for c in range(len(sigma)):
-                left -= sigma[c, w]
-            passed[w] *= max(left, 0.0) / most
+                null_sigma -= sigma[c, w]
+            passed[w] *= max(null_sigma, 0.0) / most
             largest = max(largest, passed[w])
         if largest < _FAINT:
             ends = uniform(states, i) < 0.5

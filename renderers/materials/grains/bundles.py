@@ -19,21 +19,21 @@ class Switch(NamedTuple):
 
     spread: float = 4.0
 
-    def due(self, pixel, place, radius, size):
+    def due(self, pixel, grain, radius, size):
         """Whether each of n paths is to switch at its next grain (n,) bool.
 
         pixel : (n,), as `by_bundle` counts them;  radius : (n,) m
-        place : (n, 3) m, where they met their last grains, all the same number
+        grain : (n, 3) m, where they met their last grains, all the same number
         size : height and width of the picture
 
         Source: eq. 5; the standard deviation is the root of the covariance's trace, over the paths that are left.
         """
         which, number = np.unique(_bundle(pixel, *size), return_inverse=True)
-        left = np.bincount(number, minlength=len(which))
-        about = np.stack([np.bincount(number, place[:, k], len(which)) / left for k in range(3)], axis=1)
-        square = np.bincount(number, ((place - about[number]) ** 2).sum(axis=1), len(which)) / left
-        spread = np.sqrt(square)[number] > self.spread * radius * (left / EDGE**2)[number]
-        return spread | (left == 1)[number]
+        remaining = np.bincount(number, minlength=len(which))
+        about = np.stack([np.bincount(number, grain[:, k], len(which)) / remaining for k in range(3)], axis=1)
+        square = np.bincount(number, ((grain - about[number]) ** 2).sum(axis=1), len(which)) / remaining
+        spread = np.sqrt(square)[number] > self.spread * radius * (remaining / EDGE**2)[number]
+        return spread | (remaining == 1)[number]
 
 
 def as_close(world):

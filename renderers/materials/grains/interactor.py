@@ -70,9 +70,9 @@ class Grains:
         turned = np.isnan(far)
         paths.far[turned], paths.left_out[turned], paths.shaded[turned] = np.nan, np.nan, False
         paths.drawn[turned] = paths.origin[turned]
-        met = np.where(event.status == _paths.LIGHT, EVENT, np.where(event.status == _paths.DEAD, ENDED, AGAIN))
-        met[(event.status == _paths.LEAVES) & ~turned] = REACHED
-        return met, tuple(event)
+        status = np.where(event.status == _paths.LIGHT, EVENT, np.where(event.status == _paths.DEAD, ENDED, AGAIN))
+        status[(event.status == _paths.LEAVES) & ~turned] = REACHED
+        return status, tuple(event)
 
     def next_event(self, paths, event, sample, passed, clear, added):
         """clear : (n,) m, up to which grains of this region are looked for here"""

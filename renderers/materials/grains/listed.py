@@ -34,19 +34,19 @@ def listed(grains) -> Listed:
     points = [np.mod(aggregate.centers, cell) + np.array(copy) * cell for copy in copies]
     points = np.concatenate([point[np.all((point > aggregate.low) & (point < high), axis=1)] for point in points])
     count = len(points)
-    there, grain = np.empty(count, bool), Listed(points, np.empty(count), np.empty(count, np.int64), np.empty((count, 3, 3)))
-    look_up(grains, *grain, there)
-    return Listed(*(values[there] for values in grain))
+    present, grain = np.empty(count, bool), Listed(points, np.empty(count), np.empty(count, np.int64), np.empty((count, 3, 3)))
+    look_up(grains, *grain, present)
+    return Listed(*(values[present] for values in grain))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def look_up(grains, centre, radius, kind, turn, there):
+def look_up(grains, centre, radius, kind, turn, present):
     """Whether spheres with centres near points (N, 3) are there (N,), and what is in them; the points become the centres."""
     grains = lent(grains)
     aggregate, scratch, sphere = grains.aggregate, aggregate_scratch(), np.empty(4, np.int64)
     for i in range(len(centre)):
-        there[i] = enclosing_sphere(aggregate, centre[i], sphere, scratch)
-        if not there[i]:
+        present[i] = enclosing_sphere(aggregate, centre[i], sphere, scratch)
+        if not present[i]:
             continue
         s, a, b, c = sphere
         for k in range(3):

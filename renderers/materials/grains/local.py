@@ -43,8 +43,8 @@ def check(scene, body, vertices) -> None:
     says, key = scene.values.materials[body], f"materials[{body}]"
     if says.fraction:
         _read(scene, f"{key}.fraction", says.fraction, vertices)
-    for name, one in (says.mixture or {}).items():
-        _read(scene, f"{key}.mixture.{name}", one, vertices)
+    for name, grid in (says.mixture or {}).items():
+        _read(scene, f"{key}.mixture.{name}", grid, vertices)
 
 
 def _read(scene, key, where, vertices):
@@ -62,9 +62,9 @@ def _share(scene, key, where, fraction, vertices):
     values, lo, hi = _read(scene, key, where, vertices)
     most = float(values.max())
     if most > fraction * (1 + _SLACK):
-        place = np.argwhere(values == values.max())[0]
-        at = lo + (place + 0.5) * (hi - lo) / values.shape
-        raise scene.wrong(f"{key}.grid", f"found the fraction {most:.6g} at [{', '.join(map(str, place))}], {_point(at)} m; at "
+        voxel = np.argwhere(values == values.max())[0]
+        at = lo + (voxel + 0.5) * (hi - lo) / values.shape
+        raise scene.wrong(f"{key}.grid", f"found the fraction {most:.6g} at [{', '.join(map(str, voxel))}], {_point(at)} m; at "
                           f"most {fraction:.6g}, that of the asset's tile, would do, or an asset with a larger packing.fraction")
     share = np.asarray(values, float) / fraction
     share[share > 1 - _SLACK] = 1.0
@@ -76,27 +76,27 @@ def _mixture(scene, key, where, asset, vertices):
     if unknown := [name for name in where if name not in names]:
         raise scene.wrong(f"{key}.{unknown[0]}", f"the asset has no such component; {', '.join(names)} would do")
     given, (first, *_) = {}, where
-    for name, one in where.items():
-        given[name], *box = _read(scene, f"{key}.{name}", one, vertices)
+    for name, grid in where.items():
+        given[name], *box = _read(scene, f"{key}.{name}", grid, vertices)
         if name == first:
             lo, hi = box
         elif given[name].shape != given[first].shape or not np.allclose(box, (lo, hi), rtol=0, atol=_SLACK * (hi - lo).max()):
             raise scene.wrong(f"{key}.{name}.grid", f"found {_grid(given[name], *box)}, but {first} has "
                               f"{_grid(given[first], lo, hi)}; the same would do")
     weights = {name: float(asset.grains[name].weight[0]) for name in names if name not in given}
-    total = sum(np.asarray(one, float) for one in given.values())
+    total = sum(np.asarray(grid, float) for grid in given.values())
     if not sum(weights.values()) > 0 and not total.all():
-        place = np.argwhere(total == 0)[0]
-        raise scene.wrong(key, f"found shares of 0 of all components at [{', '.join(map(str, place))}]; one above 0 would do")
+        voxel = np.argwhere(total == 0)[0]
+        raise scene.wrong(key, f"found shares of 0 of all components at [{', '.join(map(str, voxel))}]; one above 0 would do")
     # what the grids leave belongs to the components that have none, by their weights
-    left = np.maximum(1 - total, 0) / sum(weights.values()) if sum(weights.values()) > 0 else 0.0
-    shares = np.stack([given[name] if name in given else weights[name] * left for name in names], axis=-1)
+    remaining = np.maximum(1 - total, 0) / sum(weights.values()) if sum(weights.values()) > 0 else 0.0
+    shares = np.stack([given[name] if name in given else weights[name] * remaining for name in names], axis=-1)
     cumulated = np.cumsum(shares, axis=-1)
     return kernels.field(lo, hi, cumulated / cumulated[..., -1:])
 
 
-def _point(place):
-    return "[" + ", ".join(f"{x:.4g}" for x in place) + "]"
+def _point(position):
+    return "[" + ", ".join(f"{x:.4g}" for x in position) + "]"
 
 
 def _grid(values, lo, hi):

@@ -82,24 +82,25 @@ def medium_of(asset, grains):
     theta = np.asarray(asset.medium.theta, float)
     parts = _components(asset) if grains.mixture.values.size > 0 else [_whole(asset)]
     cut = [without_peak(np.ones(len(part.albedo)), part.albedo, theta, part.phase) for part in parts]
-    turned = np.array([one[0] for one in cut])
+    turned, albedo, phase = (list(figures) for figures in zip(*cut))
+    turned = np.array(turned)
     sigma_t, varied, met_by = _extinction(asset, grains, parts, turned)
-    layouts = [kernels.phase_layout(theta, row) for one in cut for row in one[2]]
-    return Medium(grains.aggregate, grains.unit, sigma_t, np.concatenate([one[1] for one in cut]), layouts[0][0], layouts[0][1],
-                  np.array([one[2] for one in layouts]), np.array([one[3] for one in layouts]),
+    layouts = [kernels.phase_layout(theta, row) for rows in phase for row in rows]
+    return Medium(grains.aggregate, grains.unit, sigma_t, np.concatenate(albedo), layouts[0][0], layouts[0][1],
+                  np.array([row[2] for row in layouts]), np.array([row[3] for row in layouts]),
                   seldom(grains.aggregate, sigma_t.min()), turned=np.concatenate(turned)), varied, met_by
 
 
-def _extinction(asset, grains, parts, left):
+def _extinction(asset, grains, parts, turned):
     """sigma_t (L,) 1/unit, the most where it varies, how it does, and how all light does that meets grains.
 
-    parts : `bakery.kernels.Component` of each of C components;  left : (C, L) of their extinction, without the peak
+    parts : `bakery.kernels.Component` of each of C components;  turned : (C, L) of their extinction, without the peak
     """
     same = kernels.unvaried_medium()
     unit, share = grains.unit, grains.aggregate.share
     baked, alone = unit * np.array(asset.medium.sigma_t, float), grains.mixture.values.size == 0
     if alone and share.values.size == 0:
-        return baked * left[0], same, same
+        return baked * turned[0], same, same
     fraction, void = fraction_of(asset), _void(asset) / unit
     hits = np.array([np.full(len(baked), part.hit_probability) for part in parts])
     along = np.array([part.along for part in parts]) / unit
@@ -108,8 +109,8 @@ def _extinction(asset, grains, parts, left):
     if alone and share.values.min() == share.values.max():
         every = float(share.values.flat[0])
         thin = kernels.extinction_at_fraction(void, fraction * every, hits, along) * (1 + every * excess)
-        return thin * left[0], same, same
-    varied = kernels.varied_medium(share, grains.mixture, fraction, void, hits * left, along, excess)
+        return thin * turned[0], same, same
+    varied = kernels.varied_medium(share, grains.mixture, fraction, void, hits * turned, along, excess)
     return np.full(len(baked), varied.most), varied, varied._replace(hits=hits)
 
 
@@ -122,16 +123,16 @@ def _whole(asset):
 
 def _components(asset):
     """Each component of an asset's grains as a `bakery.kernels.Component`; lengths in m."""
-    group, found = asset.grains, []
+    group, components = asset.grains, []
     radii, shares = np.asarray(group.radius, float), np.asarray(group.radius_share, float)
     for name in group.exemplars:
         part = group[name]
         places = {figure: part.by_radius if "by_radius" in part and figure in part.by_radius else part for figure in _FIGURES}
-        figures = {figure: np.asarray(place[figure], float) for figure, place in places.items()}
+        figures = {figure: np.asarray(source[figure], float) for figure, source in places.items()}
         figures = {figure: value if places[figure] is not part else np.repeat(value[None], len(radii), axis=0)
                    for figure, value in figures.items()}
-        found.append(kernels.medium_component(np.asarray(group.theta, float), figures, radii, shares))
-    return found
+        components.append(kernels.medium_component(np.asarray(group.theta, float), figures, radii, shares))
+    return components
 
 
 def _void(asset):
@@ -149,13 +150,13 @@ def fraction_of(asset) -> float:
 def without_peak(sigma_t, albedo, theta, phase):
     """The same (L,), (L,), (L, A) where what phase functions have above their value at `_PEAK`, within it, is not scattered."""
     cut = np.where(theta < _PEAK, np.minimum(phase, kernels.phase_at(theta, phase, np.array([_PEAK]))), phase)
-    left = kernels.phase_integral(theta, cut)
-    scattered, extinction = albedo * left, 1 - albedo * (1 - left)
+    kept = kernels.phase_integral(theta, cut)
+    scattered, extinction = albedo * kept, 1 - albedo * (1 - kept)
     # grains of the host's index turn nothing: what does not scatter has any phase function, what takes nothing any albedo
-    straight, taken = left <= _NONE, extinction > _NONE
-    cut[straight], left[straight] = 1.0, 4 * np.pi
+    straight, taken = kept <= _NONE, extinction > _NONE
+    cut[straight], kept[straight] = 1.0, 4 * np.pi
     albedo = np.divide(scattered, extinction, out=np.zeros_like(scattered), where=taken)
-    return sigma_t * np.where(taken, extinction, 0.0), albedo, cut / left[:, None]
+    return sigma_t * np.where(taken, extinction, 0.0), albedo, cut / kept[:, None]
 
 
 def seldom(aggregate, sigma_t):
@@ -167,14 +168,14 @@ def grains_of(asset, vertices, faces, local=UNIFORM) -> Grains:
     """The asset's grains in a mesh, vertices (V, 3) m; local : of `local.local_of`, what varies in it."""
     group, middle = asset.grains, len(asset.wavelength) // 2
     unit = _unit(asset)
-    types = [_Grain(one, middle) for one in group.exemplars.values()]
+    types = [_Grain(exemplar, middle) for exemplar in group.exemplars.values()]
     parts = [group[name] for name in group.exemplars]
-    share, mixture = (one and one._replace(low=one.low / unit, edge=one.edge / unit) for one in local)
+    share, mixture = (field and field._replace(low=field.low / unit, edge=field.edge / unit) for field in local)
     aggregate = kernels.aggregate(*_tile(asset), vertices / unit, faces, share, SEED)
     sigma_t = unit * float(np.min(asset.medium.sigma_t)) * (float(share.values.max()) if share else 1.0)
     return Grains(aggregate, unit, np.uint64(SEED),
                   kernels.cumulated_shares([float(part.weight[0]) for part in parts]), kernels.exemplars(types),
-                  np.array([_channels(one.surface, len(asset.wavelength)) for one in group.exemplars.values()]),
+                  np.array([_channels(exemplar.surface, len(asset.wavelength)) for exemplar in group.exemplars.values()]),
                   np.array([unit * np.asarray(part.interior, float) for part in parts]),
                   seldom(aggregate, sigma_t), mixture or kernels.uniform_field())
 
@@ -202,16 +203,17 @@ def _channels(surface, waves):
     """(2, L), as `bakery.kernels.surface_share` takes them."""
     if surface["type"] == "dielectric":
         return np.zeros((2, waves))
-    made = kernels.diffuse(surface["reflectance"]) if surface["type"] == "diffuse" else kernels.conductor(_complex(surface))
-    return np.array(np.broadcast_to(made.channels, (2, waves)))
+    matter = kernels.diffuse(surface["reflectance"]) if surface["type"] == "diffuse" else kernels.conductor(_complex(surface))
+    return np.array(np.broadcast_to(matter.channels, (2, waves)))
 
 
 def _tile(asset):
     """Centres, radii and cell: the least dense tile that is as dense as the medium, widened until it is just that."""
     packing, wished = asset.packing, float(asset.medium.fraction[0])
-    tiles = [packing] if "centers" in packing else [one for one in packing.values() if "centers" in one]
-    dense = [one for one in tiles if float(one.fraction[0]) >= wished * (1 - 1e-9)]
-    tile = min(dense, key=lambda one: float(one.fraction[0])) if dense else max(tiles, key=lambda one: float(one.fraction[0]))
+    tiles = [packing] if "centers" in packing else [tile for tile in packing.values() if "centers" in tile]
+    fractions = np.array([float(tile.fraction[0]) for tile in tiles])
+    dense = fractions >= wished * (1 - 1e-9)
+    tile = tiles[np.argmin(np.where(dense, fractions, np.inf)) if dense.any() else np.argmax(fractions)]
     wider = max(float(tile.fraction[0]) / wished, 1.0) ** (1 / 3)
     return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
 
@@ -224,7 +226,7 @@ def occupied_by(world, aggregate, unit, others=()):
     others : of the bodies, triples of vertices (V, 3) m, triangles (F, 3), radius of the largest sphere, m
     """
     voxels = np.zeros(aggregate.voxels.shape, np.uint8)
-    triangles, boxes = (one / unit for one in world.extents())
+    triangles, boxes = (extent / unit for extent in world.extents())
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     meshes = [(triangles.reshape(-1, 3), faces, 1e-6 * float(aggregate.edge.max()))]
     meshes += [(vertices / unit, faces, radius / unit) for vertices, faces, radius in others]

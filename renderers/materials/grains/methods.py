@@ -27,13 +27,13 @@ def prepare(job, world, seed) -> Method:
     """The method that a scene asks for; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights
     around."""
     values, assets, meshes = job.scene.values, job.assets, material.meshes_of(job.scene)
-    if any(not np.array_equal(one.wavelength, assets[0].wavelength) for one in assets):
+    if any(not np.array_equal(asset.wavelength, assets[0].wavelength) for asset in assets):
         raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
     varies = [local.local_of(job.scene, body, asset, material.fraction_of(asset), vertices)
               for body, (asset, (vertices, _)) in enumerate(zip(assets, meshes))]
-    grains = [material.grains_of(asset, *mesh, one) for asset, mesh, one in zip(assets, meshes, varies)]
-    if found := material.overlap(grains, meshes):
-        outer, inner, deep = found
+    grains = [material.grains_of(asset, *mesh, varied) for asset, mesh, varied in zip(assets, meshes, varies)]
+    if reaching := material.overlap(grains, meshes):
+        outer, inner, deep = reaching
         raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
                               "meshes that do not overlap, but may touch, would do")
     tolerance = values.tolerance or budget.DEFAULT
@@ -48,25 +48,25 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     """
     name = settled(methods(), name)
     declared = methods()[name]
-    how, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    scene, reasons = transport_of(name, world, assets, meshes, grains, spread)
     if stated := declared.error(tolerance):
         reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(stated)}")
-    if how.switch is not None and declared.diffuses and any(body.medium.varies for body in how.bodies):
+    if scene.switch is not None and declared.diffuses and any(body.medium.varies for body in scene.bodies):
         reasons.append("no light diffuses in bodies whose fraction or mixture varies")
-    number = sum(_expected(one.aggregate, vertices / one.unit, faces) for one, (vertices, faces) in zip(grains, meshes))
+    number = sum(_expected(packed.aggregate, vertices / packed.unit, faces) for packed, (vertices, faces) in zip(grains, meshes))
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
-    kinds = [(name, transport.ALL)] if how.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
+    kinds = [(name, transport.ALL)] if scene.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
     # when paths switch depends on how close the pixels of a bundle are: pilots of all methods look through the same pixels
     view = bundles.as_close(world)
-    loop = medium_part(how.bodies, meshes, how.colours, view, seed) if how.technique == MEDIUM else None
-    parts = (loop,) if loop else tuple(part(view, how, kind, seed, which) for kind, which in kinds)
+    loop = medium_part(scene.bodies, meshes, scene.colours, view, seed) if scene.technique == MEDIUM else None
+    parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which) for kind, which in kinds)
 
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
 
-    return Method(name, parts, reasons, after, features=lambda: _features(world, how, assets, meshes, seed),
-                  apart=(kinds[0][0],) if how.technique == GRAINS else (), entry=how.entry)
+    return Method(name, parts, reasons, after, features=lambda: _features(world, scene, assets, meshes, seed),
+                  apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
 
 
 def _features(*scene):
@@ -78,21 +78,21 @@ def _features(*scene):
 def transport_of(name, world, assets, meshes, grains, spread=4.0):
     """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
     declared = methods()[name]
-    colours, said, bodies = material.colours_of(assets[0]), [], []
-    reach = [material.radius_of(one) for one in grains]
-    for number, (asset, one) in enumerate(zip(assets, grains)):
-        others = [(*mesh, reach[other]) for other, mesh in enumerate(meshes) if other != number]
-        around = material.occupied_by(world, one.aggregate, one.unit, others), colours
-        ways = declared.grains(one, *around), None
+    colours, reasons, bodies = material.colours_of(assets[0]), [], []
+    reach = [material.radius_of(packed) for packed in grains]
+    for number, (asset, packed) in enumerate(zip(assets, grains)):
+        others = [(*mesh, reach[other_body]) for other_body, mesh in enumerate(meshes) if other_body != number]
+        around = material.occupied_by(world, packed.aggregate, packed.unit, others), colours
+        ways = declared.grains(packed, *around), None
         if declared.medium:
-            stands, varied, met_by = material.medium_of(asset, one)
+            stands, varied, met_by = material.medium_of(asset, packed)
             ways = ways[0], medium.Continuous(stands, *around, declared.diffuses, varied, met_by)
         bodies.append(Body(*ways, reach[number]))
     for asset in assets:
-        said += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset)
+        reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset)
     switch = bundles.Switch(spread) if declared.switches else None
     start = MEDIUM if declared.continuous else GRAINS
-    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *said]))
+    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *reasons]))
 
 
 def medium_part(bodies, meshes, colours, world, seed):
@@ -115,35 +115,35 @@ def medium_part(bodies, meshes, colours, world, seed):
     return passes.part("vpt", world, entries, colours, seed, by_light=True)
 
 
-def part(world, how, name, seed, which=transport.ALL) -> Part:
+def part(world, scene, name, seed, which=transport.ALL) -> Part:
     """Passes by a `Transport`, with layers of orders, lights and techniques.
 
     Paths from grain to grain alone go through shapes of a Mitsuba scene where the grains are few enough (`shapes`), else in
     wavefronts.  Small pictures have several samples a pass: each call of Mitsuba's takes a ms of its own, for however few paths.
     """
     height, width = world.size
-    if how.switch is None and how.technique == GRAINS:
+    if scene.switch is None and scene.technique == GRAINS:
         from renderers.materials.grains import shapes
 
-        if shapes.fit(world, [body.grains for body in how.bodies]):
-            return shapes.part(name, world, [body.grains.grains for body in how.bodies], how.colours, seed)
+        if shapes.fit(world, [body.grains for body in scene.bodies]):
+            return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed)
     samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
 
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        sums = transport.one_pass(world, how, world.camera, world.size, number, seed, which, world.corners, samples)
-        return _layers(sums, world, how)
+        sums = transport.one_pass(world, scene, world.camera, world.size, number, seed, which, world.corners, samples)
+        return _layers(sums, world, scene)
 
     return Part(name, one, samples)
 
 
-def _layers(sums, world, how):
+def _layers(sums, world, scene):
     """Layers of a pass by name, as `Part` takes them."""
     height, width = world.size
     images = {"": sums.by_order.sum(axis=0)} | dict(zip(_LAYERS, sums.by_order))
     images |= {f"light.{name}": image for name, image in zip(world.light_names, sums.by_light)}
-    if how.switch is not None:
+    if scene.switch is not None:
         images |= {SWITCHED: sums.switched}
         images |= {name: image for name, image in zip(_TECHNIQUES, sums.by_technique) if image.any()}
     return {name: image.reshape(height, width, 3) for name, image in images.items()}

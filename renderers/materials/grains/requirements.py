@@ -79,7 +79,7 @@ def _pixels(about):
     from renderers.materials.grains import local, seen
 
     radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
-    bodies, widest = [one.where for one in about.scene.values.materials], 0.0
+    bodies, widest = [entry.where for entry in about.scene.values.materials], 0.0
     if about.world.camera is None:
         raise about.scene.no_camera()
     for number in about.bodies:
@@ -112,7 +112,7 @@ def _largest(radii):
 
 def _tiles(about):
     """Of a dictionary of tiles the renderer reads one, the nearest that is as dense as the recipe's first fraction."""
-    fractions = [float(one) for one in about.recipe.packing.fraction]
+    fractions = [float(fraction) for fraction in about.recipe.packing.fraction]
     if len(fractions) > 1:
         first = fractions[0]
         yield Knob("packing.fraction", first, f"[{first:g}]", f"bodies are filled at {first:g}, which is the first of "

@@ -60,16 +60,16 @@ class Scene(View):
     def __init__(self, world, bodies, colours):
         """world : `renderers.mitsuba.world.World`;  bodies : list of `renderers.materials.grains._grains.Grains`;  colours :
         `Colours`"""
-        own = [*world.scene.shapes(), *(light for light in world.scene.emitters() if light.get_shape() is None)]
-        names = [thing.id() for thing in own]
+        around = [*world.scene.shapes(), *(light for light in world.scene.emitters() if light.get_shape() is None)]
+        names = [thing.id() for thing in around]
         packed, types = {}, 0
         for grains in bodies:
             packed |= _shapes(grains, world.unit, types)
             types += len(grains.exemplars.table)
         shapes = {name: entry[0] for name, entry in packed.items()}
-        around = {f"around_{number}": thing for number, thing in enumerate(own)}
-        scene = mi.load_dict({"type": "scene"} | around | shapes, optimize=False)
-        for thing, name in zip(own, names):  # which loading has changed
+        kept = {f"around_{number}": thing for number, thing in enumerate(around)}
+        scene = mi.load_dict({"type": "scene"} | kept | shapes, optimize=False)
+        for thing, name in zip(around, names):  # which loading has changed
             thing.set_id(name)
         super().__init__(world, scene, colours)
         self._grains = _numbered(scene, {name: entry[1:] for name, entry in packed.items()})
@@ -113,7 +113,7 @@ class Scene(View):
             if kind in self._surfaces:
                 of_kind = is_grain & (surface == kind)
                 shares = [dr.select(of_kind, share(*(dr.gather(mi.Float, row[wave], meeting.kind - 1, of_kind)
-                                                     for row in self._channels)), other) for wave, other in enumerate(shares)]
+                                                     for row in self._channels)), before) for wave, before in enumerate(shares)]
         return shares
 
 
@@ -123,10 +123,10 @@ def _numbered(scene, packed):
     shapes = scene.shapes()
     places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
     columns, first = np.zeros((3, max(places, default=0) + 1), np.uint32), 1
-    for place, shape in zip(places, shapes):
+    for number, shape in zip(places, shapes):
         if shape.id() in packed:
             kind, triangles = packed[shape.id()]
-            columns[:, place] = first, 1 + kind, triangles
+            columns[:, number] = first, 1 + kind, triangles
             first += shape.primitive_count() // triangles
     return [mi.UInt32(column) for column in columns]
 

@@ -116,11 +116,11 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     sums = Sums(height * width, len(world.light_names), which, samples)
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
-    begun, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
-    while begun < len(order) or paths.count:
-        if begun < len(order) and paths.count < _ALL // 2:
-            new = _begin(transport, camera, corners, order[begun : begun + _ALL], number, seed, begun)
-            begun += new.count
+    started, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
+    while started < len(order) or paths.count:
+        if started < len(order) and paths.count < _ALL // 2:
+            new = _begin(transport, camera, corners, order[started : started + _ALL], number, seed, started)
+            started += new.count
             ready = new if transport.switch is None else _until_switched(world, transport, new, size, sums)
             paths = joined([paths, ready])
         if paths.count:
@@ -213,11 +213,11 @@ def _look_ahead(world, transport, paths, at):
 def _entries(transport, paths, at, limit):
     """(m, bodies) m, to where paths come into each body before a limit (m,); of their own body, into its mesh again."""
     t = np.full((len(at), len(transport.bodies)), np.inf)
-    grains, own = paths.technique[at] == GRAINS, paths.body[at]
+    grains, current = paths.technique[at] == GRAINS, paths.body[at]
     for body in range(len(transport.bodies)):
         for technique, mine in ((GRAINS, grains), (MEDIUM, ~grains)):
             for inside in (True, False):
-                rows = np.flatnonzero(mine & ((own != body) == inside))
+                rows = np.flatnonzero(mine & ((current != body) == inside))
                 if len(rows):
                     interactor = transport.interactor(body, technique)
                     t[rows, body] = interactor.entry(paths.origin[at[rows]], paths.direction[at[rows]], limit[rows], inside)

@@ -56,7 +56,7 @@ def ray_of(origin, direction, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def collide(medium, paths, far, discrete, kind, distance, place, begin, end):
+def collide(medium, paths, far, discrete, kind, distance, point, begin, end):
     """The next scattering of paths begin to end; changes their throughput and streams.
 
     Parameters
@@ -66,23 +66,23 @@ def collide(medium, paths, far, discrete, kind, distance, place, begin, end):
     far : (n,) m, where a surface ends the ray, or inf
     discrete : (n,) m, distance up to which particles stop the ray; beyond, the continuous medium
     kind : (n,) int64, becomes the class, or NO_DISC where the ray reaches `far`
-    distance : (n,) m, place : (n, 3) m, become those of the scattering
+    distance : (n,) m, point : (n, 3) m, become those of the scattering
     """
     medium, paths = lent(medium), lent(paths)
-    room = mesh_scratch()
+    scratch = mesh_scratch()
     for i in range(begin, end):
-        kind[i] = _particle(medium, paths, min(far[i], discrete[i]), distance, place, i, room)
+        kind[i] = _particle(medium, paths, min(far[i], discrete[i]), distance, point, i, scratch)
         if kind[i] == NO_DISC and discrete[i] < far[i]:
-            kind[i] = _continuum(medium, paths, discrete[i], far[i], distance, place, i, room)
+            kind[i] = _continuum(medium, paths, discrete[i], far[i], distance, point, i, scratch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _particle(medium, paths, end, distance, place, i, room):
+def _particle(medium, paths, end, distance, point, i, scratch):
     begin, square, weight, left_out = 0.0, medium.discs.square, paths.throughput, paths.left_out
     ox, oy, oz, dx, dy, dz = ray_of(paths.origin, paths.direction, i)
     while begin < end:
         kind, t, d2, x, y, z = first_disc(medium.discs, ox, oy, oz, dx, dy, dz, begin, end, left_out[i, 0], left_out[i, 1],
-                                          left_out[i, 2], room)
+                                          left_out[i, 2], scratch)
         if kind == NO_DISC:
             break
         total, stopped = 0.0, 0.0
@@ -96,7 +96,7 @@ def _particle(medium, paths, end, distance, place, i, room):
         for w in range(weight.shape[1]):
             weight[i, w] *= factor if (d2 < square[kind, w]) == hit else 0.0
         if hit:
-            distance[i], place[i, 0], place[i, 1], place[i, 2] = t, x, y, z
+            distance[i], point[i, 0], point[i, 1], point[i, 2] = t, x, y, z
             return kind
         begin = t
     return NO_DISC
@@ -118,7 +118,7 @@ def through_box(region, ray, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _continuum(medium, paths, begin, end, distance, place, i, room):
+def _continuum(medium, paths, begin, end, distance, point, i, scratch):
     """Null-collision tracking with the largest extinction of all wavelengths."""
     region, sigma, weight, states = medium.discs.region, medium.sigma_t, paths.throughput, paths.states
     share = medium.others if paths.left_out[i, 0] == paths.left_out[i, 0] else 1.0
@@ -133,7 +133,7 @@ def _continuum(medium, paths, begin, end, distance, place, i, room):
         if t >= end:
             return NO_DISC
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-        rho = share * relative_density(region, x, y, z, room)
+        rho = share * relative_density(region, x, y, z, scratch)
         if rho <= 0:
             continue
         total, stopped = 0.0, 0.0
@@ -146,7 +146,7 @@ def _continuum(medium, paths, begin, end, distance, place, i, room):
             real = rho * sigma[w] / most
             weight[i, w] *= real / chance if hit else (1 - real) / (1 - chance)
         if hit:
-            distance[i], place[i, 0], place[i, 1], place[i, 2] = t, x, y, z
+            distance[i], point[i, 0], point[i, 1], point[i, 2] = t, x, y, z
             return len(medium.albedo) - 1
 
 
@@ -159,11 +159,11 @@ def transmit(medium, ray, far, discrete, left_out, states, i, passed, scratch):
     sigma, region = medium.sigma_t, medium.discs.region
     ox, oy, oz, dx, dy, dz = ray
     sx, sy, sz = left_out
-    open, room = scratch
+    open, mesh_room = scratch
     share = medium.others if sx == sx else 1.0
     open[:] = 1
     if discrete > 0:
-        open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, room)
+        open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, mesh_room)
     for w in range(len(passed)):
         passed[w] = open[w]
     absorbed(medium, ray, far, passed)
@@ -181,7 +181,7 @@ def transmit(medium, ray, far, discrete, left_out, states, i, passed, scratch):
         t -= math.log1p(-uniform(states, i)) / most
         if t >= end:
             return
-        rho = share * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, room)
+        rho = share * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, mesh_room)
         brightest = 0.0
         for w in range(len(passed)):
             passed[w] *= 1 - rho * sigma[w] / most
@@ -226,13 +226,14 @@ def scatter(medium, kind, paths, guide, begin, end):
             weight[i] = 0.0
             continue
         chosen, below = uniform(states, i) * total, 0.0
-        one = weight.shape[1] - 1
+        wavelength = weight.shape[1] - 1
         for w in range(weight.shape[1]):
             below += weight[i, w] * medium.albedo[kind[i], w]
             if chosen < below:
-                one = w
+                wavelength = w
                 break
-        v = phase_sample(medium.v, medium.steps, medium.phase[kind[i], one], medium.cdf[kind[i], one], uniform(states, i))
+        v = phase_sample(medium.v, medium.steps, medium.phase[kind[i], wavelength], medium.cdf[kind[i], wavelength],
+                         uniform(states, i))
         turn = 2 * math.pi * uniform(states, i)
         ox, oy, oz = direction[i, 0], direction[i, 1], direction[i, 2]
         if guide.used[i] and uniform(states, i) < 0.5:

@@ -38,10 +38,10 @@ def region_of(scene, number, region, group):
     where = scene.values.materials[number].where
     if region.kind == kernels.BOX:
         return Box(region.lo, region.hi)
-    own = where is None or hasattr(where, "box")  # which moves the asset's own
-    if "density" in group if own else hasattr(where, "grid"):
+    as_baked = where is None or hasattr(where, "box")  # which moves the asset's own
+    if "density" in group if as_baked else hasattr(where, "grid"):
         return Grid(region.lo, region.hi, region.values)
-    if own:
+    if as_baked:
         return Mesh(np.asarray(group.mesh_vertices, float) + region.lo - np.min(group.mesh_vertices, axis=0), group.mesh_faces)
     path = scene.file(where.mesh)
     vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())

@@ -42,8 +42,8 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     probes = _probed(world, medium, camera, height, width, seed)
     begin, end, edges, rows, columns = probes.begin, probes.end, probes.edges, probes.rows, probes.columns
     # what is left of the variance from each edge on
-    left = np.concatenate([np.cumsum(probes.variance[:, ::-1], axis=1)[:, ::-1], np.zeros((len(begin), 1))], axis=1)
-    enough = left <= (tolerance * probes.mean[:, None]) ** 2
+    remaining = np.concatenate([np.cumsum(probes.variance[:, ::-1], axis=1)[:, ::-1], np.zeros((len(begin), 1))], axis=1)
+    enough = remaining <= (tolerance * probes.mean[:, None]) ** 2
     first = enough.argmax(axis=1)
     depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
     depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
@@ -128,14 +128,14 @@ def _along(world, medium, origin, direction, middle, thick, behind, solid, state
     point = (origin[:, None] + middle[..., None] * direction[:, None]).reshape(-1, 3)
     rho = np.asarray(region_densities(region, point)).reshape(n, -1)
     numbers = np.empty((len(point), 3))
-    own = np.repeat(states, depths) + np.tile(np.arange(depths, dtype=np.uint64), n)
-    wavefront.draw(own, numbers)
+    streams = np.repeat(states, depths) + np.tile(np.arange(depths, dtype=np.uint64), n)
+    wavefront.draw(streams, numbers)
     sample = world.lights(point, numbers)
     light = np.maximum(sample.radiance.astype(float) @ medium.to_waves.T, 0.0)
     a, b = inside(region, point, sample.direction.astype(float), sample.distance)
     column = np.cumsum(rho * thick, axis=1)
-    way, out = np.cumsum(thick, axis=1) - thick / 2, np.maximum(b - a, 0.0)
-    passed = np.exp(-medium.sigma_t * (column - rho * thick / 2).reshape(-1, 1) - medium.host * way.reshape(-1, 1))
+    thickness, out = np.cumsum(thick, axis=1) - thick / 2, np.maximum(b - a, 0.0)
+    passed = np.exp(-medium.sigma_t * (column - rho * thick / 2).reshape(-1, 1) - medium.host * thickness.reshape(-1, 1))
     arrives = np.exp(-medium.sigma_t * (rho.reshape(-1) * out)[:, None] - medium.host * out[:, None])
     towards = sample.direction.astype(float) - np.repeat(direction, depths, axis=0)
     v = np.minimum(0.5 * (towards**2).sum(axis=1), 2.0)

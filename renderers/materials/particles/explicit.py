@@ -33,38 +33,38 @@ class Spheres:
         self.medium, self.index, self.absorption = medium, index, absorption
 
     def collide(self, paths, far):
-        """As `walk.Discs.collide`; `place` is the centre of the sphere."""
+        """As `walk.Discs.collide`; `point` is the centre of the sphere."""
         n = paths.count
-        kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_meet, n, self.medium.discs, paths, far, kind, distance, place)
-        return kind, distance, place
+        kind, distance, point = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+        run(_meet, n, self.medium.discs, paths, far, kind, distance, point)
+        return kind, distance, point
 
-    def scattered(self, world, paths, kind, place, by_order, by_light):
+    def scattered(self, world, paths, kind, point, by_order, by_light):
         """As `walk.Discs.scattered`; no light is sampled here."""
         n = paths.count
-        run(_pass, n, self.medium.discs.largest, self.index, self.absorption, kind, place, paths)
+        run(_pass, n, self.medium.discs.largest, self.index, self.absorption, kind, point, paths)
         return paths._replace(density=np.zeros(n), single=np.ones(n, bool), seen=np.zeros(n, bool))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _meet(discs, paths, far, kind, distance, place, begin, end):
-    discs, room = lent(discs), mesh_scratch()
+def _meet(discs, paths, far, kind, distance, point, begin, end):
+    discs, scratch = lent(discs), mesh_scratch()
     origin, direction = paths.origin, paths.direction
     for i in range(begin, end):
         # a sphere that the ray has just left lies behind it: the foot of its centre counts no more
-        kind[i], distance[i], _, place[i, 0], place[i, 1], place[i, 2] = first_disc(
+        kind[i], distance[i], _, point[i, 0], point[i, 1], point[i, 2] = first_disc(
             discs, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2], 0.0, far[i],
-            np.nan, np.nan, np.nan, room)
+            np.nan, np.nan, np.nan, scratch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pass(square, index, absorption, kind, place, paths, begin, end):
+def _pass(square, index, absorption, kind, point, paths, begin, end):
     """Paths meet a sphere, are reflected or go through it; they become those that leave."""
     origin, direction, weight, states = paths.origin, paths.direction, paths.throughput, paths.states
     for i in range(begin, end):
         r, eta = math.sqrt(square[kind[i]]), index[kind[i]]
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
-        cx, cy, cz = origin[i, 0] - place[i, 0], origin[i, 1] - place[i, 1], origin[i, 2] - place[i, 2]
+        cx, cy, cz = origin[i, 0] - point[i, 0], origin[i, 1] - point[i, 1], origin[i, 2] - point[i, 2]
         along = cx * dx + cy * dy + cz * dz
         px, py, pz = cx - along * dx, cy - along * dy, cz - along * dz
         half = math.sqrt(max(r * r - px * px - py * py - pz * pz, 0.0))
@@ -91,4 +91,4 @@ def _pass(square, index, absorption, kind, place, paths, begin, end):
             dx, dy, dz = a * dx + b * nx, a * dy + b * ny, a * dz + b * nz
         norm = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
         direction[i, 0], direction[i, 1], direction[i, 2] = dx * norm, dy * norm, dz * norm
-        origin[i, 0], origin[i, 1], origin[i, 2] = place[i, 0] + r * nx, place[i, 1] + r * ny, place[i, 2] + r * nz
+        origin[i, 0], origin[i, 1], origin[i, 2] = point[i, 0] + r * nx, point[i, 1] + r * ny, point[i, 2] + r * nz

@@ -35,19 +35,19 @@ class Particles:
         n = paths.count
         kind, distance, centre = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
         run(_transport.collide, n, self.medium, paths, stop, np.full(n, np.inf), kind, distance, centre)
-        met = np.flatnonzero(kind != NO_DISC)
+        stopped = np.flatnonzero(kind != NO_DISC)
         length = np.minimum(stop, FAR)
-        length[met] = distance[met]
+        length[stopped] = distance[stopped]
         run(_transport.absorb, n, self.medium, paths, length)
-        place = centre[met]
-        if self._holds is not None and len(met):
+        point = centre[stopped]
+        if self._holds is not None and len(stopped):
             # a disc that reaches out of another material stops the ray where the ray is
-            apart = np.flatnonzero(~self._holds(place, paths.direction[met]))
-            at = met[apart]
-            place[apart] = paths.origin[at] + distance[at, None] * paths.direction[at]
-        paths.origin[met], paths.left_out[met] = place, centre[met]
-        paths.order[met] += 1
-        paths.bounces[met] += 1
+            apart = np.flatnonzero(~self._holds(point, paths.direction[stopped]))
+            at = stopped[apart]
+            point[apart] = paths.origin[at] + distance[at, None] * paths.direction[at]
+        paths.origin[stopped], paths.left_out[stopped] = point, centre[stopped]
+        paths.order[stopped] += 1
+        paths.bounces[stopped] += 1
         return np.where(kind != NO_DISC, EVENT, REACHED), (kind,)
 
     def transmittance(self, states, origin, direction, distance, left_out, share):
@@ -71,8 +71,8 @@ def _no_guide(paths):
 def transmit(medium, states, origin, direction, distance, left_out, share, begin, end):
     """Multiplies share (n, L) by 0 or 1, what discs leave of light on ways (n,) m, and by what their host absorbs."""
     medium = lent(medium)
-    room, waves = mesh_scratch(), share.shape[1]
-    passed, scratch = np.empty(waves), (np.empty(waves, np.uint8), room)
+    mesh_room, waves = mesh_scratch(), share.shape[1]
+    passed, scratch = np.empty(waves), (np.empty(waves, np.uint8), mesh_room)
     for i in range(begin, end):
         ray, particle = _transport.ray_of(origin, direction, i), (left_out[i, 0], left_out[i, 1], left_out[i, 2])
         _transport.transmit(medium, ray, distance[i], math.inf, particle, states, i, passed, scratch)

@@ -111,10 +111,10 @@ def without_peak(classes, angle) -> Classes:
         return classes
     at = kernels.phase_at(theta, classes.phase, np.array([angle]))  # (L, K, 1)
     cut = np.where(inside, np.minimum(classes.phase, at), classes.phase)
-    left = kernels.phase_integral(theta, cut)
-    lost = classes.scattering * (1 - left)
+    kept = kernels.phase_integral(theta, cut)
+    lost = classes.scattering * (1 - kept)
     extinction = classes.extinction - lost
-    return classes._replace(extinction=extinction, scattering=classes.scattering - lost, phase=cut / left[..., None],
+    return classes._replace(extinction=extinction, scattering=classes.scattering - lost, phase=cut / kept[..., None],
                             peak=(lost @ classes.density) / np.maximum(classes.sigma_t, 1e-300))
 
 
@@ -144,6 +144,6 @@ def medium(classes, discs_of, to_rgb, to_waves) -> tuple[Medium, np.ndarray]:
     v, steps = (layouts[0][0][i] for i in range(2))
     albedo = np.concatenate([(scattering / np.maximum(extinction, 1e-300)).T, (sigma_s / np.maximum(sigma_t, 1e-300))[None]])
     return Medium(discs_of(extinction, density, order), density, sigma_t, np.clip(albedo, 0.0, 1.0), v, steps,
-                  np.array([[one[2] for one in row] for row in layouts]), np.array([[one[3] for one in row] for row in layouts]),
-                  *(np.array(one, float, order="C") for one in (classes.host, to_rgb, to_waves)),
+                  *(np.array([[layout[k] for layout in row] for row in layouts]) for k in (2, 3)),
+                  *(np.array(table, float, order="C") for table in (classes.host, to_rgb, to_waves)),
                   overlap_of(density, extinction, scattering)), order

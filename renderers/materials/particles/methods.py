@@ -56,11 +56,11 @@ def prepare(job, world, seed, tolerance=None) -> Method:
     passes, depth, reasons = declared.passes(setup, tolerance, seed)
     lights = world.light_names
     everywhere = np.full((height, width), np.inf) if depth is None else depth
-    parts = tuple(each if isinstance(each, Part) else
-                  Part(each[0], _pass(*each[1:], world, height, width, seed, everywhere, lights)) for each in passes)
-    more = _figures(setup, depth) | {"layers": _layers(depth)}
+    parts = tuple(listed if isinstance(listed, Part) else
+                  Part(listed[0], _pass(*listed[1:], world, height, width, seed, everywhere, lights)) for listed in passes)
+    figures = _figures(setup, depth) | {"layers": _layers(depth)}
     return Method(name, parts, [peak_sentence(setup.classes, angle), *filter(None, [declared.leaves_out]), *reasons],
-                  lambda estimate: more, features=None if depth is None else lambda: _features(setup, seed),
+                  lambda estimate: figures, features=None if depth is None else lambda: _features(setup, seed),
                   apart=("walk",) if depth is None else ("splat",))  # without a depth particles show in all of their light
 
 
@@ -98,11 +98,12 @@ def _setup(job, world, angle) -> Setup:
     return Setup(settings, group, world, region, waves, bands, baked, classes, discs, tabulated, order, job.scene)
 
 
-def _pass(function, what, world, height, width, seed, depth, lights):
+def _pass(function, method, world, height, width, seed, depth, lights):
     """A pass as `Part` takes it: its number -> layers."""
 
     def one(number):
-        by_order, by_light = function(world, what, world.camera, height, width, number, seed, discrete=depth, lights=len(lights))
+        by_order, by_light = function(world, method, world.camera, height, width, number, seed, discrete=depth,
+                                      lights=len(lights))
         layers = {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
             | {f"light.{name}": image for name, image in zip(lights, by_light)}
         # walks have all layers; what splats leave black takes memory for nothing
@@ -129,7 +130,7 @@ def _layers(depth):
 def _figures(setup, depth):
     region, group = setup.region, setup.group
     tau = setup.classes.sigma_t * float((region.hi - region.lo).max())
-    own = float(np.prod(region.hi - region.lo)) / float(np.prod(np.asarray(group.box, float)))
-    return {"particles": float(group.number[0]) * (1.0 if "position" in group else own),
+    volume = float(np.prod(region.hi - region.lo)) / float(np.prod(np.asarray(group.box, float)))
+    return {"particles": float(group.number[0]) * (1.0 if "position" in group else volume),
             "optical_depth": [float(tau.min()), float(tau.max())],
             "as_particles": None if depth is None else float(np.mean(depth > 0))}

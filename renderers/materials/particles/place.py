@@ -16,16 +16,16 @@ def region_of(scene, group, number=0) -> kernels.Region:
     what it should be.
     """
     where, key = scene.values.materials[number].where, f"materials[{number}].where"
-    own = _own(group)
+    baked = _own(group)
     if where is None:
-        return own
+        return baked
     stored = "position" in group
     if hasattr(where, "box"):
         lo, hi = np.array(where.box.lo), np.array(where.box.hi)
-        edges = own.hi - own.lo
+        edges = baked.hi - baked.lo
         if np.allclose(hi - lo, edges, rtol=_SAME, atol=0):
-            return own._replace(lo=lo, hi=hi, centre=own.centre + lo)
-        if stored or own.kind != kernels.BOX:
+            return baked._replace(lo=lo, hi=hi, centre=baked.centre + lo)
+        if stored or baked.kind != kernels.BOX:
             kind = "its places are stored" if stored else "it is not a whole box"
             raise scene.wrong(f"{key}.box", f"found a box of {_edges(hi - lo)} m, but the asset's is {_edges(edges)} "
                               f"m and {kind}; that box, or an asset with method: procedural, would do")
@@ -89,8 +89,8 @@ def discs_of(group, region, velocity, time):
             return kernels.procedural_discs(region, extinction, density, group.key, moves, time)
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
-        place = np.asarray(group.position)
-        place = place + region.lo if region.lo.any() else place  # float32 as stored: 1e8 particles are a gigabyte
-        return kernels.stored_discs(region, extinction, place, rank[group.kinds()], moves, time)
+        centres = np.asarray(group.position)
+        centres = centres + region.lo if region.lo.any() else centres  # float32 as stored: 1e8 particles are a gigabyte
+        return kernels.stored_discs(region, extinction, centres, rank[group.kinds()], moves, time)
 
     return discs

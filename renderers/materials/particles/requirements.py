@@ -130,7 +130,7 @@ def _apart(about):
 
 def _box(about):
     """Corners (2, 3) m of the box that holds the particles; None where a file does."""
-    where, own = about.entry.where, about.recipe.discrete and about.recipe.discrete.box
+    where, box = about.entry.where, about.recipe.discrete and about.recipe.discrete.box
     if hasattr(where, "box"):
         return np.array([where.box.lo, where.box.hi])
-    return np.array([[0, 0, 0], 1e-6 * np.array(own)]) if own and where is None else None
+    return np.array([[0, 0, 0], 1e-6 * np.array(box)]) if box and where is None else None

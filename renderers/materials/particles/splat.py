@@ -54,27 +54,27 @@ def plan(medium, camera, height, width, depth, drawn) -> Plan:
     return Plan(max(1, math.ceil(seen / (_DRAWN if drawn else _TRACED))), drawn)
 
 
-def one_pass(world, what, camera, height, width, number, seed, *, discrete, lights):
+def one_pass(world, discs, camera, height, width, number, seed, *, discrete, lights):
     """A share of the particles, and one pencil, or more for large discs, to each.
 
     Parameters
     ----------
-    what : pair of `renderers.materials.particles.medium.Medium` and `Plan`
+    discs : pair of `renderers.materials.particles.medium.Medium` and `Plan`
     others : as in `walk.one_pass`
 
     Returns
     -------
     by_order : (ORDERS, H, W, 3), of which only order 1 is filled;  by_light : (lights, H, W, 3) linear sRGB
     """
-    how = what[1]
+    plan = discs[1]
     pixels = height * width
     by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
     view = View(camera, height, width)
-    share = np.array([number % how.shares, how.shares, stream_key(seed, "render.blocks")], np.uint64)
-    for serial, chunk in enumerate(_particles(what[0].discs, view, discrete, share)):
-        _add(world, what, view, chunk, discrete, (seed, number, serial), by_order, by_light)
-    by_order[1] *= how.shares  # the others stay untouched, and take no memory
-    by_light *= how.shares
+    share = np.array([number % plan.shares, plan.shares, stream_key(seed, "render.blocks")], np.uint64)
+    for serial, chunk in enumerate(_particles(discs[0].discs, view, discrete, share)):
+        _add(world, discs, view, chunk, discrete, (seed, number, serial), by_order, by_light)
+    by_order[1] *= plan.shares  # the others stay untouched, and take no memory
+    by_light *= plan.shares
     return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
 
 
@@ -142,10 +142,10 @@ def _particles(discs, view, discrete, share):
         blocks = _blocks_in_view(discs, level, bounds, edge, view.origin, view.sides, farthest, share)
         state = np.zeros(3, np.int64)  # block, cell in it, particle in that
         while state[0] < len(blocks):
-            place, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
-            filled = _gather(discs, level, blocks, edge, state, bounds, place, kind, identity)
+            points, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
+            filled = _gather(discs, level, blocks, edge, state, bounds, points, kind, identity)
             if filled:
-                yield Chunk(place[:filled], kind[:filled], identity[:filled])
+                yield Chunk(points[:filled], kind[:filled], identity[:filled])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -183,19 +183,19 @@ def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, share):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(discs, level, blocks, edge, state, bounds, place, kind, identity):
+def _gather(discs, level, blocks, edge, state, bounds, points, kind, identity):
     """Fills place, kind and identity with the particles of blocks from `state` on, which is moved on; how many they are."""
-    room, filled = mesh_scratch(), np.int64(0)  # a literal 0 would be compiled for as well
+    scratch, filled = mesh_scratch(), np.int64(0)  # a literal 0 would be compiled for as well
     while state[0] < len(blocks):
         cell = state[1]
         i = blocks[state[0], 0] + cell // (edge * edge)
         j = blocks[state[0], 1] + cell // edge % edge
         k = blocks[state[0], 2] + cell % edge
-        rest = -1
+        remaining = -1
         if i <= bounds[3] and j <= bounds[4] and k <= bounds[5]:
-            filled, rest = discs_of_cell(discs, level, i, j, k, state[2], place, kind, identity, filled, room)
-        if rest >= 0:
-            state[2] = rest
+            filled, remaining = discs_of_cell(discs, level, i, j, k, state[2], points, kind, identity, filled, scratch)
+        if remaining >= 0:
+            state[2] = remaining
             return filled
         state[2] = 0
         state[1] += 1
@@ -205,42 +205,42 @@ def _gather(discs, level, blocks, edge, state, bounds, place, kind, identity):
     return filled
 
 
-def _add(world, what, view, chunk, discrete, streams, by_order, by_light):
+def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
-    (medium, how), n = what, len(chunk.kind)
+    (medium, plan), n = discs, len(chunk.kind)
     seed, number, serial = streams
-    own, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
-    wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), own)  # the same in all passes
+    numbers, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
+    wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), numbers)  # the same in all passes
     wavefront.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
     run(_pencils, n, medium, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
     who = np.repeat(np.arange(n), pencils_of)
-    place, kind, own, m = chunk.place[who], chunk.kind[who], own[who], len(who)
+    points, kind, numbers, m = chunk.place[who], chunk.kind[who], numbers[who], len(who)
     # a stream for each pencil: those of one particle go apart at their first number
     part = np.arange(m) - np.repeat(np.cumsum(pencils_of) - pencils_of, pencils_of)
     states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
     # pencils of one particle and of all passes spread over its disc evenly
-    aims = (own[:, :2] + (number // how.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
+    aims = (numbers[:, :2] + (number // plan.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
     pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)
-    run(_aim, m, medium, view.frame, discrete.reshape(-1), (place, kind, pencils_of[who]), aims, pencils)
+    run(_aim, m, medium, view.frame, discrete.reshape(-1), (points, kind, pencils_of[who]), aims, pencils)
     kept = np.flatnonzero(pencils.pixel >= 0)
     if len(kept):
         far = world.trace(np.tile(view.origin, (len(kept), 1)), pencils.direction[kept], pencils.far[kept])
         kept = kept[~np.isfinite(far)]
-    place, kind, own, pencils = place[kept], kind[kept], own[kept], pencils.of(kept)
-    chances = _chances(medium, how, view, pencils, own[:, 2:])
+    points, kind, numbers, pencils = points[kept], kind[kept], numbers[kept], pencils.of(kept)
+    chances = _chances(medium, plan, view, pencils, numbers[:, 2:])
     seen = np.empty(len(kept), bool)
-    run(_visible, len(kept), medium, view.origin, pencils, place, chances[0], seen)
-    events = Events(kind[seen], place[seen], np.empty(0))
-    _light(world, what, view, events, pencils.of(seen), chances[1][seen], by_order[1], by_light)
+    run(_visible, len(kept), medium, view.origin, pencils, points, chances[0], seen)
+    events = Events(kind[seen], points[seen], np.empty(0))
+    _light(world, discs, view, events, pencils.of(seen), chances[1][seen], by_order[1], by_light)
 
 
-def _light(world, what, view, events, pencils, chance, picture, by_light):
+def _light(world, discs, view, events, pencils, chance, picture, by_light):
     """Adds what lights send by way of particles that are seen to the picture (pixels, 3), and by light."""
-    (medium, how), m = what, len(pencils.pixel)
+    (medium, plan), m = discs, len(pencils.pixel)
     if not m:
         return
-    pencils.throughput[:] /= how.samples
-    for _ in range(how.samples):
+    pencils.throughput[:] /= plan.samples
+    for _ in range(plan.samples):
         numbers = np.empty((m, 3))
         wavefront.draw(pencils.states, numbers)
         sample = world.lights(events.place, numbers)
@@ -254,14 +254,14 @@ def _light(world, what, view, events, pencils, chance, picture, by_light):
         _sum(added, pencils.pixel, sample.light, picture, by_light)
 
 
-def _chances(medium, how, view, pencils, own):
+def _chances(medium, plan, view, pencils, numbers):
     """Numbers (2, n) in [0, 1) by which pencils, and light to them, are hidden; nan where discs hide them."""
-    if not how.drawn or medium.discs.region.kind != BOX:
-        return np.full((2, len(own)), np.nan)
+    if not plan.drawn or medium.discs.region.kind != BOX:
+        return np.full((2, len(numbers)), np.nan)
     area = medium.discs.square.max(axis=1) * math.pi
     typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
     pixel = pencils.far**2 * view.area * (pencils.direction @ view.axis) ** 3
-    return np.ascontiguousarray(np.where(pixel > _TOGETHER * typical, own.T, np.nan))
+    return np.ascontiguousarray(np.where(pixel > _TOGETHER * typical, numbers.T, np.nan))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -284,10 +284,10 @@ def _cone(medium, kind, x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pencils(medium, origin, area, axis, place, kind, pencils, begin, end):
+def _pencils(medium, origin, area, axis, points, kind, pencils, begin, end):
     """How many pencils each particle gets: by the pixels that its disc covers."""
     for i in range(begin, end):
-        x, y, z = place[i, 0] - origin[0], place[i, 1] - origin[1], place[i, 2] - origin[2]
+        x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
         distance, v = _cone(medium, kind[i], x, y, z)
         along = max(x * axis[0] + y * axis[1] + z * axis[2], 0.1 * distance)
         covered = 2 * math.pi * v / (area * (along / distance) ** 3) if along > 0 else 1e9
@@ -301,10 +301,10 @@ def _aim(medium, frame, discrete, particles, aims, pencils, begin, end):
     particles : place (n, 3) m, class (n,), and how many pencils each of them gets (n,)
     """
     origin, inverse, axis, area, height, width = frame
-    place, kind, shares = particles
+    points, kind, shares = particles
     weight, pixel = pencils.throughput, pencils.pixel
     for i in range(begin, end):
-        x, y, z = place[i, 0] - origin[0], place[i, 1] - origin[1], place[i, 2] - origin[2]
+        x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
         distance, v = _cone(medium, kind[i], x, y, z)
         pixel[i] = -1
         if distance == 0:
@@ -337,10 +337,10 @@ def _aim(medium, frame, discrete, particles, aims, pencils, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _visible(medium, origin, pencils, place, chance, seen, begin, end):
+def _visible(medium, origin, pencils, points, chance, seen, begin, end):
     """What others' discs, or chance, leave of pencils: weights become 0 where they are stopped; seen: whether any is left."""
     direction, weight, far = pencils.direction, pencils.throughput, pencils.far
-    room, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
+    scratch, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
     for i in range(begin, end):
         ray = origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1], direction[i, 2]
         _transport.absorbed(medium, ray, far[i], weight[i])
@@ -355,7 +355,7 @@ def _visible(medium, origin, pencils, place, chance, seen, begin, end):
         for w in range(len(open)):
             open[w] = weight[i, w] > 0
         seen[i] = open_wavelengths(medium.discs, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
-                                   direction[i, 2], 0.0, far[i], place[i, 0], place[i, 1], place[i, 2], open, room) > 0
+                                   direction[i, 2], 0.0, far[i], points[i, 0], points[i, 1], points[i, 2], open, scratch) > 0
         for w in range(len(open)):
             if not open[w]:
                 weight[i, w] = 0.0

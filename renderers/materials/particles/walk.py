@@ -78,11 +78,11 @@ class Discs:
     def collide(self, paths, far):
         """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
         n = paths.count
-        kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, paths, far, paths.discrete, kind, distance, place)
-        return kind, distance, place
+        kind, distance, point = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+        run(_transport.collide, n, self.medium, paths, far, paths.discrete, kind, distance, point)
+        return kind, distance, point
 
-    def scattered(self, world, paths, kind, place, by_order, by_light):
+    def scattered(self, world, paths, kind, point, by_order, by_light):
         """Paths that go on from a scattering, after light from there has been added."""
         n, medium = paths.count, self.medium
         particle = kind < len(medium.albedo) - 1
@@ -90,16 +90,16 @@ class Discs:
         numbers = np.empty((n, 6 if self.eye is None else 8))
         wavefront.draw(paths.states, numbers)
         # two places on lights, in one call: one to connect to, and one whose direction guides the path
-        both = world.lights(np.concatenate([place, place]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
-        sample, other = (LightSample(*(values[part] for values in both)) for part in (slice(n), slice(n, None)))
-        guide = Guide(other.direction.astype(float),
-                      (other.radiance > 0).any(axis=1) & (other.delta | (other.density > _SMALL)))
+        samples = world.lights(np.concatenate([point, point]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
+        sample, guide_sample = (LightSample(*(values[part] for values in samples)) for part in (slice(n), slice(n, None)))
+        guide = Guide(guide_sample.direction.astype(float),
+                      (guide_sample.radiance > 0).any(axis=1) & (guide_sample.delta | (guide_sample.density > _SMALL)))
         added = np.empty((n, 3))
-        together = _together(self, (paths.bounces == 0) & ~particle, place, sample.direction, sample.distance, numbers[:, 6:])
+        together = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
         sample.radiance[first] = 0.0
-        run(_transport.light, n, medium, Events(kind, place, paths.discrete), paths, guide, together, sample, added)
+        run(_transport.light, n, medium, Events(kind, point, paths.discrete), paths, guide, together, sample, added)
         wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
-        paths = paths._replace(origin=place, left_out=place.copy(), single=np.zeros(n, bool), seen=first)
+        paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), seen=first)
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
         run(_transport.scatter, paths.count, medium, kind[copies], paths, Guide(*(values[copies] for values in guide)))
@@ -174,11 +174,11 @@ def _begin(medium, camera, width, pixel, number, seed, discrete):
 def _bounce(world, method, paths, by_order, by_light):
     """Paths after their next scattering or surface, those that go on."""
     far = world.trace(paths.origin, paths.direction, np.full(paths.count, np.inf))
-    kind, distance, place = method.collide(paths, far)
-    met = kind != NO_DISC
-    run(_transport.absorb, paths.count, method.medium, paths, np.where(met, distance, far))
-    parts = [_among_particles(world, method, paths.of(met), kind[met], place[met], by_order, by_light),
-             _at_surfaces(world, method, paths.of(~met), by_order, by_light)]
+    kind, distance, point = method.collide(paths, far)
+    stopped = kind != NO_DISC
+    run(_transport.absorb, paths.count, method.medium, paths, np.where(stopped, distance, far))
+    parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], by_order, by_light),
+             _at_surfaces(world, method, paths.of(~stopped), by_order, by_light)]
     together = Paths(*map(np.concatenate, zip(*parts)))
     alive = np.empty(together.count, bool)
     run(wavefront.roulette, together.count, together.throughput, together.states, together.bounces, alive)
@@ -193,18 +193,18 @@ def _coherent(lo, hi, origin, direction):
     What one has read of the lattice is in the cache for the next.
     """
     cell = np.clip((origin - lo) * (_PARTS / (hi - lo)), 0, _PARTS - 1).astype(np.int64)
-    place = _SPREAD[cell[:, 0]] | _SPREAD[cell[:, 1]] << 1 | _SPREAD[cell[:, 2]] << 2
+    voxel = _SPREAD[cell[:, 0]] | _SPREAD[cell[:, 1]] << 1 | _SPREAD[cell[:, 2]] << 2
     octant = (direction > 0) @ np.array([1, 2, 4])
     main = np.argmax(abs(direction), axis=1)
-    return np.argsort((main * 8 + octant) * _PARTS**3 + place, kind="stable")
+    return np.argsort((main * 8 + octant) * _PARTS**3 + voxel, kind="stable")
 
 
-def _among_particles(world, method, paths, kind, place, by_order, by_light):
+def _among_particles(world, method, paths, kind, point, by_order, by_light):
     if not paths.count:
         return paths
     paths.order[:] += 1
     paths.discrete[:] = method.later
-    paths = method.scattered(world, paths, kind, place, by_order, by_light)
+    paths = method.scattered(world, paths, kind, point, by_order, by_light)
     paths.bounces[:] += 1
     return paths
 
