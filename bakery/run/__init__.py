@@ -19,7 +19,7 @@ from bakery.errors import BakeryError, Problem, StageError, StoreError, UsageErr
 from bakery.grammar import qualities
 from bakery.grammar.files import Written
 from bakery.plan import REUSE, RUN, Plan, Step, make
-from bakery.run import compiling, standing
+from bakery.run import ahead, compiling, standing
 from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
@@ -215,6 +215,9 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
+    if not (executor or address):  # workers of other processes compile for themselves
+        ahead.expect([kernel for step in plan.steps if step.action == RUN
+                      for kernel in ahead.of(f"stage {step.stage.name}", step.cost.kernels)])
     with ExitStack() as stack:
         with progress.during(f"calling {address}" if address else "starting workers"):
             running = stack.enter_context(pool)
