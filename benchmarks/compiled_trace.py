@@ -41,11 +41,11 @@ def _numba(event) -> None:
 
 
 def _types(arguments) -> list | None:
-    from bakery.system import signatures
-
     try:
-        return [signatures.written(one) for one in arguments]
-    except ValueError:
+        from bakery.system import signatures
+
+        return [signatures.written(kind) for kind in arguments]
+    except (ImportError, ValueError):  # sources of before have no form for them
         return None
 
 
@@ -90,8 +90,8 @@ def _kernels_of_drjit() -> list[dict]:
     if "drjit" not in sys.modules:
         return []
     history = sys.modules["drjit"].kernel_history()
-    return [{"seconds": (one.get("codegen_time", 0.0) + one.get("backend_time", 0.0)) / 1e3,
-             "new": not one.get("cache_hit", True)} for one in history if "JIT" in str(one.get("type"))]
+    return [{"seconds": (kernel.get("codegen_time", 0.0) + kernel.get("backend_time", 0.0)) / 1e3,
+             "new": not kernel.get("cache_hit", True)} for kernel in history if "JIT" in str(kernel.get("type"))]
 
 
 def _write() -> None:

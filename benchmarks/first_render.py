@@ -2,7 +2,7 @@
 
     python -m benchmarks.first_render                       every scene of SCENES: seconds, processor seconds, what compiled
     python -m benchmarks.first_render candle --kernels 20   of some scenes, with their 20 longest kernels
-    python -m benchmarks.first_render candle --beside TREE  beside other sources, one after the other
+    python -m benchmarks.first_render candle --beside TREE  beside other sources, in turns
     python -m benchmarks.first_render --record              writes bakery/run/kernels.json, which `bakery/run/ahead.py` reads
 
 Processes that compile ahead are killed at the end, so what they spent is what the system says of all children, less this one's.
@@ -44,7 +44,7 @@ def fresh(tree: Path, folder: Path) -> Path:
 def first(tree: Path, scene: str, alone: bool = False) -> dict:
     """A first render: seconds, processor seconds of the command and of processes beside it, and what the trace says.
 
-    alone : on one processor, where nothing is compiled ahead
+    alone : on a single processor, where nothing is compiled ahead
     """
     with tempfile.TemporaryDirectory(prefix="bakery-first-") as text:
         folder = fresh(tree, Path(text) / "tree")
@@ -59,26 +59,26 @@ def first(tree: Path, scene: str, alone: bool = False) -> dict:
         if done.returncode not in (0, 3):
             raise SystemExit(f"{scene}: {done.stderr}")
         traces = [json.loads(path.read_text()) for path in (folder / "trace").glob("*.json")]
-    trace = max((one for one in traces if "render" in one["arguments"]), key=lambda one: one["processor"])
+    trace = max((trace for trace in traces if "render" in trace["arguments"]), key=lambda trace: trace["processor"])
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return {"scene": scene, "seconds": seconds, "processor": spent, "report": json.loads(done.stdout), "trace": trace,
             "section": json.loads(done.stdout)["renderer"]}
 
 
-def row(one: dict) -> str:
-    trace = one["trace"]
+def row(run: dict) -> str:
+    trace = run["trace"]
     kernels = [kernel for kernel in trace["numba"] if not kernel["waiting"]]
     waits = sum(kernel["seconds"] for kernel in trace["numba"] if kernel["waiting"])
     traced = [kernel for kernel in trace["drjit"] if kernel["new"]]
-    return (f"{one['scene']:<16} {one['seconds']:8.1f} {one['processor']:10.1f} {trace['processor']:9.1f} {len(kernels):8d} "
+    return (f"{run['scene']:<16} {run['seconds']:8.1f} {run['processor']:10.1f} {trace['processor']:9.1f} {len(kernels):8d} "
             f"{sum(kernel['own'] for kernel in kernels):9.1f} {waits:7.1f} {len(traced):7d} "
             f"{sum(kernel['seconds'] for kernel in traced):7.1f}")
 
 
-def longest(one: dict, count: int) -> list[str]:
+def longest(run: dict, count: int) -> list[str]:
     """The kernels of the command's process that took longest by themselves."""
     spent: dict[str, list[float]] = {}
-    for kernel in one["trace"]["numba"]:
+    for kernel in run["trace"]["numba"]:
         spent.setdefault(f"{kernel['group']}: {kernel['name']}", []).append(kernel["own"])
     order = sorted(spent, key=lambda name: -sum(spent[name]))[:count]
     return [f"  {sum(spent[name]):6.2f} s  {len(spent[name])} x  {name}" for name in order]
@@ -87,11 +87,11 @@ def longest(one: dict, count: int) -> list[str]:
 def groups(runs: list[dict]) -> dict[str, list]:
     """Kernels of each stage, of every scene of a renderer, and of those with the same entries besides."""
     sys.path.insert(0, str(ROOT))
-    from bakery.run.ahead import group_of
+    from bakery.run.ahead import groups_of
     from renderers import scene
 
     out: dict[str, list] = {}
-    of_renderer: dict[str, list[tuple[str, list]]] = {}
+    of_renderer: dict[str, list[tuple[str, list]]] = {}  # group of a renderer -> of each scene its group and kernels
     for run in runs:
         mine = []
         for kernel in run["trace"]["numba"]:
@@ -102,12 +102,11 @@ def groups(runs: list[dict]) -> dict[str, list]:
                 mine.append(entry)
             elif entry not in out.setdefault(kernel["group"], []):
                 out[kernel["group"]].append(entry)
-        path = scene.load(ROOT / "assets" / "scenes" / f"{run['scene']}.yaml")
-        entries = [f"{one.kind} {one.method}" for one in path.materials if hasattr(one, "method")]
-        of_renderer.setdefault(path.section, []).append((group_of(path.section, entries), mine))
-    for section, scenes in of_renderer.items():
+        every, besides = groups_of(scene.load(ROOT / "assets" / "scenes" / f"{run['scene']}.yaml"))
+        of_renderer.setdefault(every, []).append((besides, mine))
+    for every, scenes in of_renderer.items():
         shared = [entry for entry in scenes[0][1] if all(entry in mine for _, mine in scenes)]
-        out[group_of(section)] = shared
+        out[every] = shared
         for name, mine in scenes:
             rest = [entry for entry in mine if entry not in shared and entry not in out.get(name, [])]
             if rest:
@@ -124,7 +123,9 @@ def main():
     parser.add_argument("--record", action="store_true", help="write down the kernels of stages and renderers")
     asked = parser.parse_args()
     trees = [*([asked.beside.resolve()] if asked.beside else []), ROOT]
-    print(f"{'scene':<16} {'seconds':>8} {'processor':>10} {'command':>9} {'kernels':>8} {'compiling':>9} {'waiting':>7} "
+    print("seconds by the clock, of all processes, of the command alone; its kernels and what they took; seconds by the clock in\n"
+          "which it waited for a kernel that another process compiled; kernels of Dr.Jit and what they took")
+    print(f"{'scene':<16} {'clock':>8} {'processor':>10} {'command':>9} {'kernels':>8} {'compiling':>9} {'waiting':>7} "
           f"{'Dr.Jit':>7} {'':>7}", flush=True)
     runs = []
     for name in asked.scenes:

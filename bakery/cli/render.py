@@ -60,7 +60,7 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
         raise UsageError(f'found "{source}", which is {kind}; a scene (.yaml or .xml) or an asset (.h5) would do')
     values = settings_of(None, None, None, settings)
     options = {"quality": quality, "variant": variant, "seed": seed, "overwrite": overwrite}
-    prepared, coming = None, []  # (path, progress) -> what is drawn; kernels that drawing meets
+    prepared = None  # (path, progress) -> what is drawn
     if resume and suffix not in (".yaml", ".yml"):
         raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
     if place and suffix in (".yaml", ".yml", ".xml"):
@@ -81,12 +81,12 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
             raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
         options |= {"resume": True} if resume else {}
         draw = renderer.render
-        coming = ahead.of_render(path.section, [f"{one.kind} {one.method}" for one in path.materials if hasattr(one, "method")])
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             running.refuse_too_large(path)
             refuse_absent(path)
             prepared = assets.baked
+        ahead.expect(ahead.of_scene(path))
     elif suffix == ".xml":
         import renderers.granular.plugin
         import renderers.mitsuba as renderer
@@ -107,7 +107,6 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
         draw, target, name = renderer.preview, output or Path(source).with_suffix(".png"), path.name
     progress = choose(quiet)
     try:
-        ahead.expect(coming)
         if prepared:
             path = prepared(path, progress)
         progress.stage("render", f"picture of {name}", 0.0, 0.0)

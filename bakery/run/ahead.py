@@ -1,11 +1,11 @@
-"""Kernels that are compiled ahead, by other processes, while this one is at something else.
+"""Kernels that are compiled ahead, by other processes, while this process is at something else.
 
 A process compiles one kernel at a time, when it meets it.  What a stage or a renderer is going to meet is known before:
 `kernels.json` has the kernels of each, with the types of their arguments, as first renders of shipped scenes met them
-(`python -m benchmarks.first_render --record` writes it).  So `expect` starts processes that compile these, one
-fewer than there are processors and three at most.  They begin with what is met last, and this process with what is met first; none
-compiles what another is at (`bakery.system.turns`), and what they compile is found on disk.  They end with this process, or when
-there is no more to do.
+(`python -m benchmarks.first_render --record` writes it).  So `expect` starts processes that compile these, all
+processors together with this process, and three at most.  They begin with what is met last, and this process with what is met
+first; none compiles what another is at (`bakery.system.turns`), and what they compile is found on disk.  They end with this
+process, or when there is no more to do.
 
 Nothing depends on it: a kernel that is not on the list, or is no more what the list says, is compiled where it is met.
 """
@@ -44,17 +44,20 @@ def of(group: str, modules: Iterable[str] | None = None) -> list:
     if modules is None:
         return kernels
     names = {f"bakery.physics.{module}" for module in modules}
-    return [one for one in kernels if one[0].split(":")[0] in names]
+    return [[name, arguments] for name, arguments in kernels if name.split(":")[0] in names]
 
 
-def of_render(renderer: str, entries: Iterable[str] = ()) -> list:
-    """Kernels of a renderer of scenes: those of every scene, and those that materials so rendered (`grains ept`) meet besides."""
-    return of(group_of(renderer)) + of(group_of(renderer, entries))
+def of_scene(scene) -> list:
+    """Kernels of a `renderers.scene.Scene`: those of its renderer, and those that its entries meet besides."""
+    every, besides = groups_of(scene)
+    return of(every) + of(besides)
 
 
-def group_of(renderer: str, entries: Iterable[str] = ()) -> str:
-    """The name of a renderer's group; of one with entries, that of what they meet besides."""
-    return f"render {renderer}: {', '.join(sorted(entries))}".removesuffix(": ")
+def groups_of(scene) -> tuple[str, str]:
+    """Names of groups: of a scene's renderer (`render granular`), and of all scenes with such entries (`render granular: grains
+    ept`)."""
+    entries = sorted(f"{entry.kind} {entry.method}" for entry in scene.materials if hasattr(entry, "kind"))
+    return f"render {scene.section}", f"render {scene.section}: {', '.join(entries)}"
 
 
 def expect(kernels: Iterable) -> None:
@@ -78,10 +81,10 @@ class _Ahead:
         count = min(resources.jobs() - 1, resources.processors() - 1, MOST) if kernels else 0
         if count > 0 and not self._processes:
             atexit.register(self.end)
-        self._processes = [one for one in self._processes if one.poll() is None]
+        self._processes = [process for process in self._processes if process.poll() is None]
         self._processes += [_process() for _ in range(len(self._processes), count)]
         for process in self._processes if kernels else ():
-            # one that has ended is missed by nobody
+            # a process that has ended is missed by nobody
             with contextlib.suppress(OSError, ValueError):
                 process.stdin.write(json.dumps(kernels).encode() + b"\n")
                 process.stdin.flush()

@@ -6,8 +6,8 @@ other files; so the stamp of ours is a hash of the file and of every module of t
 
 Compiling is most of what a first bake or render takes.  So a kernel is compiled for an integer whether or not a caller has a
 constant there, without the function in C that only `cfunc` and functions kept as values need, without Python's collector of
-garbage, which would go over all of numba's objects again and again, and by one process at a time: others wait for it and take
-what it has kept.
+garbage, which would go over all of numba's objects again and again, and by a single process: others wait for it and take what it
+has kept.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ class Kernel(CPUDispatcher):
 
     def get_call_template(self, args, kws):
         """As numba's, of a call from another kernel."""
-        return super().get_call_template([_number(one) for one in args], {name: _number(one) for name, one in kws.items()})
+        if self.targetoptions.get("fastmath"):
+            # a constant may change which products and sums are made in a single step, and so the last bit
+            return super().get_call_template(args, kws)
+        return super().get_call_template([_number(kind) for kind in args], {name: _number(kind) for name, kind in kws.items()})
 
     def compile(self, sig):
         """The entry point of a signature: there already, kept on disk, or compiled now."""

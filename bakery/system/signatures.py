@@ -19,9 +19,9 @@ def written(kind):
     if isinstance(kind, types.Array) and kind.aligned and isinstance(kind.dtype, (types.Number, types.Boolean)):
         return f"{kind.dtype}[{kind.ndim}{kind.layout}{'' if kind.mutable else '!'}]"
     if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
-        return {f"{kind.instance_class.__module__}:{kind.instance_class.__qualname__}": [written(one) for one in kind.types]}
+        return {f"{kind.instance_class.__module__}:{kind.instance_class.__qualname__}": [written(field) for field in kind.types]}
     if isinstance(kind, (types.Tuple, types.UniTuple)):
-        return [written(one) for one in kind.types]
+        return [written(field) for field in kind.types]
     if isinstance(kind, (types.Number, types.Boolean)):
         return str(kind)
     raise ValueError(f"{kind}: neither a number, nor an array of numbers, nor a tuple of such")
@@ -30,10 +30,10 @@ def written(kind):
 def read(form):
     """The type that `written` wrote."""
     if isinstance(form, list):
-        return types.BaseTuple.from_types([read(one) for one in form])
+        return types.BaseTuple.from_types([read(field) for field in form])
     if isinstance(form, dict):
         (name, fields), = form.items()
-        return types.BaseTuple.from_types([read(one) for one in fields], by_name(name))
+        return types.BaseTuple.from_types([read(field) for field in fields], by_name(name))
     if match := _ARRAY.fullmatch(form):
         dtype, ndim, layout, read_only = match.groups()
         return types.Array(getattr(types, _scalar(dtype)), int(ndim), layout, readonly=bool(read_only))

@@ -1,4 +1,4 @@
-"""Turns of processes: of those that want to do the same thing, one does it and the others wait.
+"""Turns of processes: of those that want to do the same thing, the first does it and the others wait.
 
 A turn is a byte of one file that all processes of a user lock, by the hash of what is done; whoever ends, well or not, has no
 turn any more.  Where no file can be locked, nobody waits: the same is done twice, with the same outcome.
@@ -17,10 +17,10 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-_PATIENCE = 300.0  # seconds after which a process that holds a turn is taken for one that stands still
+_PATIENCE = 300.0  # seconds after which a process that holds a turn is taken to stand still
 _LOOK = 0.01  # seconds between looks whether a turn is free
 
-_held: dict[int, int] = {}  # byte -> how often this process has it, one within the other
+_held: dict[int, int] = {}  # byte -> how often this process has it, within itself
 
 
 @cache

@@ -21,13 +21,13 @@ def entries():
 
 
 def test_every_entry_is_a_kernel_with_so_many_arguments():
-    """Where one is renamed or takes other arguments: `python -m benchmarks.first_render --record`."""
+    """Where a kernel is renamed or takes other arguments: `python -m benchmarks.first_render --record`."""
     assert {group.split()[0] for group in ahead.recorded()} <= {"plan", "stage", "render"}
     for group, name, arguments in entries():
         kernel = signatures.by_name(name)
         assert isinstance(kernel, compiled.Kernel), f"{group}: {name}"
         wanted = inspect.signature(kernel.py_func).parameters.values()
-        least = sum(one.default is inspect.Parameter.empty for one in wanted)
+        least = sum(each.default is inspect.Parameter.empty for each in wanted)
         assert least <= len(arguments) <= len(wanted), f"{group}: {name}"
         types = [signatures.read(form) for form in arguments]
         assert [signatures.written(one) for one in types] == arguments, f"{group}: {name}"
