@@ -123,8 +123,8 @@ def main():
     parser.add_argument("--record", action="store_true", help="write down the kernels of stages and renderers")
     asked = parser.parse_args()
     trees = [*([asked.beside.resolve()] if asked.beside else []), ROOT]
-    print("seconds by the clock, of all processes, of the command alone; its kernels and what they took; seconds by the clock in\n"
-          "which it waited for a kernel that another process compiled; kernels of Dr.Jit and what they took")
+    print("seconds by the clock, of all processes, of the command alone; its kernels and what they took; seconds by the clock\n"
+          "in which it waited for a kernel that another process compiled; kernels of Dr.Jit and what they took")
     print(f"{'scene':<16} {'clock':>8} {'processor':>10} {'command':>9} {'kernels':>8} {'compiling':>9} {'waiting':>7} "
           f"{'Dr.Jit':>7} {'':>7}", flush=True)
     runs = []

@@ -161,7 +161,8 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
 
     # a choice between rays and series takes sample spheres, and kernels
     measured = () if recipe.particles is None else ("mie._kernels",)
-    with remembering(cache), compiling.watched(measured, progress.compiling):
+    memory = ahead.Measuring(cache) if workers > 1 else cache
+    with remembering(memory), compiling.watched(measured, progress.compiling):
         return make(recipe, target, only=stages, force=force, price=price, in_cache=cache.has,
                     previous={name: stage.parts for name, stage in held.items() if stage.parts} if present else None,
                     current={name: stage.input_hash for name, stage in held.items()},
@@ -215,7 +216,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
-    if not (executor or address):  # workers of other processes compile for themselves
+    if workers > 1 and not (executor or address):  # workers of other processes compile for themselves
         ahead.expect([kernel for step in plan.steps if step.action == RUN
                       for kernel in ahead.of(f"stage {step.stage.name}", step.cost.kernels)])
     with ExitStack() as stack:

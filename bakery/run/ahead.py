@@ -65,6 +65,22 @@ def expect(kernels: Iterable) -> None:
     _SHARED.expect([kernel for kernel in kernels if not _kept(kernel[0])])
 
 
+class Measuring:
+    """What stages remember by, for a plan: where it does not hold how good rays are, kernels of rays and series come next."""
+
+    def __init__(self, memory):
+        self._memory = memory
+
+    def get(self, name: str, key: str):
+        entry = self._memory.get(name, key)
+        if entry is None:
+            expect(of("stage optics"))
+        return entry
+
+    def put(self, *arguments) -> None:
+        self._memory.put(*arguments)
+
+
 def _kept(name: str) -> bool:
     module, function = name.split(":")
     file = Path(bakery.__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py")

@@ -64,6 +64,34 @@ def test_what_is_met_last_is_compiled_first():
     assert waiting.take(0.0) is None
 
 
+def test_what_is_not_remembered_is_compiled_for(monkeypatch):
+    class Memory(dict):
+        def get(self, name, key):
+            return super().get((name, key))
+
+        def put(self, name, key, group, provenance):
+            self[name, key] = group, provenance
+
+    expected = []
+    monkeypatch.setattr(ahead, "expect", expected.extend)
+    memory = ahead.Measuring(Memory())
+    memory.put("rays", "known", 1, 2)
+    assert memory.get("rays", "known") == (1, 2) and not expected
+    assert memory.get("rays", "unknown") is None
+    modules = {name.split(":")[0].split(".")[2] for name, _ in expected}
+    assert modules == {"mie", "goa"}
+
+
+def test_nothing_starts_where_all_is_kept_or_no_processor_is_free(monkeypatch):
+    started = []
+    monkeypatch.setattr(ahead, "_process", lambda: started.append(1))
+    shared = ahead._Ahead()
+    shared.expect([])
+    monkeypatch.setattr(ahead.resources, "processors", lambda: 1)
+    shared.expect([["bakery.physics.grains.bvh:_build", []]])
+    assert not started
+
+
 # ---- one process compiles, others take what it kept
 
 KERNELS = """
