@@ -98,7 +98,10 @@ class _Ahead:
         if count > 0 and not self._processes:
             atexit.register(self.end)
         self._processes = [process for process in self._processes if process.poll() is None]
-        self._processes += [_process() for _ in range(len(self._processes), count)]
+        # where the machine gives no process, kernels are compiled where they are met
+        with contextlib.suppress(OSError):
+            while len(self._processes) < count:
+                self._processes.append(_process())
         for process in self._processes if kernels else ():
             # a process that has ended is missed by nobody
             with contextlib.suppress(OSError, ValueError):
