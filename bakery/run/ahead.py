@@ -97,7 +97,9 @@ class _Ahead:
         count = min(resources.jobs() - 1, resources.processors() - 1, MOST) if kernels else 0
         if count > 0 and not self._processes:
             atexit.register(self.end)
-        self._processes = [process for process in self._processes if process.poll() is None]
+        for process in [process for process in self._processes if process.poll() is not None]:
+            self._processes.remove(process)
+            _ended(process)
         # where the machine gives no process, kernels are compiled where they are met
         with contextlib.suppress(OSError):
             while len(self._processes) < count:
@@ -110,12 +112,15 @@ class _Ahead:
 
     def end(self) -> None:
         """Ends them, whatever they are at: what is half compiled is not kept."""
-        for process in self._processes:
-            with contextlib.suppress(OSError, ValueError):
-                process.stdin.close()
-            process.kill()
-            process.wait()
-        self._processes = []
+        while self._processes:
+            _ended(self._processes.pop())
+
+
+def _ended(process: subprocess.Popen) -> None:
+    process.kill()
+    process.wait()
+    with contextlib.suppress(OSError):  # what it has not read is of no use any more
+        process.stdin.close()
 
 
 _SHARED = _Ahead()

@@ -92,6 +92,24 @@ def test_nothing_starts_where_all_is_kept_or_no_processor_is_free(monkeypatch):
     assert not started
 
 
+def test_a_process_that_has_ended_is_replaced(monkeypatch):
+    """And its pipe closed: warnings are errors in tests."""
+    monkeypatch.setattr(ahead, "_process", lambda: subprocess.Popen([sys.executable, "-c", ""], stdin=subprocess.PIPE))
+    monkeypatch.setattr(ahead.resources, "processors", lambda: 3)
+    monkeypatch.setattr(ahead.resources, "jobs", lambda: 3)
+    shared, kernels = ahead._Ahead(), [["bakery.physics.grains.bvh:_build", []]]
+    shared.expect(kernels)
+    first = list(shared._processes)
+    assert len(first) == 2
+    for process in first:
+        process.wait()
+    shared.expect(kernels)
+    assert len(shared._processes) == 2 and not set(first) & set(shared._processes)
+    shared.end()
+    shared.end()
+    assert not shared._processes and all(process.stdin.closed for process in first)
+
+
 # ---- one process compiles, others take what it kept
 
 KERNELS = """
