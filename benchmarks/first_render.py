@@ -52,7 +52,7 @@ def first(tree: Path, scene: str, alone: bool = False) -> dict:
         environment |= {"HOME": text, "XDG_CACHE_HOME": f"{text}/cache", "TRACE": f"{text}/tree/trace",
                         "PYTHONPATH": f"{folder}/trace{os.pathsep}{folder}"} | ({"BAKERY_JOBS": "1"} if alone else {})
         command = [sys.executable, "-m", "bakery", "render", f"assets/scenes/{scene}.yaml", "--quality", "draft", "--quiet",
-                   *(["--set", "film.width=32"] if SMALL else []), "-o", f"{text}/{scene}.png", "--json"]
+                   "-o", f"{text}/{scene}.png", "--json", *sized([], ["--set", "film.width=32", "--set", "film.height=24"])]
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
         seconds, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
