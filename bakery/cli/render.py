@@ -79,8 +79,7 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
         renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
         if resume and not path.rules.RESUMES:
             raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
-        options |= {"resume": True} if resume else {}
-        draw = renderer.render
+        draw, options = renderer.render, options | ({"resume": True} if resume else {})
         if path.asset is None:
             images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
             running.refuse_too_large(path)
