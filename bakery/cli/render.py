@@ -57,7 +57,7 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, l
     from contextlib import ExitStack
     from pathlib import Path
 
-    from bakery.run import compiling
+    from bakery.run import ahead, compiling
     from bakery.run.progress import choose
     from bakery.store import scratch
 
@@ -111,6 +111,7 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, l
             running.refuse_too_large(path)
             refuse_absent(path)
             prepared = assets.baked
+        ahead.expect(ahead.of_scene(path))
     elif suffix == ".xml":
         import renderers.materials.bodies.plugin
         import renderers.materials.grains.plugin  # noqa: F401

@@ -6,13 +6,13 @@ the speed that is remembered nor the time that is left counts it.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import bakery
+from bakery.system import sources
 
 # seconds of one core of an Intel Xeon to compile the kernels of a module, those that it calls in others apart:
 # benchmarks/plans.py --compiling, three quarters of what it says where two cores have ten processes
@@ -42,18 +42,8 @@ def missing(modules: Iterable[str]) -> list[str]:
 
 
 def _compiled(module: str) -> bool:
-    """Whether kernels of a module, as it stands, were compiled on this machine."""
-    from platformdirs import user_cache_path
-
-    source = Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py")
-    setting = os.environ.get("NUMBA_CACHE_DIR")
-    # numba keeps them beside the source, or for the user where that cannot be written
-    for root in [Path(setting)] if setting else [source.parent / "__pycache__", user_cache_path("numba", appauthor=False)]:
-        folders = [root] if root.name == "__pycache__" else root.glob(f"{source.parent.name}_*")
-        for folder in folders:
-            if any(path.stat().st_mtime >= source.stat().st_mtime for path in folder.glob(f"{source.stem}.*.nbi")):
-                return True
-    return False
+    """Whether kernels of a module, as it and what it imports stand, were compiled on this machine."""
+    return sources.kept(Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py"), "*")
 
 
 class Clock:
