@@ -212,7 +212,7 @@ def picture():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from bakery.draw._meshes import rendered
+    from bakery.draw.meshes import rendered
 
     grain = shapes.build(EXAMPLES["sand"])
 

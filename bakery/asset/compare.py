@@ -175,14 +175,14 @@ def _on_angles(path: str, a: Group, b: Group, angles: np.ndarray, rtol: float) -
 
 def _at(path: str, root: Group, angles: np.ndarray) -> Dataset:
     """A table at other angles."""
-    from bakery.physics.medium.phase import cumulative, evaluate
+    from bakery.physics.medium.phase import cumulative, phase_at
 
     member, theta = root[path], _grid(path, root)
     parent, _, name = path.rpartition("/")
     phase = root[parent].members.get("phase") if parent else None
     if name == "cdf" and isinstance(phase, Dataset) and phase.data.shape == member.data.shape:
-        return replace(member, data=cumulative(angles, evaluate(theta, phase.data, angles)))  # not linear: of the phase function
-    return replace(member, data=evaluate(theta, member.data, angles))
+        return replace(member, data=cumulative(angles, phase_at(theta, phase.data, angles)))  # not linear: of the phase function
+    return replace(member, data=phase_at(theta, member.data, angles))
 
 
 def _datasets(path: str, a: Dataset, b: Dataset, error: np.ndarray | None, rtol: float,

@@ -10,7 +10,7 @@ from bakery.asset.axes import axes, of_points
 from bakery.errors import UsageError
 from bakery.family.members import listed
 from bakery.family.tree import error_of, is_family
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.stages.conform import FAMILY, stages_of
 from bakery.stages.coordinates import COORDINATES, coordinate, stated_error
 from bakery.stages.declaration import Answer, Remark
@@ -115,7 +115,7 @@ def _by_theta(nodes, wanted, member: Dataset):
     if not ((wanted >= 0) & (wanted <= np.pi)).all():
         raise UsageError(f"theta: found {_numbers(np.degrees(wanted))} deg; angles from 0 (forward) to 180 deg would do")
     stored = np.isin(wanted, nodes).all()
-    return lambda data: evaluate(nodes, data, wanted), wanted, "" if stored else "linear in cos theta between the stored angles"
+    return lambda data: phase_at(nodes, data, wanted), wanted, "" if stored else "linear in cos theta between the stored angles"
 
 
 def _by_radius(nodes, wanted, member: Dataset):

@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.draw.html import table
 from bakery.errors import AssetError, UsageError
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.medium.regular import Loss, adaptive_table
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.declaration import later
@@ -192,7 +192,7 @@ class Phase:
 
     def __call__(self, theta) -> np.ndarray:
         """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
-        return evaluate(self.theta, self.table, theta)
+        return phase_at(self.theta, self.table, theta)
 
     def regular(self, row: int = 0, limit: float = 1e-3) -> tuple[np.ndarray, Loss]:
         """One row of the table on equidistant cosines from -1 to +1, as `tabphase` of stock renderers wants it, and the loss.

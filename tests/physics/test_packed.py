@@ -21,8 +21,8 @@ from bakery.physics.granular import _packed as kernel
 from bakery.physics.granular import packed
 from bakery.physics.granular.packed import Grain, walk
 from bakery.physics.packing import pack
-from bakery.physics.packing._cells import cells
-from bakery.physics.packing.instances import instances, matrix
+from bakery.physics.packing.cells import tile_grid
+from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.physics.shapes import build as shapes
 from tests.odds import sigmas
 
@@ -208,7 +208,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
     centers, radii, cell = {"one": ONE, "few": tile(0.45, 12), "sizes": tile(0.5, 20, 3)}[which]
     centers, radii, cell = np.asarray(centers, float), np.asarray(radii, float), np.asarray(cell, float)
     m = np.array([2, 3, 1])
-    grid = (cell, m, *cells(centers, radii, cell, m))
+    grid = (cell, m, *tile_grid(centers, radii, cell, m))
     rng = np.random.default_rng(4)
     found = 0
     for _ in range(40):
@@ -217,7 +217,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
         d = d if d @ n > 0 else -d
         o, left = centers[s] + radii[s] * n, np.array([s, *copy])
         met, to = np.full(4, -1), np.zeros(3)
-        z = kernel.flight(o, d, left, *grid, 1e9, met, to)
+        z = kernel.flight_to_sphere(o, d, left, *grid, 1e9, met, to)
         distance, image = nearest_sphere(centers, radii, cell, o + copy * cell, d, tuple(left))
         if distance < cell.min():  # farther on the search is not complete
             found += 1
@@ -271,7 +271,7 @@ def test_a_grain_is_met_as_its_hash_turns_it():
             seen[2] += 1
             assert state == kernel.LEFT
             continue
-        turned = np.array(matrix(*q)).reshape(3, 3)
+        turned = np.array(rotation_matrix(*q)).reshape(3, 3)
         world = Mesh(CUBE.vertices @ turned.T, CUBE.faces)
         face, t = world.first_hit((n - 0.01 * d)[None], d[None])
         seen[int(face[0] >= 0)] += 1

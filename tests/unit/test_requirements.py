@@ -108,8 +108,8 @@ def test_tiles_are_the_same_up_to_the_tolerance_that_grains_may_get():
 def test_grains_are_as_large_as_at_the_nearest_point_of_a_face():
     """Not of a vertex: a camera above the middle of a large floor, and one beside it."""
     floor = np.array([[[-9.0, -9, 0], [9, -9, 0], [9, 9, 0]], [[-9.0, -9, 0], [9, 9, 0], [-9, 9, 0]]])
-    assert granular._distance(np.array([1.0, 2, 0.5]), floor) == pytest.approx(0.5)
-    assert granular._distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
+    assert granular.distance(np.array([1.0, 2, 0.5]), floor) == pytest.approx(0.5)
+    assert granular.distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
 
 
 def test_what_few_wavelengths_change():

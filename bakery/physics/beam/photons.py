@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery import rng
-from bakery.physics.medium._kernels import layout, sampled, turned
+from bakery.physics.medium.kernels import phase_layout, phase_sample, turned_direction
 from bakery.system.compiled import njit
 
 BLOCKS = 32  # random streams, and samples of each mean
@@ -74,7 +74,7 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, firs
     """
     depth, edges = np.asarray(depth, float), np.asarray(edges, float)
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)
-    table = layout(theta, phase)
+    table = phase_layout(theta, phase)
     begins, density = (np.array(one, float) for one in layers)
     if begins[0] != 0 or not (np.diff(begins) > 0).all() or not (density >= 0).all() or len(begins) != len(density):
         raise ValueError("layers begin at 0 and ascend, each with a density of 0 or more")
@@ -186,8 +186,8 @@ def _follow(stream, photons, albedo, table, layers, depth, thick, edges, first, 
                 if stream.random() * _KEPT >= weight:
                     break
                 weight = _KEPT
-            v = sampled(v_nodes, steps, f, cdf, stream.random())
-            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+            v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
             event += 1
             if event >= first and (uz > 0 or (back and uz < 0)):
                 over = 1 / abs(uz) if abs(uz) > _GRAZING else 2 / _GRAZING

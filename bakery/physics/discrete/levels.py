@@ -57,7 +57,7 @@ class Discs(NamedTuple):
     largest: np.ndarray
 
 
-def order(extinction):
+def disc_order(extinction):
     """Classes from large discs to small ones, (K,): the order in which `stored` and `procedural` take them.
 
     extinction : (L, K) m^2
@@ -65,13 +65,13 @@ def order(extinction):
     return np.argsort(-np.max(extinction, axis=0), kind="stable")
 
 
-def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+def stored_discs(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
     """Particles at given places.
 
     Parameters
     ----------
     region : `Region`; places outside of its box count as on its walls
-    extinction : (L, K) m^2, cross sections of the classes' discs, in the order of `order`
+    extinction : (L, K) m^2, cross sections of the classes' discs, in the order of `disc_order`
     place : (N, 3) m
     kind : (N,) class of each
     velocity : (K, 3) m/s, equal within a level's classes or None
@@ -96,7 +96,7 @@ def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PE
                   start=start[:-1], place=sorted_place, kind=sorted_kind)
 
 
-def procedural(region, extinction, density, words, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+def procedural_discs(region, extinction, density, words, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
     """A Poisson process from hashes.
 
     Parameters

@@ -17,10 +17,10 @@ import numpy as np
 from bakery.physics.discrete.hashing import cell_count, cell_hash, cell_particle
 from bakery.physics.discrete.levels import along_axis, block_steps, cell_index
 from bakery.physics.discrete.region import relative_density
-from bakery.physics.packing.instances import mix
+from bakery.physics.packing.instances import hashed
 from bakery.system.compiled import njit
 
-NONE = -1
+NO_DISC = -1
 _PRIME = np.uint64(0xD1B54A32D192ED03)
 
 
@@ -44,17 +44,17 @@ def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
     x, y, z : m, centre
     """
     best = end
-    hit, square, x, y, z = NONE, 0.0, 0.0, 0.0, 0.0
+    hit, square, x, y, z = NO_DISC, 0.0, 0.0, 0.0, 0.0
     nobody = np.empty(0, np.uint8)
     for level in range(len(discs.reach)):
         kind, t, d2, px, py, pz = _search(discs, level, ox, oy, oz, dx, dy, dz, begin, best, sx, sy, sz, nobody, True, room)
-        if kind != NONE:
+        if kind != NO_DISC:
             hit, best, square, x, y, z = kind, t, d2, px, py, pz
     return hit, best, square, x, y, z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def through(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, room):
+def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, room):
     """At how many wavelengths a pencil gets through; arguments as in `first_disc`.
 
     open : (L,) uint8, 1 where the pencil is still open; becomes 0 at each wavelength at which a disc stops it
@@ -90,7 +90,7 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
     if not nearest:
         for w in range(len(open)):
             left += open[w]
-    hit, best, square, fx, fy, fz = NONE, end, 0.0, 0.0, 0.0, 0.0
+    hit, best, square, fx, fy, fz = NO_DISC, end, 0.0, 0.0, 0.0, 0.0
     # the box with a margin in which discs reach out of it
     t0, t1 = _clip(ox, dx, lo[0] - reach, hi[0] + reach, begin, end)
     t0, t1 = _clip(oy, dy, lo[1] - reach, hi[1] + reach, t0, t1)
@@ -211,7 +211,7 @@ def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cell_range(discs, level):
+def disc_cells(discs, level):
     """Bounds (6,) int64 of the cells of a level that reach into the box: i, j, k from and to, the last included."""
     out, region = np.empty(6, np.int64), discs.region
     for axis in range(3):
@@ -222,7 +222,7 @@ def cell_range(discs, level):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def particles_of(discs, level, i, j, k, first, place, kind, identity, filled, room):
+def discs_of_cell(discs, level, i, j, k, first, place, kind, identity, filled, room):
     """Particles of cell (i, j, k) of a level from number `first` on, written from `filled` on.
 
     place : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
@@ -264,6 +264,6 @@ def particles_of(discs, level, i, j, k, first, place, kind, identity, filled, ro
             if region.kind != 0 and discs.stored == 0 and share >= relative_density(region, px, py, pz, room):
                 continue
         place[filled, 0], place[filled, 1], place[filled, 2], kind[filled] = px, py, pz, one
-        identity[filled] = mix(h + np.uint64(p) * _PRIME)
+        identity[filled] = hashed(h + np.uint64(p) * _PRIME)
         filled += 1
     return filled, -1

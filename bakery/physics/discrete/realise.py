@@ -60,17 +60,19 @@ class Region:
 
     def at(self, place):
         """Relative density (n,) at places (n, 3) m inside the box; what renderers ask."""
-        from bakery.physics.discrete.region import densities
+        from bakery.physics.discrete.region import region_densities
 
-        return densities(self._compiled, place)
+        return region_densities(self._compiled, place)
 
     @cached_property
     def _compiled(self):
         from bakery.physics.discrete import region
 
         if self.vertices is not None:
-            return region.mesh(self.vertices, self.faces)
-        return region.box(np.zeros(3), self.edge) if self.whole else region.grid(np.zeros(3), self.edge, self.density)
+            return region.region_mesh(self.vertices, self.faces)
+        if self.whole:
+            return region.region_box(np.zeros(3), self.edge)
+        return region.region_grid(np.zeros(3), self.edge, self.density)
 
 
 class NoRoom(ValueError):

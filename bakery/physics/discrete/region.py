@@ -7,10 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.bvh import nearest as nearest_triangle
-from bakery.physics.grains.bvh import normal as triangle_normal
-from bakery.physics.grains.bvh import scratch as mesh_scratch
+from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
 from bakery.system.compiled import njit
 
 BOX, GRID, MESH = range(3)
@@ -39,17 +36,17 @@ class Region(NamedTuple):
     blocks: np.ndarray
 
 
-def box(lo, hi) -> Region:
+def region_box(lo, hi) -> Region:
     """All of the box from lo (3,) to hi (3,) m."""
     return _region(lo, hi, BOX, np.ones((1, 1, 1), np.float32))
 
 
-def grid(lo, hi, values) -> Region:
+def region_grid(lo, hi, values) -> Region:
     """Relative densities (X, Y, Z), 0 to 1, in a box: trilinear between the middles of voxels, constant in the outer halves."""
     return _region(lo, hi, GRID, values)
 
 
-def mesh(vertices, faces, resolution=64) -> Region:
+def region_mesh(vertices, faces, resolution=64) -> Region:
     """Inside of a closed mesh: vertices (V, 3) m, faces (F, 3), normals outwards.
 
     `resolution` voxels along the longest edge of the bounding box spare most points the search among the triangles.
@@ -112,7 +109,7 @@ def _inside(region, x, y, z, room):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def densities(region, points):
+def region_densities(region, points):
     """Relative density (n,) at points (n, 3) m."""
     out, room = np.empty(len(points)), mesh_scratch()
     for i in range(len(points)):

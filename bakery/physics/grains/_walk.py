@@ -1,4 +1,4 @@
-"""Loops of `walk`: random numbers, entries, and many rays on their way through a grain.
+"""The loop of `walk`: many rays on their way through a grain.
 
 Many rays are under way at once and go on in steps, each step for all of them: leaps through the grid, tests of the triangles of a
 cell, meetings with the surface.  So the memory that one waits for is fetched while others are computed, and leaps are made in
@@ -8,129 +8,33 @@ vector instructions.  What happens to a path depends on its own numbers only, ne
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from bakery.physics.grains import _rays
-from bakery.physics.grains._lanes import fetch, lowest
 from bakery.physics.grains._rays import confirm, leap, passed, those
-from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, disk, left, turned
+from bakery.physics.grains.lanes import fetch, lowest
+from bakery.physics.grains.sampling import (
+    ABSORBED,
+    AHEAD,
+    CONTRADICTED,
+    CUT,
+    FAINT,
+    LEFT,
+    MISSED,
+    philox,
+    surface_frame,
+    uniform_chord,
+    uniform_number,
+)
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, at_surface, surface_share
 from bakery.system.compiled import njit
 
-MISSED, LEFT, ABSORBED, CONTRADICTED, CUT = range(5)
-_FAINT = 0.05  # weight below which a path goes on only by chance
-_AHEAD = 1.0 / 128  # how far outside of the bounding sphere a ray starts: a grain may touch the sphere
 _SLOTS, _LEAPS = 128, 2  # rays under way at once; leaps between tests of cells
 _EDGE = np.float32(2e-3)  # cells; a hit nearer to the wall of its cell than this is not yet known to be the first
 # What is kept of a ray: axes in the order of the shear, start in that order and shear, for the exact test
 (_KX, _KY, _KZ, _PLACE, _SKIP, _WITHIN, _COUNT, _PATH, _STATE, _DRAWN, _FOUR), _WHOLE = range(11), 16
 (_X, _Y, _Z, _DX, _DY, _DZ, _PX, _PY, _PZ, _SX, _SY, _SZ, _BEST, _INNER, _FACTOR, _HALF), _REAL = range(16), 16
-
-
-class Coat(NamedTuple):
-    """What a walk takes of a surface and the interior behind it: as in `surface.Surface`, and mu (C,) 1/R."""
-
-    kind: int
-    index: float
-    roughness: float
-    channels: np.ndarray
-    mu: np.ndarray
-
-
-class Stream(NamedTuple):
-    """Random numbers of rays: path i draws from the stream (first + i, replicate) of the key."""
-
-    first: int
-    replicate: np.uint64
-    key0: np.uint64
-    key1: np.uint64
-
-
-def coat(surface, mu) -> Coat:
-    """Of a surface whose channels are one or as many as mu's."""
-    # copies: a read-only array is another type to numba, and another compilation
-    channels = np.array(np.broadcast_to(surface.channels, (2, len(mu))))
-    return Coat(surface.kind, float(surface.index), float(surface.roughness), channels, np.array(mu, float))
-
-
-def stream(first, replicate, key) -> Stream:
-    """From whole numbers, and a key of two words of 32 bits."""
-    return Stream(first, np.uint64(replicate), np.uint64(key[0]), np.uint64(key[1]))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def philox(c0, c1, c2, c3, k0, k1):
-    """Four random words of a counter and a key, all in 0 ... 2^32 - 1 (as uint64): Philox4x32-10 of Salmon et al. 2011."""
-    low = np.uint64(0xFFFFFFFF)
-    half = np.uint64(32)
-    for _ in range(10):
-        p0, p1 = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
-        c0, c1, c2, c3 = (p1 >> half) ^ c1 ^ k0, p1 & low, (p0 >> half) ^ c3 ^ k1, p0 & low
-        k0, k1 = (k0 + np.uint64(0x9E3779B9)) & low, (k1 + np.uint64(0xBB67AE85)) & low
-    return c0, c1, c2, c3
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _uniform(stream, pool):
-    """Next number in (0, 1) of the path's stream: (key, key, path, replicate, numbers drawn)."""
-    at = stream[4] & np.uint64(3)
-    if at == 0:
-        a, b, c, d = philox(stream[2] & np.uint64(0xFFFFFFFF), stream[2] >> np.uint64(32), stream[3],
-                            (stream[4] >> np.uint64(2)) & np.uint64(0xFFFFFFFF), stream[0], stream[1])
-        pool[0], pool[1] = (a + 0.5) * 2.0**-32, (b + 0.5) * 2.0**-32
-        pool[2], pool[3] = (c + 0.5) * 2.0**-32, (d + 0.5) * 2.0**-32
-    stream[4] += np.uint64(1)
-    return pool[at]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _drawn(kind, roughness, stream, pool):
-    """The numbers that a meeting with a surface takes (`surface.turned`)."""
-    u = v = w = 0.0
-    if kind != CONDUCTOR or roughness > 0.0:
-        u = _uniform(stream, pool)
-        if kind != DIELECTRIC or roughness > 0.0:
-            v = _uniform(stream, pool)
-        if kind == DIELECTRIC and roughness > 0.0:
-            w = _uniform(stream, pool)
-    return u, v, w
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _frame(x, y, z):
-    """Two unit vectors that make a right-handed frame with (x, y, z) (Duff et al. 2017)."""
-    sign = math.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _chord(u0, u1, u2, u3):
-    """Isotropic uniform chord of the unit sphere from four uniform numbers: half length, direction, start."""
-    z = 1.0 - 2.0 * u0
-    across, phi = 2.0 * math.sqrt(u0 * (1.0 - u0)), 2.0 * math.pi * u1
-    x, y = across * math.cos(phi), across * math.sin(phi)
-    sx, sy, sz, tx, ty, tz = _frame(x, y, z)
-    p, q = disk(u2, u3)
-    half = math.sqrt(max(1.0 - p * p - q * q, 0.0))
-    return half, x, y, z, p * sx + q * tx - half * x, p * sy + q * ty - half * y, p * sz + q * tz - half * z
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _enter(u, start, incoming):
-    """`_chord` of u (4,), written to start and incoming (3,); returns its half length."""
-    half, incoming[0], incoming[1], incoming[2], start[0], start[1], start[2] = _chord(u[0], u[1], u[2], u[3])
-    return half
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _number(key0, key1, path, replicate, number):
-    """Number `number` (from 0) of a path's stream, as `_uniform` draws it."""
-    a, b, c, d = philox(path & np.uint64(0xFFFFFFFF), path >> np.uint64(32), replicate, np.uint64(number >> 2), key0, key1)
-    at = number & 3
-    return ((a if at == 0 else b if at == 1 else c if at == 2 else d) + 0.5) * 2.0**-32
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -184,10 +88,10 @@ def followed(grid, coat, events_max, uniform, stream, paths):
             if begun == total:
                 ints[_rays.STATE, i] = _rays.IDLE
                 continue
-            half, dx, dy, dz, x, y, z = _chord(uniform[begun, 0], uniform[begun, 1], uniform[begun, 2], uniform[begun, 3])
+            half, dx, dy, dz, x, y, z = uniform_chord(uniform[begun, 0], uniform[begun, 1], uniform[begun, 2], uniform[begun, 3])
             start[begun, 0], start[begun, 1], start[begun, 2] = x, y, z
             incoming[begun, 0], incoming[begun, 1], incoming[begun, 2] = dx, dy, dz
-            real[i, _X], real[i, _Y], real[i, _Z] = x - _AHEAD * dx, y - _AHEAD * dy, z - _AHEAD * dz
+            real[i, _X], real[i, _Y], real[i, _Z] = x - AHEAD * dx, y - AHEAD * dy, z - AHEAD * dz
             real[i, _DX], real[i, _DY], real[i, _DZ] = dx, dy, dz
             real[i, _INNER], real[i, _FACTOR], real[i, _HALF] = 0.0, 1.0, half
             whole[i, _SKIP], whole[i, _WITHIN], whole[i, _COUNT], whole[i, _STATE] = -1, 0, 0, MISSED
@@ -291,7 +195,7 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                 if names[block * _rays.BLOCK // 4 + _rays.MORE // 4] == 0:
                     break
                 block += 1
-        for k in range(some):  # as `_lanes.triangles_hit`: watertight
+        for k in range(some):  # as `lanes.triangles_hit`: watertight
             block, i, bits = candidates[k] >> 32, candidates[k] >> 8 & 0xFFFFFF, candidates[k] & 0xFF
             kx, ky, kz = whole[i, _KX], whole[i, _KY], whole[i, _KZ]
             px, py, pz, sx, sy, sz = real[i, _PX], real[i, _PY], real[i, _PZ], real[i, _SX], real[i, _SY], real[i, _SZ]
@@ -336,7 +240,7 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                 ended += 1
                 continue
             whole[i, _COUNT] += 1
-            sx, sy, sz, tx, ty, tz = _frame(nx_, ny_, nz_)
+            sx, sy, sz, tx, ty, tz = surface_frame(nx_, ny_, nz_)
             x, y = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz)
             path, factor = np.uint64(first_path + whole[i, _PATH]), real[i, _FACTOR]
             count, u, v, w = whole[i, _DRAWN], 0.0, 0.0, 0.0
@@ -350,19 +254,19 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                 u = pool[i, count & 3]
                 count += 1
             elif kind != CONDUCTOR or roughness > 0.0:
-                u = _number(key0, key1, path, replicate, count)
-                v = _number(key0, key1, path, replicate, count + 1)
+                u = uniform_number(key0, key1, path, replicate, count)
+                v = uniform_number(key0, key1, path, replicate, count + 1)
                 count += 2
                 if kind == DIELECTRIC:
-                    w = _number(key0, key1, path, replicate, count)
+                    w = uniform_number(key0, key1, path, replicate, count)
                     count += 1
-            x, y, z, through, cosine = turned(kind, index, roughness, x, y, z, u, v, w)
+            x, y, z, through, cosine = at_surface(kind, index, roughness, x, y, z, u, v, w)
             factor *= through
             if kind == DIELECTRIC:
                 whole[i, _WITHIN] = z < 0.0
             else:
                 for c in range(number):
-                    carried[i, c] *= left(kind, channels, c, cosine)
+                    carried[i, c] *= surface_share(kind, channels, c, cosine)
             dx, dy, dz = x * sx + y * tx + z * nx_, x * sy + y * ty + z * ny_, x * sz + y * tz + z * nz_
             over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
             real[i, _DX], real[i, _DY], real[i, _DZ] = dx * over, dy * over, dz * over
@@ -374,13 +278,13 @@ def followed(grid, coat, events_max, uniform, stream, paths):
                 strongest *= most
             if least > 0.0:
                 strongest *= math.exp(-least * real[i, _INNER])
-            if strongest < _FAINT:
-                if _number(key0, key1, path, replicate, count) * _FAINT >= strongest:
+            if strongest < FAINT:
+                if uniform_number(key0, key1, path, replicate, count) * FAINT >= strongest:
                     whole[i, _STATE], finished[ended] = ABSORBED, i
                     ended += 1
                     continue
                 count += 1
-                factor *= _FAINT / strongest
+                factor *= FAINT / strongest
             real[i, _FACTOR], whole[i, _DRAWN] = factor, count
             aimed[aims] = i
             aims += 1

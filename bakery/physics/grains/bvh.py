@@ -12,8 +12,8 @@ from collections import OrderedDict
 
 import numpy as np
 
-from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
 from bakery.physics.grains.grid import Grid, laid
+from bakery.physics.grains.lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
 from bakery.physics.shapes.solid import arrays, faults
 from bakery.system.compiled import njit
 
@@ -187,16 +187,16 @@ def _fill(vertices, faces, leaves, order, blocks, names):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scratch():
-    """Memory of one thread for `nearest`: four arrays, overwritten at each call."""
+def mesh_scratch():
+    """Memory of one thread for `nearest_triangle`: four arrays, overwritten at each call."""
     return np.empty(_PENDING, np.int32), np.empty(_PENDING, np.float32), np.empty(BOXES, np.float32), np.empty(TRIANGLES)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
+def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
     """Place (4 block + lane) of the first triangle along unit d from o, and its distance; (-1, inf) where there is none.
 
-    skip : place of the triangle that the ray starts on, or -1;  room : from `scratch`.
+    skip : place of the triangle that the ray starts on, or -1;  room : from `mesh_scratch`.
     """
     pending, reach, enter, distance = room
     kx, ky, kz = 0, 1, 2
@@ -265,7 +265,7 @@ def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def normal(blocks, place):
+def triangle_normal(blocks, place):
     """Unit normal (x, y, z) of a triangle, outward where corners run counterclockwise seen from outside."""
     at = (place // TRIANGLES) * BLOCK + place % TRIANGLES
     ax, ay, az = blocks[at], blocks[at + 3 * TRIANGLES], blocks[at + 6 * TRIANGLES]
@@ -279,10 +279,10 @@ def normal(blocks, place):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rays(nodes, children, blocks, names, origin, direction, face, distance):
-    room = scratch()
+    room = mesh_scratch()
     for i in range(len(origin)):
-        place, t = nearest(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1],
-                           direction[i, 2], np.int64(-1), room)
+        place, t = nearest_triangle(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2],
+                                    direction[i, 0], direction[i, 1], direction[i, 2], np.int64(-1), room)
         face[i], distance[i] = names[place] if place >= 0 else -1, t
 
 
@@ -325,7 +325,7 @@ class Mesh:
 
     @property
     def tree(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes (64 K,) float32, the same memory as int32, blocks (36 M,) and names (4 M,): what `nearest` takes."""
+        """Nodes (64 K,) float32, the same memory as int32, blocks (36 M,) and names (4 M,): what `nearest_triangle` takes."""
         return self._kept(_planted)
 
     @property

@@ -14,7 +14,7 @@ from collections import OrderedDict
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.physics.grains._walk import _AHEAD, _FAINT, _enter
+from bakery.physics.grains.sampling import AHEAD, FAINT, enter
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 from bakery.system import llvm
@@ -245,9 +245,9 @@ def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
         # faint paths go on by chance
         strongest = factor * functools.reduce(dr.maximum, carried, mi.Float(0)) if carried else factor
         strongest = strongest * dr.exp(-least * path_inside)
-        faint = go & (strongest < _FAINT)
-        dead = faint & (four * _FAINT >= strongest)
-        factor = dr.select(faint & ~dead, factor * (_FAINT / strongest), factor)
+        faint = go & (strongest < FAINT)
+        dead = faint & (four * FAINT >= strongest)
+        factor = dr.select(faint & ~dead, factor * (FAINT / strongest), factor)
         go = go & ~dead
         inward = sample.wo.z < 0
         within = dr.select(go, inward, within)
@@ -287,9 +287,9 @@ def _aligned(*shape):
 def _begin(uniform, first, replicate, start, incoming, rays, words):
     """Entries, and for the kernel (n, 8): starts a little outside with the path's number, directions with the replicate's."""
     for i in range(len(uniform)):
-        _enter(uniform[i], start[i], incoming[i])
+        enter(uniform[i], start[i], incoming[i])
         for k in range(3):
-            rays[i, k] = start[i, k] - _AHEAD * incoming[i, k]
+            rays[i, k] = start[i, k] - AHEAD * incoming[i, k]
             rays[i, 4 + k] = incoming[i, k]
         words[i, 3], words[i, 7] = first + np.uint32(i), replicate
 

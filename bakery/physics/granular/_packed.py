@@ -1,9 +1,4 @@
-"""Loops of `packed`: flights through a periodic tile, one meeting with a grain, whole walks.
-
-A flight steps through a grid of cells that list the images of spheres; where it leaves the tile it enters the next copy, whose
-number it keeps, so nothing is cut at the tile's faces.  A sphere is known by its number and its copy: what is left out at the
-start of a flight is that image, not the sphere.
-"""
+"""Loops of `packed`: one meeting with a grain, whole walks."""
 
 from __future__ import annotations
 
@@ -11,10 +6,11 @@ import math
 
 import numpy as np
 
-from bakery.physics.grains._walk import _drawn, _frame, _uniform
-from bakery.physics.grains.bvh import nearest, normal, scratch
-from bakery.physics.grains.surface import turned
-from bakery.physics.packing.instances import kind, matrix, rotation, uniforms
+from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.grains.sampling import next_uniform, surface_frame, uniforms_of_meeting
+from bakery.physics.grains.surface import at_surface
+from bakery.physics.granular.flights import flight_to_sphere
+from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
 from bakery.system.compiled import njit
 
 MISSED, LEFT, LOST, CONTRADICTED, CUT = range(5)
@@ -28,77 +24,13 @@ FAR = 1 << 30  # walks start in copies of the tile with numbers up to this
 SUMS = 19
 
 
-# inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def flight(o, d, left, cell, m, start, image, owner, limit, met, to):
-    """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
-
-    o : in the frame of the copy left[1:];  left : (4,) sphere that the ray has just left, or -1, and the tile's copy
-    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
-    """
-    h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
-    skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
-    i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
-    ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
-    i, j, k = i + far_i, j + far_j, k + far_k
-    dx, dy, dz = d[0], d[1], d[2]
-    a, b, c = min(int(ox / h0), m[0] - 1), min(int(oy / h1), m[1] - 1), min(int(oz / h2), m[2] - 1)
-    u, v, w = 1 if dx > 0 else -1, 1 if dy > 0 else -1, 1 if dz > 0 else -1
-    # a direction along which nothing moves: its wall is never reached
-    wall_x = ((a + (dx > 0)) * h0 - ox) / dx if dx != 0 else np.inf
-    wall_y = ((b + (dy > 0)) * h1 - oy) / dy if dy != 0 else np.inf
-    wall_z = ((c + (dz > 0)) * h2 - oz) / dz if dz != 0 else np.inf
-    every_x = h0 / abs(dx) if dx != 0 else np.inf
-    every_y = h1 / abs(dy) if dy != 0 else np.inf
-    every_z = h2 / abs(dz) if dz != 0 else np.inf
-    best = limit
-    while True:
-        here = (a * m[1] + b) * m[2] + c
-        for s in range(start[here], start[here + 1]):
-            x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
-            along = x * dx + y * dy + z * dz
-            if along > 0:
-                # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
-                p, q, r = x - along * dx, y - along * dy, z - along * dz
-                inside = image[s, 3] - (p * p + q * q + r * r)
-                if inside > 0:
-                    t = max(along - math.sqrt(inside), 0.0)
-                    if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
-                                         and owner[s, 3] + k == far_k):
-                        best = t
-                        to[0], to[1], to[2] = x, y, z
-                        met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
-        # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
-        if wall_x <= wall_y and wall_x <= wall_z:
-            if best <= wall_x:
-                return best
-            wall_x += every_x
-            a += u
-            if a == m[0] or a < 0:
-                a, i, ox = a - u * m[0], i + u, ox - u * cell[0]
-        elif wall_y <= wall_z:
-            if best <= wall_y:
-                return best
-            wall_y += every_y
-            b += v
-            if b == m[1] or b < 0:
-                b, j, oy = b - v * m[1], j + v, oy - v * cell[1]
-        else:
-            if best <= wall_z:
-                return best
-            wall_z += every_z
-            c += w
-            if c == m[2] or c < 0:
-                c, k, oz = c - w * m[2], k + w, oz - w * cell[2]
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool):
     """Direction after a meeting with the surface, its part along the outward normal, and the share of the light that leaves."""
-    sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
+    sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
     x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
-    u, v, w = _drawn(matter, roughness, stream, pool)
-    x, y, z, share, _ = turned(matter, index, roughness, x, y, z, u, v, w)
+    u, v, w = uniforms_of_meeting(matter, roughness, stream, pool)
+    x, y, z, share, _ = at_surface(matter, index, roughness, x, y, z, u, v, w)
     dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
     over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
     return dx * over, dy * over, dz * over, z, share
@@ -125,7 +57,7 @@ def ball(radius, matter, index, roughness, ray, depth, stream, pool):
             return CUT, count
         count += 1
         dx, dy, dz, z, share = _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool)
-        if share < 1.0 and _uniform(stream, pool) >= share:
+        if share < 1.0 and next_uniform(stream, pool) >= share:
             return LOST, count
         if z > 0.0:
             break
@@ -154,7 +86,7 @@ def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, 
     ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
     within, place, count = False, np.int64(-1), 0
     while True:
-        place, t = nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, place, room)
+        place, t = nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, place, room)
         if place < 0:
             if within:
                 return CONTRADICTED, count
@@ -164,7 +96,7 @@ def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, 
             _leave(ray, ox, oy, oz, dx, dy, dz)
             return (LEFT if count else MISSED), count
         ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-        nx, ny, nz = normal(blocks, place)
+        nx, ny, nz = triangle_normal(blocks, place)
         z = -(dx * nx + dy * ny + dz * nz)
         if (z < 0.0) != within or z == 0.0:
             return CONTRADICTED, count
@@ -172,7 +104,7 @@ def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, 
             return CUT, count
         count += 1
         dx, dy, dz, z, share = _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool)
-        if share < 1.0 and _uniform(stream, pool) >= share:
+        if share < 1.0 and next_uniform(stream, pool) >= share:
             return LOST, count
         within = z < 0.0
 
@@ -200,7 +132,7 @@ def meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, de
             spent += count + 1
         return state, count
     qx, qy, qz, qw = rotation(b, c, e)
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix(qx, qy, qz, qw)
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = rotation_matrix(qx, qy, qz, qw)
     low, high = offset[which, 0], offset[which + 1, 0]
     own_nodes, own_children, own_blocks = nodes[low:high], children[low:high], blocks[offset[which, 1] : offset[which + 1, 1]]
     while state > LEFT and spent < 10 * depth + RETRIES:
@@ -226,17 +158,17 @@ def meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, de
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _isotropic(v, stream, pool):
-    v[2] = 2.0 * _uniform(stream, pool) - 1.0
-    across, phi = math.sqrt(max(1.0 - v[2] * v[2], 0.0)), 2.0 * math.pi * _uniform(stream, pool)
+    v[2] = 2.0 * next_uniform(stream, pool) - 1.0
+    across, phi = math.sqrt(max(1.0 - v[2] * v[2], 0.0)), 2.0 * math.pi * next_uniform(stream, pool)
     v[0], v[1] = across * math.cos(phi), across * math.sin(phi)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _enter(area, met, entry, d, stream, pool):
     """A ray of uniform isotropic radiance where it enters a sphere: number, copy, place on the unit sphere, direction."""
-    met[0] = min(np.searchsorted(area, _uniform(stream, pool), "right"), len(area) - 1)
+    met[0] = min(np.searchsorted(area, next_uniform(stream, pool), "right"), len(area) - 1)
     for k in range(1, 4):
-        met[k] = int((2.0 * _uniform(stream, pool) - 1.0) * FAR)
+        met[k] = int((2.0 * next_uniform(stream, pool) - 1.0) * FAR)
     length = 0.0
     while length < 1e-12:  # the normal plus a point of the unit sphere has the cosine distribution about the normal
         _isotropic(entry, stream, pool)
@@ -265,7 +197,7 @@ def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, ke
     while 1 << (windows + 1) < length:
         windows += 1
     out, row = np.zeros(SUMS + windows), np.zeros(SUMS)
-    room, pool, stream = scratch(), np.empty(4), np.zeros(5, np.uint64)
+    room, pool, stream = mesh_scratch(), np.empty(4), np.zeros(5, np.uint64)
     stream[0], stream[1], stream[3] = key0, key1, replicate
     met, left = np.empty(4, np.int64), np.empty(4, np.int64)
     entry, d, to, o, start, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(6)
@@ -321,7 +253,7 @@ def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, ke
             for k in range(3):
                 d[k] = ray[3 + k]
                 o[k] = centers[left[0], k] + radius * ray[k]
-            z = flight(o, d, left, cell, m, starts, image, owner, limit, met, to)
+            z = flight_to_sphere(o, d, left, cell, m, starts, image, owner, limit, met, to)
             if z >= limit:
                 break
             free += z

@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains.bvh import Mesh, nearest, normal
-from bakery.physics.grains.bvh import scratch as mesh_scratch
-from bakery.physics.granular._packed import flight
-from bakery.physics.granular._voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIAL, classified, inside
-from bakery.physics.granular.field import Field, between, largest, sampled, uniform, value
-from bakery.physics.packing._cells import cells, counts
+from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.granular.field import Field, between, largest, sampled, uniform_field, value
+from bakery.physics.granular.flights import flight_to_sphere
+from bakery.physics.granular.voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIAL, classified, inside
+from bakery.physics.packing.cells import counts, tile_grid
 from bakery.physics.packing.instances import left_out
 from bakery.system.compiled import njit
 
@@ -30,8 +29,8 @@ class Aggregate(NamedTuple):
     """A tile and the mesh that its copies fill, laid out for compiled loops.
 
     centers (N, 3), radii (N,), cell (3,) : the tile
-    m (3,), start, image, owner : its grid (`packing._cells.cells`)
-    low, edge (3,), voxels (X, Y, Z) uint8 : where the mesh is (`_voxels`)
+    m (3,), start, image, owner : its grid (`packing.cells.cells`)
+    low, edge (3,), voxels (X, Y, Z) uint8 : where the mesh is (`voxels`)
     tree : nodes, children, blocks of the mesh in units of `scale` about `middle` (3,)
     share : which share of the spheres is there, 0 to 1; empty: all are.  seed (uint64) of the hash that says which
     """
@@ -81,8 +80,8 @@ def aggregate(centers, radii, cell, vertices, faces, share=None, seed=0) -> Aggr
     if share is not None:
         _clear_empty(voxels, low, edge, share)
     m = counts(cell, len(radii))
-    return Aggregate(centers, radii, cell, m, *cells(centers, radii, cell, m), low, edge, voxels, tree, middle, scale,
-                     share or uniform(), np.uint64(seed))
+    return Aggregate(centers, radii, cell, m, *tile_grid(centers, radii, cell, m), low, edge, voxels, tree, middle, scale,
+                     share or uniform_field(), np.uint64(seed))
 
 
 def _clear_empty(voxels, low, edge, share):
@@ -94,7 +93,7 @@ def _clear_empty(voxels, low, edge, share):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scratch():
+def aggregate_scratch():
     """Memory of one thread for `first_sphere` and `exists`, overwritten at each call."""
     return mesh_scratch(), np.empty(3), np.empty(4, np.int64), np.empty(3)
 
@@ -131,7 +130,7 @@ def exists(aggregate, met, room):
 
 # the same lines: paths among balls took a tenth longer when `exists` called this
 @njit(cache=True, nogil=True, error_model="numpy")
-def holds(aggregate, x, y, z, room):
+def in_mesh(aggregate, x, y, z, room):
     """Whether a point is inside of the mesh."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
     i, j, k = math.floor((x - low[0]) / edge[0]), math.floor((y - low[1]) / edge[1]), math.floor((z - low[2]) / edge[2])
@@ -195,7 +194,8 @@ def first_sphere(aggregate, p, d, begin, end, left, met, room):
                     last[1 + axis] = math.floor((p[axis] + t * d[axis]) / cell[axis])
             for axis in range(3):
                 o[axis] = p[axis] + t * d[axis] - last[1 + axis] * cell[axis]
-            way = flight(o, d, last, cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner, leave - t, met, to)
+            way = flight_to_sphere(o, d, last, cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner,
+                                   leave - t, met, to)
             if way >= leave - t:
                 break
             if exists(aggregate, met, room):
@@ -256,7 +256,7 @@ def within_reach(aggregate, p, d, begin):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def boundary(aggregate, p, d, place, room):
+def mesh_boundary(aggregate, p, d, place, room):
     """The mesh along unit d (3,) from p (3,), which lies on its triangle `place`, or -1: distance, triangle, whether outward.
 
     The distance is inf where the mesh lies behind.  Outward: the ray is inside up to there.
@@ -273,15 +273,15 @@ def boundary(aggregate, p, d, place, room):
             return np.inf, -1, False
         ahead = along - math.sqrt(half)
         x, y, z = x + ahead * d[0], y + ahead * d[1], z + ahead * d[2]
-    place, t = nearest(nodes, children, blocks, x, y, z, d[0], d[1], d[2], place, room[0])
+    place, t = nearest_triangle(nodes, children, blocks, x, y, z, d[0], d[1], d[2], place, room[0])
     if place < 0:
         return np.inf, -1, False
-    x, y, z = normal(blocks, place)
+    x, y, z = triangle_normal(blocks, place)
     return (ahead + t) * scale, place, x * d[0] + y * d[1] + z * d[2] > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def deep(aggregate, p, d, t):
+def deep_in_mesh(aggregate, p, d, t):
     """Whether all voxels on the way of length t from p (3,) along d (3,) are inside of the mesh; False where it is not known."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
     a, b, c = (math.floor((p[0] - low[0]) / edge[0]), math.floor((p[1] - low[1]) / edge[1]),
@@ -303,7 +303,7 @@ def deep(aggregate, p, d, t):
     return False
 
 
-def depth(aggregate):
+def depth_in_mesh(aggregate):
     """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside.
 
     Where less than half as many spheres are left as elsewhere counts as outside.

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.physics.packing.instances import rotation, uniforms
 from bakery.system.compiled import njit
 
 
@@ -30,7 +31,7 @@ def field(low, high, values) -> Field:
     return Field(low, (np.array(high, float) - low) / shape, values)
 
 
-def uniform() -> Field:
+def uniform_field() -> Field:
     """Of what does not vary."""
     return Field(np.zeros(3), np.ones(3), np.zeros((0, 0, 0, 0), np.float32))
 
@@ -69,6 +70,13 @@ def first_above(field, where, u):
         if u < value(field, where, n):
             return n
     return last
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def instance_of(seed, i, j, k, sphere, mixture, x, y, z):
+    """As `instance`, with the cumulated shares of a `Field` at the sphere's centre; compiled."""
+    a, b, c, d = uniforms(seed, i, j, k, sphere)
+    return first_above(mixture, between(mixture, x, y, z), a), rotation(b, c, d)
 
 
 def largest(field, low, edge, shape):

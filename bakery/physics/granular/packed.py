@@ -20,9 +20,9 @@ from bakery.physics.grains.figures import WithErrors
 from bakery.physics.grains.surface import DIELECTRIC, Surface
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _packed as kernel
-from bakery.physics.granular.exemplars import layout
-from bakery.physics.packing._cells import cells, counts
-from bakery.physics.packing.instances import cumulated
+from bakery.physics.granular.exemplars import exemplars
+from bakery.physics.packing.cells import counts, tile_grid
+from bakery.physics.packing.instances import cumulated_shares
 from bakery.physics.packing.structure import fraction, smallest_gap
 from bakery.physics.packing.theory import mean_chord
 
@@ -339,8 +339,8 @@ class _Scene:
 
     def _made(self):
         m = counts(self.cell, len(self.radii))
-        grid = (self.cell, m, *cells(self.centers, self.radii, self.cell, m))
-        table, offset, *trees = layout(self.grains)
+        grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
+        table, offset, *trees = exemplars(self.grains)
         area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
         key = rng.key(self.seed, "granular.walk")
         return (self.centers, self.radii, area, grid, (self.shares, table, offset), tuple(trees), np.uint64(self.seed),
@@ -372,7 +372,7 @@ def _checked(centers, radii, cell, grains, weights, seed, tolerance, depth):
     for grain in grains:
         if grain.mesh is None and not 0 < grain.radius <= 1:
             raise ValueError(f"a ball of radius {grain.radius:g}: more than 0 and up to 1 (the bounding sphere) is possible")
-    shares = cumulated(np.ones(len(grains)) if weights is None else weights)
+    shares = cumulated_shares(np.ones(len(grains)) if weights is None else weights)
     if len(shares) != len(grains):
         raise ValueError(f"{len(shares)} weights for {len(grains)} types of grain")
     if not 0 <= int(seed) < 1 << 64:

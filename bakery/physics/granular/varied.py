@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.granular.effective import mixed_of_sizes
-from bakery.physics.granular.field import Field, between, uniform, value
+from bakery.physics.granular.field import Field, between, uniform_field, value
 from bakery.physics.medium.phase import with_delta
 from bakery.system.compiled import njit
 
@@ -56,12 +56,12 @@ class Varied(NamedTuple):
     most: float
 
 
-def unvaried() -> Varied:
+def unvaried_medium() -> Varied:
     """Of a homogeneous medium."""
-    return Varied(uniform(), uniform(), 0.0, 0.0, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 0.0)
+    return Varied(uniform_field(), uniform_field(), 0.0, 0.0, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 0.0)
 
 
-def component(theta, figures, radii, shares) -> Component:
+def medium_component(theta, figures, radii, shares) -> Component:
     """A component of the grains' statistics.
 
     Parameters
@@ -76,28 +76,28 @@ def component(theta, figures, radii, shares) -> Component:
                      with_delta(theta, one.phase, one.forward_delta))
 
 
-def whole(hit_probability, sigma_t_mean_flight, void_chord, albedo, phase) -> Component:
+def whole_medium(hit_probability, sigma_t_mean_flight, void_chord, albedo, phase) -> Component:
     """All grains of a medium as one component, from sigma_t by Eq. 4 (L,) and the mean chord between its spheres."""
     return Component(hit_probability, hit_probability / sigma_t_mean_flight - void_chord, albedo, phase)
 
 
-def extinction(void, fraction, hits, along, shares=(1.0,)):
+def extinction_at_fraction(void, fraction, hits, along, shares=(1.0,)):
     """sigma_t (L,) of the formula above at a fraction, 0 to 1; hits, along (C, L), shares (C,)."""
     shares = np.asarray(shares, float)
     return fraction * (shares @ hits) / (void * (1 - fraction) + fraction * (shares @ along))
 
 
-def varied(share, mixture, fraction, void, hits, along, excess) -> Varied:
+def varied_medium(share, mixture, fraction, void, hits, along, excess) -> Varied:
     """Parameters as those of `Varied`."""
     densest = float(share.values.max()) if share.values.size else 1.0
     # more grains are more extinction; of mixtures, a quotient of two means, one component alone has the most
-    most = np.maximum(1.0, 1.0 + densest * excess) * [extinction(void, fraction * densest, hits, along, one)
+    most = np.maximum(1.0, 1.0 + densest * excess) * [extinction_at_fraction(void, fraction * densest, hits, along, one)
                                                       for one in np.eye(len(hits))]
     return Varied(share, mixture, fraction, void, hits, along, excess, float(most.max()))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def extinctions(varied, x, y, z, found):
+def extinctions_at(varied, x, y, z, found):
     """Extinction of each component at a point: found (C, L), in the inverse unit of length."""
     hits, along, left = varied.hits, varied.along, 1.0
     count, waves = hits.shape

@@ -90,8 +90,8 @@ def tabulated(axes: Sequence[np.ndarray], media: Sequence[Optics | None]) -> Tab
             sigma_s[i], sigma_a[i] = medium.sigma_s, medium.sigma_a
             first, others = medium.elements[:, :1], medium.elements[:, 1:]
             shares = np.divide(others, first, out=np.zeros_like(others), where=first > 0)
-            table[i] = phase.normalised(theta, phase.evaluate(medium.theta, first[:, 0], theta))[0]
-            ratios[i] = phase.evaluate(medium.theta, shares, theta)
+            table[i] = phase.normalised(theta, phase.phase_at(medium.theta, first[:, 0], theta))[0]
+            ratios[i] = phase.phase_at(medium.theta, shares, theta)
     missing = np.array([medium is None for medium in media])
     arrays = (array.reshape(shape + array.shape[1:]) for array in (sigma_s, sigma_a, table, ratios, missing))
     return Tables(tuple(axes), theta, *arrays)
@@ -165,11 +165,11 @@ def difference(medium: Optics, truth: Optics, integrated: bool) -> float:
     one, other = (phase.mean_cosine(each.theta, each.elements[:, 0]) for each in (medium, truth))
     errors.append(float(np.abs(one - other).max()))
     theta = np.union1d(medium.theta, truth.theta)
-    at, right = (phase.evaluate(each.theta, each.elements, theta) for each in (medium, truth))
+    at, right = (phase.phase_at(each.theta, each.elements, theta) for each in (medium, truth))
     gap = np.abs(at - right)
     if integrated:
-        return max(*errors, float(phase.integral(theta, gap).max()))
-    known = 0.0 if truth.bias is None else phase.evaluate(truth.theta, truth.bias, theta)[:, None]
+        return max(*errors, float(phase.phase_integral(theta, gap).max()))
+    known = 0.0 if truth.bias is None else phase.phase_at(truth.theta, truth.bias, theta)[:, None]
     return max(*errors, _largest(np.maximum(gap - known, 0.0), np.broadcast_to(right[:, :1], gap.shape)))
 
 

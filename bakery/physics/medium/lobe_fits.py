@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.physics.medium.lobes import PUBLISHED, Lobes, Misfit, draine, draine_mean_cosine, misfit, published, quadrature
-from bakery.physics.medium.phase import evaluate, mean_cosine, steps
+from bakery.physics.medium.phase import mean_cosine, phase_at, steps
 
 NARROWEST = 1e-8  # 1 - |g|
 # alpha.  A lobe is darker by 1 + alpha at 90 degrees than without: large values put a dark ring there, which is next to no light.
@@ -121,7 +121,7 @@ class _Search:
     def __init__(self, theta, phase, steepest: float = 1 - NARROWEST):
         self.steepest = math.atanh(steepest)
         self.at, self.solid = quadrature(theta, CELLS)
-        self.table = evaluate(theta, phase, self.at)
+        self.table = phase_at(theta, phase, self.at)
         self.grid = np.linspace(-self.steepest, self.steepest, 2 * math.ceil(self.steepest / _SCAN) + 1)
         self.rows = np.array([draine(self.at, *self._shape(u)) for u in self.grid])
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bakery.physics.medium._kernels import evaluated, sampled, turned
+from bakery.physics.medium.kernels import phase_sample, phase_value, turned_direction
 from bakery.physics.multiple.frame import CORE
 from bakery.physics.multiple.kinds import POINT
 from bakery.system.compiled import njit
@@ -38,7 +38,7 @@ def means(v_nodes, steps, f, angles, edges, turns, wide, out):
                 for i in range(turns):
                     v = min(max(1 - c * cj - s * sj * cosines[1, i] if M > 1
                                 else 1 - c * cj - s * sj * math.cos(math.pi * (i + 0.5) / turns), 0.0), 2.0)
-                    ring[i] = evaluated(v_nodes, steps, f, v)
+                    ring[i] = phase_value(v_nodes, steps, f, v)
                 for m in range(M):
                     total = 0.0
                     row = cosines[m]
@@ -144,14 +144,15 @@ def follow(stream, photons, albedo, table, edges, extent, k0, rim, reached, sums
                     weight *= reached / r * math.exp(-k0 * (r - reached))
                     g = rim / r
                     x = (1 - g * g) / (1 - g + 2 * g * stream.random())
-                    qx, qy, qz = turned(px / r, py / r, pz / r, min(max((2 * g - 1 - g * g + x * x) / (2 * g), 0.0), 2.0),
-                                        2 * math.pi * stream.random())
+                    qx, qy, qz = turned_direction(px / r, py / r, pz / r,
+                                                  min(max((2 * g - 1 - g * g + x * x) / (2 * g), 0.0), 2.0),
+                                                  2 * math.pi * stream.random())
                     px, py, pz, r = rim * qx, rim * qy, rim * qz, rim
-                    ux, uy, uz = turned(-qx, -qy, -qz, 1 - math.sqrt(stream.random()), 2 * math.pi * stream.random())
+                    ux, uy, uz = turned_direction(-qx, -qy, -qz, 1 - math.sqrt(stream.random()), 2 * math.pi * stream.random())
                 else:
                     weight *= albedo
-                    v = sampled(v_nodes, steps, f, cdf, stream.random())
-                    ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+                    v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+                    ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
                 if weight <= 0:
                     break
                 wanted = (1 + r) ** 2 * math.exp(-k0 * r if r < extent else -k0 * (2 * extent - r))

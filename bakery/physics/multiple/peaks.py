@@ -101,7 +101,7 @@ def clipped(theta, phase, order, tolerance=TOLERANCE) -> Clipped:
     least, cuts = math.inf, []
     for end, beyond in zip(ends, outer, strict=True):
         rest = np.append(_cap(theta[:end + 1], phase[:end + 1], beyond, order), phase[end + 1:])
-        share = float(tables.integral(theta, rest))
+        share = float(tables.phase_integral(theta, rest))
         p = beyond + legendre.moments(theta[:end + 1], rest[:end + 1], top)
         left = np.abs(p[order + 1:]).max() / share if share > 0 else math.inf
         cuts.append((left, end, share, rest, p))

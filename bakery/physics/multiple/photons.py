@@ -15,7 +15,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.medium import phase as tables
-from bakery.physics.medium._kernels import evaluated, layout, sampled, turned
+from bakery.physics.medium.kernels import phase_layout, phase_sample, phase_value, turned_direction
 from bakery.system.compiled import njit
 
 BLOCKS = 32  # random streams, and samples of each mean
@@ -78,7 +78,7 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     lobes = np.asarray(directions, float).reshape(-1, 2)
     sine = np.sin(lobes[:, 0])
     lobes = np.column_stack([sine * np.cos(lobes[:, 1]), sine * np.sin(lobes[:, 1]), np.cos(lobes[:, 0])])
-    table = layout(theta, phase)
+    table = phase_layout(theta, phase)
     each = -(-int(photons) // BLOCKS)
 
     def block(index):
@@ -134,8 +134,8 @@ def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, 
                     break
                 weight = _KEPT * entering
             # new direction: 1 - cos and azimuth about the old one
-            v = sampled(v_nodes, steps, f, cdf, stream.random())
-            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+            v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
             flight = -math.log1p(-stream.random())
             px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
             event += 1
@@ -153,5 +153,5 @@ def _add(px, py, pz, ux, uy, uz, weight, table, rho, z, lobes, sums):
     x, y = (ux * px + uy * py) / r, (uy * px - ux * py) / r
     for d in range(len(lobes)):
         v = 1 - (x * lobes[d, 0] + y * lobes[d, 1] + uz * lobes[d, 2])
-        cell[d] += weight * evaluated(table[0], table[1], table[2], v)
+        cell[d] += weight * phase_value(table[0], table[1], table[2], v)
     cell[-1] += weight

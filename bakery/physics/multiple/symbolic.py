@@ -1,6 +1,6 @@
 """Look-ups of tables of multiple scattering on arrays of Dr.Jit: the queries of `queries`, inside of a renderer's own kernels.
 
-The same tables, constants and rules as in `lookup`, `_look` and `queries`; look-ups are loops of the kernel that is recorded, so
+The same tables, constants and rules as in `lookup`, `sums` and `queries`; look-ups are loops of the kernel that is recorded, so
 any number of them is compiled once.  Values are those of numba's to 1e-6 (root mean square; 5e-6 at worst) with double positions,
 to 2e-6 (5e-5; 4e-4 where a line of sight begins on the source) with single ones.
 """
@@ -178,7 +178,7 @@ class Tables:
 
 
 class _Table:
-    """One table: as in `_look`."""
+    """One table: as in `sums`."""
 
     def __init__(self, dr, table, Float):
         self.dr, self.table, self.Float = dr, table, Float
@@ -197,7 +197,7 @@ class _Table:
         return i, dr.float32_array_t(self.Float)(x - self.Float(i))
 
     def value(self, rho, z, x, y, along):
-        """`_look.value`."""
+        """`sums.point_source`."""
         dr, table = self.dr, self.table
         rho = dr.maximum(rho, frame.CLOSEST)
         m, tangent, singular, sine, cosine = self._place(rho, z)
@@ -306,3 +306,14 @@ def _catmull_rom(t):
 
 def _bilinear(s, t):
     return (1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t
+
+
+def drjit_tables(points, segments, Float):
+    """Tables of one wavelength, from `asset.multiple.segment.tables()`, for look-ups in kernels of Dr.Jit.
+
+    points, segments : of both sources; None for segments where only points are asked;  Float : `mitsuba.Float`, or of Dr.Jit
+
+    Returns `Tables` with `point_to_point`, `segment_to_point`, `point_to_segment` and
+    `segment_to_segment`.  Raises UsageError where Dr.Jit, or an LLVM for it, is missing.
+    """
+    return Tables(points, segments, Float)

@@ -27,7 +27,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.medium import phase as tables
-from bakery.physics.medium._kernels import layout
+from bakery.physics.medium.kernels import phase_layout
 from bakery.physics.multiple import _tally, legendre
 from bakery.physics.multiple._tally import BOXES
 from bakery.physics.multiple.fourier import decay
@@ -133,7 +133,7 @@ def _edges(ahead, behind):
 def follow(medium: Medium, photons, seed, batch) -> Sums:
     """Follows photons (rounded up to a multiple of `BLOCKS`) with the random numbers of this batch."""
     bins, each = len(medium.edges) - 1, -(-int(photons) // BLOCKS)
-    table = layout(medium.theta, medium.phase)
+    table = phase_layout(medium.theta, medium.phase)
     halves = np.zeros((2, BOXES + _MORE, bins, bins, medium.orders))
     blocks = np.zeros((BLOCKS, BOXES + _MORE, bins))
     free = 1 / max(1 - medium.g, 1e-3)  # length of diffusion

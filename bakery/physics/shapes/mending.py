@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.shapes.files import triangles
 from bakery.physics.shapes.quality import FACES, area, around, body_volumes, double_normals, self_crossings, tree, volume
 from bakery.physics.shapes.solid import arrays, more, point
 
@@ -47,6 +48,22 @@ def mended(vertices, faces):
     mesh.drop()
     mesh.outward(mesh.orient())
     return mesh.result()
+
+
+def closed_mesh(data, kind):
+    """Vertices (V, 3) and triangles (F, 3) of a mesh file, a solid with outward normals.
+
+    data : bytes of the file;  kind : its ending, such as ply
+
+    Raises ValueError, in words, where it is no such file, or no closed mesh.
+    """
+    return solid(*triangles(data, kind))
+
+
+def solid(vertices, faces):
+    """Vertices (V, 3) and triangles (F, 3) of a closed mesh with outward normals, equal vertices made one; as `closed_mesh`."""
+    vertices, faces, _ = mended(vertices, faces)
+    return vertices, faces
 
 
 def checked(vertices, faces):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import between, homogeneous
@@ -101,7 +101,7 @@ class Solution:
         inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
         depth = slab.depth * self.cut.shrinks
         shape = single.upward if side < 0 else single.downward
-        phase = 4 * math.pi * evaluate(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
+        phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))

@@ -142,11 +142,11 @@ def counts(group: Group) -> Picture:
 def grains(group: Group, um) -> Picture:
     """Relative deviation of a pixel against the distance of the medium."""
     from bakery.physics.discrete import graininess
-    from bakery.physics.medium.phase import evaluate
+    from bakery.physics.medium.phase import phase_at
 
     classes, density, box = classes_of(group), float(group["number_density"].data[0]), group["box"].data
     k = int(np.argsort(um, kind="stable")[len(um) // 2])
-    table = evaluate(classes.theta, classes.phase[k].astype(float), np.radians(_ANGLES))
+    table = phase_at(classes.theta, classes.phase[k].astype(float), np.radians(_ANGLES))
     mean, square = graininess.mixture_moments(classes.share, classes.scattering[k:k + 1], classes.spread[k:k + 1], table[None])
     deep = float(box.max())
     sigma_t = density * float(group["law_extinction"].data[k]) * 1e-12

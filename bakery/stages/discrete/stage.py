@@ -157,7 +157,7 @@ def cost(recipe) -> Cost:
     of_classes = sum(len(each.radius) for each in settings["classes"])
     tables = 4.0 * expectation.angles * of_classes * len(settings["wavelength"])
     placing = (_PLACING if settings["region"].whole else _REJECTING) * stored
-    kernels = ("discrete._places", "mie._kernels") + ("grains.bvh", "discrete.region") * (not settings["region"].whole)
+    kernels = ("discrete._places", "mie.kernels") + ("grains.bvh", "discrete.region") * (not settings["region"].whole)
     return Cost(2 * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
                 _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
                 f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "
@@ -269,7 +269,7 @@ def _difference(theta, f, other_theta, other) -> float:
     from bakery.physics.medium import phase
 
     both = np.union1d(theta, other_theta)
-    tables = phase.evaluate(theta, f, both), phase.evaluate(other_theta, other, both)
+    tables = phase.phase_at(theta, f, both), phase.phase_at(other_theta, other, both)
     return float(measures.integrated_difference(both, *tables).max())
 
 
@@ -336,7 +336,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
         yield "share does not add up to 1"
     if (v["scattering"] > v["extinction"] * (1 + 1e-12)).any():
         yield "scattering above extinction"
-    off = np.abs(phase.integral(theta, v["phase"].astype(float)) - 1).max()
+    off = np.abs(phase.phase_integral(theta, v["phase"].astype(float)) - 1).max()
     if not off <= _FLOAT32:
         yield f"phase integrates to 1 with an error of {off:.1g}, not {_FLOAT32:g}"
 

@@ -244,7 +244,7 @@ def cost(recipe) -> Cost:
     rows = len(recipe.wavelength)
     return Cost(seconds, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
                 f"about {hits:.2g} hits of a random walk through explicit grains", _LOADING + 0.1 * number,
-                kernels=("granular._packed", "packing._cells", "packing.instances"), kind="of grains")
+                kernels=("granular._packed", "packing.cells", "packing.instances"), kind="of grains")
 
 
 def measures(group: Group, reference: Group) -> Mapping[str, float]:

@@ -12,7 +12,7 @@ from bakery.draw.axes import labels, legend_beside, sentences
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.draw.table import Table
-from bakery.physics.medium.phase import integral
+from bakery.physics.medium.phase import phase_integral
 from bakery.stages.grains.view import Exemplar, components_of, exemplar
 from bakery.stages.medium.pictures import around, band_of, by_angle, over_angles
 from bakery.store.tree import Dataset, Group
@@ -62,7 +62,7 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
     def draw(figure):
         from matplotlib.patches import Circle
 
-        from bakery.draw._meshes import rendered
+        from bakery.draw.meshes import rendered
 
         panels = np.atleast_1d(figure.subplots(down, across)).ravel()
         for axes in panels:
@@ -189,7 +189,7 @@ def _of_bins(name: str, part: Group, theta: Dataset) -> str:
     """What stands below the phase function of a component: its noise, and the peak that is not drawn."""
     said = []
     if "phase_error" in part.members:
-        spread = 50 * np.max(integral(theta.data, part["phase_error"].data))
+        spread = 50 * np.max(phase_integral(theta.data, part["phase_error"].data))
         said.append(f"standard errors of the bins together: {spread:.2g} % of the light")
     delta = part.members.get("forward_delta")
     if delta is not None and np.max(delta.data) > 0:

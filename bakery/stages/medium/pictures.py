@@ -20,7 +20,7 @@ from bakery.draw.lobe import polar
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, NEUTRAL, QUIET, colours
 from bakery.draw.table import Table
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.optics import methods
 from bakery.store.tree import Dataset, Group
@@ -77,7 +77,7 @@ def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
     def draw(figure):
         wide, zoom = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
         over_angles(wide, medium, um)
-        for row, band, colour in zip(*(evaluate(theta, values, np.radians(near)) for values in (phase, error)), colours(um),
+        for row, band, colour in zip(*(phase_at(theta, values, np.radians(near)) for values in (phase, error)), colours(um),
                                      strict=True):
             _curve(zoom, near, row, band if largest > _SEEN else None, colour)
         wide.set_title("All angles")

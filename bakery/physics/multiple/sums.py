@@ -95,7 +95,7 @@ def _far(table, m, found, j, w, there, f):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def value(table, rho, z, x, y, along):
+def point_source(table, rho, z, x, y, along):
     """The source at (rho, z) into the direction (x along rho, y across, along z), mfp^-3 sr^-1; mfp; finite everywhere.
 
     table : `Ready`, of a point, or of a segment of its own length
@@ -135,7 +135,7 @@ _sum, _numbers, _places, _shares = (_on_stack(*of) for of in (
 
 # inlined by numba itself: what is on the stack is the caller's
 @njit(nogil=True, error_model="numpy", inline="always")
-def emptied():
+def no_look_ups():
     """A sum of nothing, on the stack of the function that calls: up to `GROUP` look-ups still to be made, and the others' sum."""
     out = carray(_sum(), _COUNT + 1)
     for n in range(_COUNT + 1):
@@ -144,8 +144,8 @@ def emptied():
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def add(to, table, rho, z, x, y, along, weight):
-    """Adds weight times `value` of the table; one table a sum."""
+def add_look_up(to, table, rho, z, x, y, along, weight):
+    """Adds weight times `point_source` of the table; one table a sum."""
     n = np.float64(to[_COUNT]).view(np.int64)
     to[_RHO + n], to[_Z + n], to[_X + n], to[_Y + n], to[_ALONG + n], to[_WEIGHT + n] = rho, z, x, y, along, weight
     to[_COUNT] = np.int64(n + 1).view(np.float64)
@@ -154,7 +154,7 @@ def add(to, table, rho, z, x, y, along, weight):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def total(of, table):
+def sum_of_look_ups(of, table):
     """The sum; it is emptied."""
     if np.float64(of[_COUNT]).view(np.int64) > 0:
         _look(of, table)

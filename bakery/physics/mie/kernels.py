@@ -33,7 +33,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.physics.mie._vector import Memory, Registers, fma, integer
+from bakery.physics.mie.vector import Memory, Registers, fma, integer
 from bakery.system.compiled import njit
 
 LANES = 16  # radii computed side by side: enough independent work to hide the latency of the division chain
@@ -261,7 +261,7 @@ def _reciprocal(m, x):
 
 
 @njit(**STRICT)
-def _asymptotic_ratio(t):
+def asymptotic_ratio(t):
     """R of the recurrence R = 1/(t - R) at rest, the root within the unit circle."""
     root = np.sqrt(t * t * 0.25 - 1.0 + 0j)
     up, down = 0.5 * t + root, 0.5 * t - root
@@ -269,7 +269,7 @@ def _asymptotic_ratio(t):
 
 
 @njit(**STRICT)
-def _coefficients(m, x, lane, work):
+def wave_coefficients(m, x, lane, work):
     """a_n, b_n of the radii x (L,), L = LANES or 1: work (rows, 4, L) takes Re a, Im a, Re b, Im b of n = row + 1.
 
     lane (27, L) takes their sums; rows at least terms(max x) + 2.
@@ -285,13 +285,13 @@ def _coefficients(m, x, lane, work):
         lane[LAST, j], lane[START, j], lane[X, j] = last, start, x[j]
         lane[XI, j] = 1.0 / x[j]
         lane[XI_LOW, j] = lane[XI, j] * fma(-lane[XI, j], x[j], 1.0)
-        rx = _asymptotic_ratio((2.0 * (start if near else last + 1) + 3.0) * complex(lane[XI, j], 0.0)).real
+        rx = asymptotic_ratio((2.0 * (start if near else last + 1) + 3.0) * complex(lane[XI, j], 0.0)).real
         lane[RATIO_X, j] = rx
         if conductor:  # its index 1e40 stands for the limit: R_n = 1 throughout, 1/m = 0
             w, low_w, r = 0.0j, 0.0j, 1.0 + 0.0j
         else:
             w, low_w = _reciprocal(m, x[j])
-            r = _asymptotic_ratio((2.0 * start + 3.0) * w)
+            r = asymptotic_ratio((2.0 * start + 3.0) * w)
         if near:
             w = (1.0 - m) * minv * lane[XI, j]
             r = (2.0 * start + 3.0) * w * rx * r
@@ -335,7 +335,7 @@ def efficiency_block(m, x, q_ext, q_sca, q_abs, q_back, g):
     for first in range(0, x.shape[0], width):
         for j in range(width):
             xs[j] = x[min(first + j, x.shape[0] - 1)]
-        _coefficients(m, xs, lane, work)
+        wave_coefficients(m, xs, lane, work)
         for j in range(min(width, x.shape[0] - first)):
             r = first + j
             scale = 2.0 / xs[j] / xs[j]
@@ -357,7 +357,7 @@ V, P, E, Q, F, SUM_R, SUM_I, DIF_R, DIF_I = range(9)
 
 
 @intrinsic
-def _sweep(typingctx, order, coefficient, first, count, tile):
+def sweep(typingctx, order, coefficient, first, count, tile):
     """Add `count` terms to one tile of angles (9, ANGLES): rows of order (N, 3) from `first`, of coefficient (.., 4) from 0."""
 
     def codegen(context, builder, signature, args):
@@ -434,7 +434,7 @@ def _tiles(theta, ahead):
 
 
 @njit(**STRICT)
-def _reset(tiles):
+def reset(tiles):
     """State at n = 1."""
     for t in range(tiles.shape[0]):
         for j in range(ANGLES):
@@ -478,18 +478,18 @@ def _spheres(m, x, weight, theta, mode, out):
     for first in range(0, x.shape[0], width):
         for j in range(width):
             xs[j] = x[min(first + j, x.shape[0] - 1)]
-        _coefficients(m, xs, lane, work)
+        wave_coefficients(m, xs, lane, work)
         for j in range(min(width, x.shape[0] - first)):
             r, rows = first + j, terms(xs[j])
-            _reset(ahead)
-            _reset(behind)
+            reset(ahead)
+            reset(behind)
             for start in range(0, rows, BLOCK):
                 count = min(BLOCK, rows - start)
                 _angular_coefficients(work, j, start, count, front, back)
                 for t in range(ahead.shape[0]):
-                    _sweep(order, front, start, count, ahead[t])
+                    sweep(order, front, start, count, ahead[t])
                 for t in range(behind.shape[0]):
-                    _sweep(order, back, start, count, behind[t])
+                    sweep(order, back, start, count, behind[t])
             into = out[r if mode == 0 else 0]
             _gather(ahead, ahead_source, False, mode, weight[r], into)
             _gather(behind, behind_source, True, mode, weight[r], into)

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES
-from bakery.physics.granular.aggregate import holds
+from bakery.physics.grains.lanes import BLOCK, BOXES, NODE, TRIANGLES
+from bakery.physics.granular.aggregate import in_mesh
 from bakery.system.compiled import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def distance(tree, middle, scale, p, limit, room):
+def distance_to_triangles(tree, middle, scale, p, limit, room):
     """Distance of p (3,) to the mesh, or `limit` where it is farther.
 
     tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  room : from `bvh.scratch`
@@ -89,12 +89,12 @@ def _square(x, y, z, ux, uy, uz, vx, vy, vz, s, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def deepest(aggregate, points, room):
+def deepest_in_mesh(aggregate, points, room):
     """How far inside of an aggregate's mesh the deepest of points (n, 3) is, in its unit; 0 where none is inside."""
     most, p = 0.0, np.empty(3)
     for i in range(len(points)):
         for k in range(3):
             p[k] = points[i, k]
-        if holds(aggregate, p[0], p[1], p[2], room):
-            most = max(most, distance(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, room[0]))
+        if in_mesh(aggregate, p[0], p[1], p[2], room):
+            most = max(most, distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, room[0]))
     return most

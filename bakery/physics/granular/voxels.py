@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bakery.physics.grains.bvh import nearest, normal, scratch
+from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
 from bakery.system.compiled import njit
 
 OUTSIDE, PARTIAL, INSIDE, CLASS = 0, 1, 2, 3  # class of a voxel, and the bits that hold it
@@ -23,11 +23,11 @@ def inside(tree, middle, scale, x, y, z, room):
     """
     nodes, children, blocks = tree
     dx, dy, dz = _WAY
-    at, _ = nearest(nodes, children, blocks, (x - middle[0]) / scale, (y - middle[1]) / scale, (z - middle[2]) / scale,
-                    dx, dy, dz, -1, room)
+    at, _ = nearest_triangle(nodes, children, blocks, (x - middle[0]) / scale, (y - middle[1]) / scale, (z - middle[2]) / scale,
+                             dx, dy, dz, -1, room)
     if at < 0:
         return False
-    nx, ny, nz = normal(blocks, at)
+    nx, ny, nz = triangle_normal(blocks, at)
     return nx * dx + ny * dy + nz * dz > 0
 
 
@@ -57,7 +57,7 @@ def meets(a, b, c, half):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mark(voxels, low, edge, vertices, faces, reach, bits):
+def mark_voxels(voxels, low, edge, vertices, faces, reach, bits):
     """Sets `bits` (uint8) in voxels (X, Y, Z) whose box, `reach` larger on all sides, a triangle meets.
 
     low, edge : (3,) corner of the first voxel, edges of each;  vertices (V, 3), faces (F, 3) int64
@@ -94,9 +94,9 @@ def classified(shape, low, edge, vertices, faces, tree, middle, scale, reach):
     Between partial voxels of a column the class stays, so that few middles are looked at.
     """
     voxels = np.zeros(shape, np.uint8)
-    mark(voxels, low, edge, vertices, faces, reach, np.uint8(NEAR))
-    mark(voxels, low, edge, vertices, faces, 0.0, np.uint8(PARTIAL | NEAR))
-    room = scratch()
+    mark_voxels(voxels, low, edge, vertices, faces, reach, np.uint8(NEAR))
+    mark_voxels(voxels, low, edge, vertices, faces, 0.0, np.uint8(PARTIAL | NEAR))
+    room = mesh_scratch()
     for i in range(shape[0]):
         for j in range(shape[1]):
             known = False
