@@ -322,7 +322,7 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
     theta, sizes = np.linspace(0, np.pi, 2500), np.linspace(900, 1100, 5)
     results = []
     for threads in (1, 3):
-        monkeypatch.setattr("bakery.physics.goa._parts", lambda seconds, threads=threads: threads)
+        monkeypatch.setattr("bakery.physics.goa.parts_of_work", lambda seconds, threads=threads: threads)
         results.append(np.array(goa.amplitudes(1.33, sizes, theta)))
     assert np.array_equal(*results)
 

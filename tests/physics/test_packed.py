@@ -258,7 +258,7 @@ def test_a_grain_is_met_as_its_hash_turns_it():
     seed, weights = 9, [1.0, 2.0]
     scene = packed._checked(*ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
     shares, table, offset = scene.arrays[4]
-    room, stream, pool, row = kernel.scratch(), np.zeros(5, np.uint64), np.empty(4), np.zeros(kernel.SUMS)
+    room, stream, pool, row = kernel.mesh_scratch(), np.zeros(5, np.uint64), np.empty(4), np.zeros(kernel.SUMS)
     rng, seen = np.random.default_rng(1), [0, 0, 0]
     for copy in rng.integers(-(10**12), 10**12, (60, 3)):
         which, q = instances(seed, copy, 0, weights)
