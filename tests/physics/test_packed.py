@@ -232,10 +232,11 @@ def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
     scene = packed._checked(centers, radii, cell, [Grain(MIRROR)], None, 7, 0.1, 100)
     length = 6
     sums = kernel.walks(*scene.arrays, np.uint64(3), 11, 1, length, 0)
-    stream, pool = np.zeros(5, np.uint64), np.empty(4)
-    stream[:4] = *scene.arrays[-2:], 11, 3
+    periodic, _, key = scene.arrays
+    draws = kernel.Draws(np.zeros(5, np.uint64), np.empty(4))
+    draws.stream[:4] = *key, 11, 3
     met, n, d = np.empty(4, np.int64), np.empty(3), np.empty(3)
-    kernel._enter(scene.arrays[2], met, n, d, stream, pool)
+    kernel._enter(periodic.area, met, n, d, draws)
     here, start = tuple(met - [0, *met[1:]]), met[1:].copy()
     d, total, squares, cosines, place = d - 2 * (d @ n) * n, 0.0, 0.0, 0.0, [np.zeros(3)]
     for _ in range(length):
@@ -257,16 +258,14 @@ def test_a_grain_is_met_as_its_hash_turns_it():
     """A mirror cube turned in the world against the kernel's ray turned into the cube's frame; which of two types it is, too."""
     seed, weights = 9, [1.0, 2.0]
     scene = packed._checked(*ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
-    shares, table, offset = scene.arrays[4]
-    room, stream, pool, row = kernel.mesh_scratch(), np.zeros(5, np.uint64), np.empty(4), np.zeros(kernel.SUMS)
+    room, draws, row = kernel.mesh_scratch(), kernel.Draws(np.zeros(5, np.uint64), np.empty(4)), np.zeros(kernel.SUMS)
     rng, seen = np.random.default_rng(1), [0, 0, 0]
     for copy in rng.integers(-(10**12), 10**12, (60, 3)):
         which, q = instances(seed, copy, 0, weights)
         n, d = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
         d = d if d @ n < 0 else -d
         ray = np.empty(6)
-        state, _ = kernel.meet(np.array([0, *copy]), n, d, shares, table, offset, *scene.arrays[5], np.uint64(seed), 100, stream,
-                               pool, room, ray, row)
+        state, _ = kernel.meet(np.array([0, *copy]), n, d, scene.arrays[1], draws, room, ray, row)
         if which == 0:
             seen[2] += 1
             assert state == kernel.LEFT

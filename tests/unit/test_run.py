@@ -290,9 +290,9 @@ def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
     assert seconds == compiling.SECONDS["mie.kernels"] + compiling.SECONDS["packing._chords"]
     kept = tmp_path / "mie_0123"
     kept.mkdir()
-    (kept / "_kernels.f-1.py311.nbi").touch()
+    (kept / "kernels.f-1.py311.nbi").touch()
     assert compiling.expected(("mie.kernels", "packing._chords")) == compiling.SECONDS["packing._chords"]
-    os.utime(kept / "_kernels.f-1.py311.nbi", (1, 1))  # older than the source
+    os.utime(kept / "kernels.f-1.py311.nbi", (1, 1))  # older than the source
     assert compiling.expected(("mie.kernels", "packing._chords")) == seconds
 
 

@@ -334,17 +334,17 @@ class _Scene:
         """Arguments of `kernel.walks` before those that tell walks apart."""
         with self._lock:
             if self._arrays is None:
-                self._arrays = self._made()
+                self._arrays = self._tile_grains_key()
         return self._arrays
 
-    def _made(self):
+    def _tile_grains_key(self):
         m = counts(self.cell, len(self.radii))
         grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
-        table, offset, *trees = exemplars(self.grains)
         area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
         key = rng.key(self.seed, "granular.walk")
-        return (self.centers, self.radii, area, grid, (self.shares, table, offset), tuple(trees), np.uint64(self.seed),
-                self.depth, _LIMIT * self.exact, np.uint64(key[0]), np.uint64(key[1]))
+        return (kernel.Tile(self.centers, self.radii, area, grid, _LIMIT * self.exact),
+                kernel.Grains(self.shares, *exemplars(self.grains), np.uint64(self.seed), self.depth),
+                (np.uint64(key[0]), np.uint64(key[1])))
 
     def __getstate__(self):
         return self.centers, self.radii, self.cell, self.grains, self.shares, self.seed, self.depth
