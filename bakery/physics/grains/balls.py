@@ -21,10 +21,21 @@ from bakery.system.compiled import njit
 _GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches is reflected
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _meet(coat, x, y, z, stream, pool, carried):
+    """New unit direction for wi = (x, y, z) and share left of all light; what each channel carries is multiplied by its own."""
+    u, v, w = uniforms_of_meeting(coat.kind, coat.roughness, stream, pool)
+    x, y, z, through, cosine = at_surface(coat.kind, coat.index, coat.roughness, x, y, z, u, v, w)
+    for c in range(len(carried)):
+        carried[c] *= surface_share(coat.kind, coat.channels, c, cosine)
+    over = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return x * over, y * over, z * over, through
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(radius, coat, events_max, uniform, numbers, paths):
     """Fill `Paths` for the rays `uniform` (n, 4); numbers: `sampling.Stream`."""
-    kind, index, roughness, channels, mu = coat
+    kind, mu = coat.kind, coat.mu
     first, replicate, key0, key1 = numbers
     status, start, leave, incoming, outgoing, inside, weight, events = paths
     pool, stream = np.empty(4), np.zeros(5, np.uint64)
@@ -56,13 +67,8 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
             count += 1
             sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
             x, y = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz)
-            u, v, w = uniforms_of_meeting(kind, roughness, stream, pool)
-            x, y, z, through, cosine = at_surface(kind, index, roughness, x, y, z, u, v, w)
+            x, y, z, through = _meet(coat, x, y, z, stream, pool, carried)
             factor *= through
-            for c in range(len(carried)):
-                carried[c] *= surface_share(kind, channels, c, cosine)
-            over = 1.0 / math.sqrt(x * x + y * y + z * z)
-            x, y, z = x * over, y * over, z * over
             dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
             ox, oy, oz = radius * nx, radius * ny, radius * nz
             strongest = factor if kind == DIELECTRIC else factor * np.max(carried)

@@ -44,6 +44,36 @@ def _bounds(boxes, order, start, end, low, high):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _cut(number, edge, scale):
+    """Axis and bin (the last below) of the cut with the least area times leaves; axis -1 where there is none."""
+    best, best_axis, best_bin = np.inf, -1, 0
+    right, low, high = np.empty(_BINS), np.empty(3), np.empty(3)
+    for axis in range(3):
+        if not 0 < scale[axis] < np.inf:
+            continue
+        low[:], high[:] = np.inf, -np.inf
+        count = 0
+        for b in range(_BINS - 1, 0, -1):
+            count += number[axis, b]
+            for c in range(3):
+                low[c] = min(low[c], edge[axis, b, c])
+                high[c] = max(high[c], edge[axis, b, 3 + c])
+            right[b] = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) if count else np.inf
+        low[:], high[:] = np.inf, -np.inf
+        count = 0
+        for b in range(_BINS - 1):
+            count += number[axis, b]
+            for c in range(3):
+                low[c] = min(low[c], edge[axis, b, c])
+                high[c] = max(high[c], edge[axis, b, 3 + c])
+            if count:
+                cost = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) + right[b + 1]
+                if cost < best:
+                    best, best_axis, best_bin = cost, axis, b
+    return best_axis, best_bin
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _split(boxes, order, start, end, by_number, spare):
     """Reorder order[start:end] into two parts and return where the second begins: least area times leaves over binned cuts."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -59,7 +89,7 @@ def _split(boxes, order, start, end, by_number, spare):
     for axis in range(3):
         if high[axis] > low[axis]:
             scale[axis] = _BINS * (1 - 1e-9) / (high[axis] - low[axis])
-    best, best_axis, best_bin = np.inf, -1, 0
+    best_axis, best_bin = -1, 0
     if not by_number:
         for i in range(start, end):
             k = order[i]
@@ -69,29 +99,7 @@ def _split(boxes, order, start, end, by_number, spare):
                 for c in range(3):
                     edge[axis, b, c] = min(edge[axis, b, c], boxes[k, c])
                     edge[axis, b, 3 + c] = max(edge[axis, b, 3 + c], boxes[k, 3 + c])
-        right = np.empty(_BINS)
-        for axis in range(3):
-            if not 0 < scale[axis] < np.inf:
-                continue
-            low[:], high[:] = np.inf, -np.inf  # no longer needed as bounds of the middles on the axes before this one
-            count = 0
-            for b in range(_BINS - 1, 0, -1):
-                count += number[axis, b]
-                for c in range(3):
-                    low[c] = min(low[c], edge[axis, b, c])
-                    high[c] = max(high[c], edge[axis, b, 3 + c])
-                right[b] = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) if count else np.inf
-            low[:], high[:] = np.inf, -np.inf
-            count = 0
-            for b in range(_BINS - 1):
-                count += number[axis, b]
-                for c in range(3):
-                    low[c] = min(low[c], edge[axis, b, c])
-                    high[c] = max(high[c], edge[axis, b, 3 + c])
-                if count:
-                    cost = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) + right[b + 1]
-                    if cost < best:
-                        best, best_axis, best_bin = cost, axis, b
+        best_axis, best_bin = _cut(number, edge, scale)
     if best_axis < 0:
         return (start + end) // 2
     origin = np.inf
@@ -192,6 +200,30 @@ def mesh_scratch():
     return np.empty(_PENDING, np.int32), np.empty(_PENDING, np.float32), np.empty(BOXES, np.float32), np.empty(TRIANGLES)
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _nearest_child(nodes, children, blocks, at, child, lane, bits, room, top):
+    """The child that a ray enters first, of that in `lane` and those in `bits`, and how many are pending: the others on top."""
+    pending, reach, enter, _ = room
+    t, base = enter[lane], top
+    while bits:
+        lane = lowest(bits)
+        bits &= bits - 1
+        second, far = np.int64(children[at + lane]), enter[lane]
+        if far < t:
+            child, second, t, far = second, child, far, t
+        if second < 0:
+            fetch(blocks, ~second * BLOCK, _BLOCK_LINES)
+        else:
+            fetch(nodes, second * NODE, _NODE_LINES)
+        j = top
+        while j > base and reach[j - 1] < far:  # the nearest comes on top
+            reach[j], pending[j] = reach[j - 1], pending[j - 1]
+            j -= 1
+        reach[j], pending[j] = far, second
+        top += 1
+    return child, top
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
     """Place (4 block + lane) of the first triangle along unit d from o, and its distance; (-1, inf) where there is none.
@@ -234,26 +266,8 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room
                 lane = lowest(bits)
                 bits &= bits - 1
                 child = np.int64(children[at + lane])
-                if bits == 0:  # the usual case: straight on, nothing to sort
-                    continue
-                t = enter[lane]
-                base = top
-                while bits:
-                    lane = lowest(bits)
-                    bits &= bits - 1
-                    other, far = np.int64(children[at + lane]), enter[lane]
-                    if far < t:
-                        child, other, t, far = other, child, far, t
-                    if other < 0:
-                        fetch(blocks, ~other * BLOCK, _BLOCK_LINES)
-                    else:
-                        fetch(nodes, other * NODE, _NODE_LINES)
-                    j = top
-                    while j > base and reach[j - 1] < far:  # the nearest comes on top
-                        reach[j], pending[j] = reach[j - 1], pending[j - 1]
-                        j -= 1
-                    reach[j], pending[j] = far, other
-                    top += 1
+                if bits:  # else the usual case: straight on, nothing to sort
+                    child, top = _nearest_child(nodes, children, blocks, at, child, lane, bits, room, top)
                 continue
         while top > 0 and reach[top - 1] > limit:
             top -= 1

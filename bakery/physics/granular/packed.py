@@ -16,7 +16,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.figures import WithErrors
+from bakery.physics.grains.figures import WithErrors, in_order
 from bakery.physics.grains.surface import DIELECTRIC, Surface
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _packed as kernel
@@ -160,24 +160,21 @@ def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=No
         block = max(1, _BLOCK // (length + warm))
         tasks = [(scene, replicate, start, min(block, done + count - start), length, warm)
                  for replicate in range(REPLICATES) for start in range(done, done + count, block)]
-        sums_by_task = np.stack(map(run, tasks)).reshape(REPLICATES, -1, len(_windows(length)) + kernel.SUMS)
-        new = np.zeros_like(sums_by_task[:, 0])
-        for part in range(sums_by_task.shape[1]):  # in order: not a sum whose order NumPy chooses
-            new += sums_by_task[:, part]
+        new = in_order(np.stack(map(run, tasks)).reshape(REPLICATES, -1, len(_windows(length)) + kernel.SUMS))
         sums, done = (new if sums is None else sums + new), done + count
         walks, short = _result(sums, length, scene, tolerance, endless)
         if report is not None:
             report(min(1.0, (tolerance / max(walks.achieved_error, 1e-300)) ** 2), walks.achieved_error)
-        room = most // REPLICATES - done * length  # hits of a replicate that may still be walked
+        remaining = most // REPLICATES - done * length  # hits of a replicate that may still be walked
         if walks.reached or endless or walks.given_up == 1:
             return walks
-        if short and length < _LENGTH_MAX and room >= 2 * _LONGER * length and not _straight(walks.g):
+        if short and length < _LENGTH_MAX and remaining >= 2 * _LONGER * length and not _straight(walks.g):
             length, done, sums, count = _LONGER * length, 0, None, 2
             continue
-        if room < length or walks.achieved_error == math.inf:
+        if remaining < length or walks.achieved_error == math.inf:
             return walks
         missing = math.ceil(done * min(1.0, 1.1 * (walks.achieved_error / tolerance) ** 2 - 1))
-        count = max(1, min(missing, room // length))
+        count = max(1, min(missing, remaining // length))
 
 
 def run(scene, replicate, first, count, length, warm):

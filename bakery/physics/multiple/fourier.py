@@ -87,6 +87,20 @@ def stencil(grid, x):
     return index, weight
 
 
+class _Solver:
+    """Pivots of the tridiagonal matrices of all orders M: of streaming up and down, of streaming and scattering down."""
+
+    def __init__(self, k, c, uncounted, whole):
+        self.k, self.uncounted, self.whole, self.orders = k, uncounted, whole, len(c)
+        self.pivots = tuple(np.empty((len(c), len(c), len(k))) for _ in range(3))
+
+    def prepare(self, M):
+        """Fill in those of order M."""
+        up, down, scattering_down = self.pivots
+        up[M], down[M] = (pivots[:self.orders] for pivots in _kernels.pivots(self.k, self.uncounted, M))
+        scattering_down[M] = _kernels.pivots(self.k, self.whole, M)[1][:self.orders]
+
+
 def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
@@ -131,26 +145,20 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     k0 = decay(whole[0], whole / max(whole[0], 1e-300))
     if albedo == 0:
         return Propagator(albedo, p, k0, log_r, values)
-    shape = (order + 1, order + 1, len(k))
-    stream_up, stream_down, scatter_down = np.empty(shape), np.empty(shape), np.empty(shape)
-    bounds = [_kernels.packed(j, 0, 0) for j in range(order + 2)]
-
-    def prepare(M):
-        stream_up[M], stream_down[M] = (pivots[:order + 1] for pivots in _kernels.pivots(k, uncounted, M))
-        scatter_down[M] = _kernels.pivots(k, whole, M)[1][:order + 1]
+    solver = _Solver(k, c, uncounted, whole)
 
     def column(j):
-        _kernels.columns(j, k, c, uncounted, stream_up, stream_down, scatter_down, first - 3, last is None, hankel, k0, r,
-                         values[bounds[j]:bounds[j + 1]])
+        _kernels.columns(j, k, c, uncounted, *solver.pivots, first - 3, last is None, hankel, k0, r,
+                         values[_kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)])
 
     if threads == 1:
         for M in range(order + 1):
-            prepare(M)
+            solver.prepare(M)
         for j in range(order + 1):
             column(j)
     else:
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(prepare, range(order + 1)))
+            list(pool.map(solver.prepare, range(order + 1)))
             list(pool.map(column, range(order, -1, -1)))
     reached = values[0] > _FLOOR * values[0].max()
     reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -84,8 +85,8 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     def block(index):
         stream = rng.generator(seed, "multiple.photons", index)
         sums = np.zeros((len(rho) - 1, len(z) - 1, len(lobes) + 1))
-        _follow(stream, each, float(albedo), table, rho, z, lobes, -1.0 if length is None else float(length), first,
-                2**62 if last is None else last, float(rim), sums)
+        _follow(stream, each, float(albedo), table, _Cells(rho, z, lobes, sums), -1.0 if length is None else float(length),
+                first, 2**62 if last is None else last, float(rim))
         return sums
 
     with ThreadPoolExecutor(threads) as pool:
@@ -113,8 +114,18 @@ def cell_averages(source: Callable, rho, z, directions, points=5):
     return np.einsum("rzabd,ra,b->rzd", values, weights, weight / 2)
 
 
+class _Cells(NamedTuple):
+    """Edges (R + 1,) and (Z + 1,), directions (D, 3), sums (R, Z, D + 1)."""
+
+    rho: np.ndarray
+    z: np.ndarray
+    lobes: np.ndarray
+    sums: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, rim, sums):
+def _follow(stream, photons, albedo, table, cells, length, first, last, rim):
+    """Photons of a block, added to the cells; length < 0: a point source."""
     v_nodes, steps, f, cdf = table
     entering = 1.0 if length < 0 else -math.expm1(-length)
     for _ in range(photons):
@@ -125,7 +136,7 @@ def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, 
         weight, event = entering, 1
         while True:
             if event >= first:
-                _add(px, py, pz, ux, uy, uz, weight * albedo, table, rho, z, lobes, sums)
+                _add(px, py, pz, ux, uy, uz, weight * albedo, table, cells)
                 if event >= last:
                     break
             weight *= albedo
@@ -144,7 +155,9 @@ def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add(px, py, pz, ux, uy, uz, weight, table, rho, z, lobes, sums):
+def _add(px, py, pz, ux, uy, uz, weight, table, cells):
+    """Add what an event at p, of light along u, sends into the directions of its cell."""
+    rho, z, lobes, sums = cells
     r = math.sqrt(px * px + py * py)
     if r < rho[0] or r >= rho[-1] or pz < z[0] or pz >= z[-1]:
         return

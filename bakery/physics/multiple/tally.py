@@ -141,8 +141,8 @@ def follow(medium: Medium, photons, seed, batch) -> Sums:
     flights = 0
     for block in range(BLOCKS):
         stream = rng.generator(seed, "multiple.tally", batch, block)
-        flights += _tally.follow(stream, each, medium.albedo, table, 2 * np.sin(medium.edges / 2) ** 2, medium.extent, medium.k0,
-                                 rim, rim - _MILNE * free, halves[block % 2], blocks[block])
+        boxes = _tally.Boxes(2 * np.sin(medium.edges / 2) ** 2, medium.extent, medium.k0, halves[block % 2], blocks[block])
+        flights += _tally.follow(stream, each, medium.albedo, table, boxes, rim, rim - _MILNE * free)
     return Sums(each * BLOCKS, flights, halves / (each * BLOCKS / 2), blocks / each)
 
 
