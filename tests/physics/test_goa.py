@@ -335,7 +335,8 @@ def test_dark_side_is_left_out_only_where_nothing_is_left():
         bow = np.arccos(np.sqrt((n * n - 1) / (p * p - 1)))
         h, top = 2 * (p * p - 1) / (p * p) * np.tan(bow), _rays.turning(n, p, bow)
         beyond = np.geomspace(1e-4, _rays.REACH, 12)
-        _rays._dark(complex(n), p, top + beyond, np.ones(12), 0, 12, 0, 1.0, top, bow, 0.0, lanes, out, rays, 0)
+        order = _rays.Order(complex(n), p, np.pi / 2, 0.0, bow, top, 0.0, np.inf, (0.0, 0.0))
+        _rays._dark(order, _rays.Lanes(top + beyond, np.ones(12), lanes, out), _rays.Target(0, 12, 0, 1.0), 0.0, rays, 0)
         there = rays[_surface.EXISTS] == 1
         assert np.count_nonzero(there) > 5
         estimate = 2 / 3 * ((2 * np.cos(bow) ** 2 / h) ** (1 / 3) * beyond) ** 1.5

@@ -117,24 +117,19 @@ def averages(
     work.expect(prediction)
     crosses = [cross_sections(c, channel.nodes, np.asarray(wavelength), k, tolerance, work)
                for c, channel in zip(components, channels[:: len(k)])]
-    reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
-                      for c in channels])
-    theta = first_grid(channels, tolerance, angles)
     margin = math.inf if angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
-    target, earlier = math.inf if radii else SHARE * tolerance, None
+    target = math.inf if radii else SHARE * tolerance
     if integrated and any(choice.taken for choice in choices):
         # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
         margin, target = margin / 2, target / 2
-    # rays jump here and there by less than their error; nothing that a sphere scatters is narrower than its ripples
-    finest = max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
-
-    def evaluate(new, floor):
-        return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work, integrated)
-
+    theta, earlier = first_grid(channels, tolerance, angles), None
     for _ in range(_TRIES):
+        def evaluate(new, floor, target=target):
+            return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work, integrated)
+
         try:
-            table = grid.refine(theta, evaluate, margin, reach, earlier, finest=finest, most=0.0 if radii else target,
-                                integrated=integrated)
+            table = grid.refine(theta, evaluate, margin, _ripples(channels), earlier, finest=_finest(channels, choices),
+                                most=0.0 if radii else target, integrated=integrated)
         except grid.TooManyAngles:
             raise StageError(_too_many(channels, tolerance)) from None
         finished = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
@@ -146,14 +141,30 @@ def averages(
             margin, target = 0.7 * margin, 0.7 * target
         else:
             theta, margin, earlier = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
-    out = []
-    for i, (component, cross) in enumerate(zip(components, crosses)):
-        spectrum = finished[i * len(k) : (i + 1) * len(k)]
-        out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
-                           np.array([f[0] for f in spectrum]), np.array([f[1] for f in spectrum]),
-                           np.array([max(f[3], float(e)) for f, e in zip(spectrum, cross.all_error)]), cross.absorption_bias,
-                           np.array([f[2] for f in spectrum]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
-    return table.theta, out
+    spectra = (slice(i * len(k), (i + 1) * len(k)) for i in range(len(components)))
+    return table.theta, [_average(component, cross, finished[part], choices[part])
+                         for component, cross, part in zip(components, crosses, spectra)]
+
+
+def _ripples(channels):
+    """(C,) rad, distance of neighbouring crests of the ripples of equal spheres; 0 where there are none."""
+    return np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
+                     for c in channels])
+
+
+def _finest(channels, choices):
+    """rad, of the narrowest cell: rays jump here and there by less than their error; nothing that a sphere scatters is narrower
+    than its ripples."""
+    return max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
+
+
+def _average(component, cross, spectrum, choices):
+    """The average of a component, from what `_finish` gives at each wavelength."""
+    elements, bias, scale, error = zip(*spectrum)
+    return Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
+                   np.array(elements), np.array(bias),
+                   np.array([max(e, float(of_cross)) for e, of_cross in zip(error, cross.all_error)]),
+                   cross.absorption_bias, np.array(scale), tuple(choices))
 
 
 def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None,

@@ -142,9 +142,13 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
             report(min(1.0, (tolerance / max(result.achieved_error, 1e-300)) ** 2), result.achieved_error)
         if (result.hits >= HITS_MIN and result.reached) or first * REPLICATES >= paths_max:
             return result
-        # as many as the errors ask for, if they fall with the square root of the paths, in steps of a quarter
-        wanted = math.ceil(4 * ((result.achieved_error / tolerance) ** 2 - 1)) if result.hits >= HITS_MIN else 4
-        count = first * min(max(wanted, 1), 4) // 4
+        count = first * _quarters(result, tolerance) // 4
+
+
+def _quarters(result, tolerance):
+    """How much is added, in quarters of the paths: as errors ask for, if they fall with the root of the paths, 1 to 4."""
+    wanted = math.ceil(4 * ((result.achieved_error / tolerance) ** 2 - 1)) if result.hits >= HITS_MIN else 4
+    return min(max(wanted, 1), 4)
 
 
 # Where a block's sums stand in its array of (C + 1, 8 + B): row 0 is common to all channels, bins of theta follow in the others.

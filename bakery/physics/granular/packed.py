@@ -154,8 +154,7 @@ def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=No
     most = HITS_MAX if hits is None else max(int(hits), 1)
     warm = _WARM if any(g.surface.roughness > 0 for g in scene.grains) else 0
     endless = _endless(scene)
-    length, done, sums = _LENGTH, 0, None
-    count = 2  # walks of a replicate in this round
+    length, done, sums, count = _LENGTH, 0, None, 2  # count: walks of a replicate in this round
     while True:
         block = max(1, _BLOCK // (length + warm))
         tasks = [(scene, replicate, start, min(block, done + count - start), length, warm)
