@@ -26,13 +26,13 @@ def depths(position, radius, low, pixel, width, height):
     z, r = position[:, 2], radius / pixel
     first = np.maximum(np.ceil(y - r), 0).astype(int)
     lines = np.maximum(np.minimum(np.floor(y + r), height - 1).astype(int) - first + 1, 0)
-    for some in blocks(lines * (2 * r.astype(int) + 1)):
-        ball, row = runs(first[some], lines[some])
-        ball += some.start
+    for part in blocks(lines * (2 * r.astype(int) + 1)):
+        ball, row = runs(first[part], lines[part])
+        ball += part.start
         square = np.maximum(r[ball] ** 2 - (row - y[ball]) ** 2, 0)
         half = np.sqrt(square)
-        left = np.maximum(np.ceil(x[ball] - half), 0).astype(int)
-        line, column = runs(left, np.maximum(np.minimum(np.floor(x[ball] + half), width - 1).astype(int) - left + 1, 0))
+        leftmost = np.maximum(np.ceil(x[ball] - half), 0).astype(int)
+        line, column = runs(leftmost, np.maximum(np.minimum(np.floor(x[ball] + half), width - 1).astype(int) - leftmost + 1, 0))
         up = np.sqrt(np.maximum(square[line] - (column - x[ball][line]) ** 2, 0))
         nearest(index, depth, (row * width)[line] + column, z[ball][line] + pixel * up, ball[line])
     return index.reshape(height, width), depth.reshape(height, width)
@@ -46,16 +46,16 @@ def neighbours(position, visible, reach, most):
     position : (N, 3) ascending in z; visible : (N,) bool, the others get none
     """
     near, wanted = np.full((len(position), most), -1), np.flatnonzero(visible)
-    for some in (wanted[i:i + _TOGETHER] for i in range(0, len(wanted), _TOGETHER)):
-        first, last = np.searchsorted(position[:, 2], (position[some[0], 2] - reach, position[some[-1], 2] + reach))
-        square = sum((position[some, k, None] - position[first:last, k]) ** 2 for k in range(3))
-        square[np.arange(len(some)), some - first] = np.inf
+    for part in (wanted[i:i + _TOGETHER] for i in range(0, len(wanted), _TOGETHER)):
+        first, last = np.searchsorted(position[:, 2], (position[part[0], 2] - reach, position[part[-1], 2] + reach))
+        square = sum((position[part, k, None] - position[first:last, k]) ** 2 for k in range(3))
+        square[np.arange(len(part)), part - first] = np.inf
         count = min(most, last - first)
         nearest = np.argpartition(square, count - 1, axis=1)[:, :count]
         away = np.take_along_axis(square, nearest, axis=1)
         order = np.argsort(away, axis=1, kind="stable")
         nearest, away = (np.take_along_axis(values, order, axis=1) for values in (nearest, away))
-        near[some, :count] = np.where(away < reach * reach, nearest + first, -1)
+        near[part, :count] = np.where(away < reach * reach, nearest + first, -1)
     return near
 
 
@@ -70,20 +70,20 @@ def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun
     """
     image = np.zeros((*index.shape, 3))
     rows, columns = np.nonzero(index >= 0)
-    for some in (slice(i, i + 16384) for i in range(0, len(rows), 16384)):  # what fits into the processor's cache
-        row, column = rows[some], columns[some]
+    for part in (slice(i, i + 16384) for i in range(0, len(rows), 16384)):  # what fits into the processor's cache
+        row, column = rows[part], columns[part]
         i = index[row, column]
         p = np.stack([low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel, depth[row, column]])
         n = (p - position[i].T) / radius[i]
         open_sky = _open(p, n, near[i].T, position, radius)
         facing = np.maximum(along(sun, n), 0)
         seen = _lit([along(axis, p) for axis in to_sun], facing, radius[i], shadow, shadow_low, shadow_pixel)
-        lit = facing * seen
+        brightness = facing * seen
         half = (sun + np.array([0, 0, 1])) / np.sqrt(2 + 2 * sun[2])
-        gloss = 0.22 * np.maximum(along(half, n), 0) ** 60 * (lit > 0) * half[2]
+        gloss = 0.22 * np.maximum(along(half, n), 0) ** 60 * (brightness > 0) * half[2]
         rim = 0.10 * (1 - np.maximum(n[2], 0)) ** 3 * open_sky
         sky = open_sky * open_sky * (0.62 + 0.38 * n[1])
-        image[row, column] = colour[i] * (0.95 * lit + 0.55 * sky)[:, None] + (gloss + rim)[:, None]
+        image[row, column] = colour[i] * (0.95 * brightness + 0.55 * sky)[:, None] + (gloss + rim)[:, None]
     return image
 
 

@@ -96,7 +96,7 @@ class _Hit(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
+def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, scratch):
     """The first particle whose disc, the largest of all wavelengths, stops a pencil.
 
     Parameters
@@ -105,7 +105,7 @@ def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
     ox, oy, oz, dx, dy, dz : origin (m) and unit direction
     begin, end : m, distances between which (begin excluded) feet of perpendiculars count; end may be inf
     sx, sy, sz : place of a particle that is left out, as this function gave it; nan: none
-    room : from `mesh_scratch`
+    scratch : from `mesh_scratch`
 
     Returns
     -------
@@ -117,14 +117,14 @@ def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
     pencil, hit = _Pencil(ox, oy, oz, dx, dy, dz, begin, sx, sy, sz), _Hit(NO_DISC, end, 0.0, 0.0, 0.0, 0.0)
     none = np.empty(0, np.uint8)
     for level in range(len(discs.reach)):
-        _, nearer = _search(discs, level, pencil, hit.distance, none, True, room)
+        _, nearer = _search(discs, level, pencil, hit.distance, none, True, scratch)
         if nearer.kind != NO_DISC:
             hit = nearer
     return hit.kind, hit.distance, hit.square, hit.x, hit.y, hit.z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, room):
+def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, scratch):
     """At how many wavelengths a pencil gets through; arguments as in `first_disc`.
 
     open : (L,) uint8, 1 where the pencil is still open; becomes 0 at each wavelength at which a disc stops it
@@ -136,7 +136,7 @@ def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open
     for level in range(len(discs.reach)):
         if still == 0:
             return 0
-        still, _ = _search(discs, level, pencil, end, open, False, room)
+        still, _ = _search(discs, level, pencil, end, open, False, scratch)
     return still
 
 
@@ -150,9 +150,9 @@ def _clip(o, d, low, high, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _search(discs, number, pencil, end, open, nearest, room):
+def _search(discs, number, pencil, end, open, nearest, scratch):
     """One level: how many wavelengths are still open, and with `nearest` the first disc."""
-    discs, open, room = lent(discs), lent(open), lent(room)
+    discs, open, scratch = lent(discs), lent(open), lent(scratch)
     level, hit, still = _level(discs, number), _Hit(NO_DISC, end, 0.0, 0.0, 0.0, 0.0), 0
     for w in range(len(open)):
         still += open[w]
@@ -169,7 +169,7 @@ def _search(discs, number, pencil, end, open, nearest, room):
         for row in range(rows[0], rows[1] + 1):
             for column in range(columns[0], columns[1] + 1):
                 cell = _cell(discs, level, course, layer, row, column)
-                still, hit = _through_cell(discs, level, cell, pencil, hit, still, open, nearest, room)
+                still, hit = _through_cell(discs, level, cell, pencil, hit, still, open, nearest, scratch)
                 if not nearest and still == 0:
                     return still, hit
         layer += sign
@@ -312,18 +312,18 @@ def _class(discs, level, p, chosen):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _exists(region, level, x, y, z, share, room):
+def _exists(region, level, x, y, z, share, scratch):
     """Whether a particle that cells list is in the region."""
     if not (level.moved or not level.stored):
         return True
     low, high = region.lo, region.hi
     if not (low[0] <= x < high[0] and low[1] <= y < high[1] and low[2] <= z < high[2]):
         return False
-    return level.stored or region.kind == 0 or share < relative_density(region, x, y, z, room)
+    return level.stored or region.kind == 0 or share < relative_density(region, x, y, z, scratch)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _through_cell(discs, level, cell, pencil, hit, still, open, nearest, room):
+def _through_cell(discs, level, cell, pencil, hit, still, open, nearest, scratch):
     """As `_search`, of the particles of a cell."""
     farthest = level.reach * level.reach * (1 + 1e-12)
     for p in range(cell.first, cell.after):
@@ -338,7 +338,7 @@ def _through_cell(discs, level, cell, pencil, hit, still, open, nearest, room):
         kind = _class(discs, level, p, chosen)
         if d2 >= discs.largest[kind] or (x == pencil.sx and y == pencil.sy and z == pencil.sz):
             continue
-        if not _exists(discs.region, level, x, y, z, share, room):
+        if not _exists(discs.region, level, x, y, z, share, scratch):
             continue
         if nearest:
             hit = _Hit(kind, t, d2, x, y, z)
@@ -364,14 +364,14 @@ def disc_cells(discs, level):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def discs_of_cell(discs, level, i, j, k, first, place, kind, identity, filled, room):
+def discs_of_cell(discs, level, i, j, k, first, position, kind, identity, filled, scratch):
     """Particles of cell (i, j, k) of a level from number `first` on, written from `filled` on.
 
-    place : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
+    position : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
 
     Returns how far these are filled, and the number of the particle to go on with, or -1 where the cell is done.
     """
-    discs, room = lent(discs), lent(room)
+    discs, scratch = lent(discs), lent(scratch)
     of = _level(discs, level)
     if of.stored:
         cell = _repeated(discs, level, i, j, k)
@@ -384,8 +384,8 @@ def discs_of_cell(discs, level, i, j, k, first, place, kind, identity, filled, r
         if filled == len(kind):
             return filled, p - cell.first
         x, y, z, chosen, share = _particle(discs, of, cell, p)
-        if _exists(discs.region, of, x, y, z, share, room):
-            place[filled, 0], place[filled, 1], place[filled, 2], kind[filled] = x, y, z, _class(discs, of, p, chosen)
+        if _exists(discs.region, of, x, y, z, share, scratch):
+            position[filled, 0], position[filled, 1], position[filled, 2], kind[filled] = x, y, z, _class(discs, of, p, chosen)
             identity[filled] = hashed(cell.hash + np.uint64(p + 1) * _PRIME)
             filled += 1
         p += 1

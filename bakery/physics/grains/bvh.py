@@ -150,13 +150,13 @@ def _build(boxes, margin):
             area[parts] = _bounds(boxes, order, start[parts], end[parts], low, high)
             parts += 1
         if nodes + parts > len(planes):
-            more, fewer = np.empty((2 * len(planes), 6, BOXES), np.float32), np.zeros((2 * len(planes), BOXES), np.int32)
+            wider, fewer = np.empty((2 * len(planes), 6, BOXES), np.float32), np.zeros((2 * len(planes), BOXES), np.int32)
             for n in range(nodes):
                 for b in range(BOXES):
                     fewer[n, b] = children[n, b]
                     for k in range(6):
-                        more[n, k, b] = planes[n, k, b]
-            planes, children = more, fewer
+                        wider[n, k, b] = planes[n, k, b]
+            planes, children = wider, fewer
         if used + parts > len(leaves):
             longer = np.empty((2 * len(leaves), 2), np.int64)
             for n in range(used):
@@ -201,9 +201,9 @@ def mesh_scratch():
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _nearest_child(nodes, children, blocks, at, child, lane, bits, room, top):
+def _nearest_child(nodes, children, blocks, at, child, lane, bits, scratch, top):
     """The child that a ray enters first, of that in `lane` and those in `bits`, and how many are pending: the others on top."""
-    pending, reach, enter, _ = room
+    pending, reach, enter, _ = scratch
     t, base = enter[lane], top
     while bits:
         lane = lowest(bits)
@@ -225,12 +225,12 @@ def _nearest_child(nodes, children, blocks, at, child, lane, bits, room, top):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
+def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, scratch):
     """Place (4 block + lane) of the first triangle along unit d from o, and its distance; (-1, inf) where there is none.
 
-    skip : place of the triangle that the ray starts on, or -1;  room : from `mesh_scratch`.
+    skip : place of the triangle that the ray starts on, or -1;  scratch : from `mesh_scratch`.
     """
-    pending, reach, enter, distance = room
+    pending, reach, enter, distance = scratch
     kx, ky, kz = 0, 1, 2
     if abs(dx) >= abs(dy) and abs(dx) >= abs(dz):
         kx, ky, kz = 1, 2, 0
@@ -246,7 +246,7 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room
     rz = np.float32(1.0 / math.copysign(max(abs(dz), 1e-18), dz))
     x, y, z = np.float32(ox), np.float32(oy), np.float32(oz)
     near_x, near_y, near_z = 3 * BOXES * (rx < 0), 3 * BOXES * (ry < 0), 3 * BOXES * (rz < 0)
-    best, limit, place = np.inf, np.float32(np.inf), -1
+    best, limit, triangle = np.inf, np.float32(np.inf), -1
     child, top = np.int64(0), 0
     while True:
         if child < 0:
@@ -256,7 +256,7 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room
                 lane = lowest(bits)
                 bits &= bits - 1
                 if distance[lane] < best and TRIANGLES * block + lane != skip:
-                    best, place = distance[lane], TRIANGLES * block + lane
+                    best, triangle = distance[lane], TRIANGLES * block + lane
                     limit = np.float32(best) * np.float32(1.0000003)
         else:
             at = child * NODE
@@ -267,7 +267,7 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room
                 bits &= bits - 1
                 child = np.int64(children[at + lane])
                 if bits:  # else the usual case: straight on, nothing to sort
-                    child, top = _nearest_child(nodes, children, blocks, at, child, lane, bits, room, top)
+                    child, top = _nearest_child(nodes, children, blocks, at, child, lane, bits, scratch, top)
                 continue
         while top > 0 and reach[top - 1] > limit:
             top -= 1
@@ -275,13 +275,13 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room
             break
         top -= 1
         child = np.int64(pending[top])
-    return place, best
+    return triangle, best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def triangle_normal(blocks, place):
+def triangle_normal(blocks, triangle):
     """Unit normal (x, y, z) of a triangle, outward where corners run counterclockwise seen from outside."""
-    at = (place // TRIANGLES) * BLOCK + place % TRIANGLES
+    at = (triangle // TRIANGLES) * BLOCK + triangle % TRIANGLES
     ax, ay, az = blocks[at], blocks[at + 3 * TRIANGLES], blocks[at + 6 * TRIANGLES]
     ux, vx = blocks[at + TRIANGLES] - ax, blocks[at + 2 * TRIANGLES] - ax
     uy, vy = blocks[at + 4 * TRIANGLES] - ay, blocks[at + 5 * TRIANGLES] - ay
@@ -293,11 +293,11 @@ def triangle_normal(blocks, place):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rays(nodes, children, blocks, names, origin, direction, face, distance):
-    room = mesh_scratch()
+    scratch = mesh_scratch()
     for i in range(len(origin)):
-        place, t = nearest_triangle(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2],
-                                    direction[i, 0], direction[i, 1], direction[i, 2], np.int64(-1), room)
-        face[i], distance[i] = names[place] if place >= 0 else -1, t
+        triangle, t = nearest_triangle(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2],
+                                    direction[i, 0], direction[i, 1], direction[i, 2], np.int64(-1), scratch)
+        face[i], distance[i] = names[triangle] if triangle >= 0 else -1, t
 
 
 class Mesh:

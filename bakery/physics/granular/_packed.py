@@ -141,14 +141,14 @@ def _leave(ray, ox, oy, oz, dx, dy, dz):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mesh(tree, grain, ray, depth, draws, room):
+def mesh(tree, grain, ray, depth, draws, scratch):
     """Follow `ray` (6,) (place on the unit sphere, direction) through a mesh; what became of it, and meetings."""
-    draws, room, (nodes, children, blocks) = lent(draws), lent(room), lent(tree)
+    draws, scratch, (nodes, children, blocks) = lent(draws), lent(scratch), lent(tree)
     dx, dy, dz = ray[3], ray[4], ray[5]
     ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
     within, triangle, count = False, np.int64(-1), 0
     while True:
-        triangle, t = nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, triangle, room)
+        triangle, t = nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, triangle, scratch)
         if triangle < 0:
             if within:
                 return CONTRADICTED, count
@@ -172,7 +172,7 @@ def mesh(tree, grain, ray, depth, draws, room):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def meet(met, entry, d, grains, draws, room, ray, row):
+def meet(sphere, entry, d, grains, draws, scratch, ray, row):
     """Follow a ray that enters the sphere `met` until it leaves, again from the same entry where its light is lost.
 
     entry, d : (3,) place on the unit sphere and direction;  ray : (6,) becomes those with which it leaves
@@ -182,7 +182,7 @@ def meet(met, entry, d, grains, draws, room, ray, row):
     table, offset, depth = grains.table, grains.offset, grains.depth
     which, b, c, e = 0, 0.0, 0.0, 0.0
     if len(grains.shares) > 1 or table[0, 3] == 0.0:
-        a, b, c, e = uniforms(grains.seed, met[1], met[2], met[3], met[0])
+        a, b, c, e = uniforms(grains.seed, sphere[1], sphere[2], sphere[3], sphere[0])
         which = kind(a, grains.shares)
     grain = Kind(int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3])
     state, count, spent = LOST, 0, 0
@@ -208,7 +208,7 @@ def meet(met, entry, d, grains, draws, room, ray, row):
         ray[5] = xz * d[0] + yz * d[1] + zz * d[2]
         over = 1.0 / math.sqrt(ray[3] * ray[3] + ray[4] * ray[4] + ray[5] * ray[5])
         ray[3], ray[4], ray[5] = ray[3] * over, ray[4] * over, ray[5] * over
-        state, count = mesh(tree, grain, ray, depth, draws, room)
+        state, count = mesh(tree, grain, ray, depth, draws, scratch)
         if state > LEFT:
             row[LOSSES + state - LOST] += 1
         spent += count + 1
@@ -229,11 +229,11 @@ def _isotropic(v, draws):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _enter(area, met, entry, d, draws):
+def _enter(area, sphere, entry, d, draws):
     """A ray of uniform isotropic radiance where it enters a sphere: number, copy, place on the unit sphere, direction."""
-    met[0] = min(np.searchsorted(area, next_uniform(draws.stream, draws.pool), "right"), len(area) - 1)
+    sphere[0] = min(np.searchsorted(area, next_uniform(draws.stream, draws.pool), "right"), len(area) - 1)
     for k in range(1, 4):
-        met[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
+        sphere[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
     length = 0.0
     while length < 1e-12:  # the normal plus a point of the unit sphere has the cosine distribution about the normal
         _isotropic(entry, draws)
@@ -262,11 +262,11 @@ def walks(tile, grains, key, replicate, first, count, length, warm):
     draws.stream[0], draws.stream[1], draws.stream[3] = key[0], key[1], replicate
     walk = Walk(np.empty(4, np.int64), np.empty(4, np.int64), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
                 np.empty(6), np.zeros(SUMS), np.zeros((length + 1, 3)))
-    room = mesh_scratch()
+    scratch = mesh_scratch()
     for walker in range(count):
         draws.stream[2], draws.stream[4] = np.uint64(first + walker), np.uint64(0)
         walk.row[:] = 0.0
-        if _walk(tile, grains, walk, draws, room, length, warm):
+        if _walk(tile, grains, walk, draws, scratch, length, warm):
             _add_displacements(out, walk.place, windows)
         else:
             walk.row[: EVENTS + 1] = 0.0
@@ -278,13 +278,13 @@ def walks(tile, grains, key, replicate, first, count, length, warm):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(tile, grains, walk, draws, room, length, warm):
+def _walk(tile, grains, walk, draws, scratch, length, warm):
     """One walk; whether it came to its end."""
-    tile, grains, walk, draws, room = lent(tile), lent(grains), lent(walk), lent(draws), lent(room)
+    tile, grains, walk, draws, scratch = lent(tile), lent(grains), lent(walk), lent(draws), lent(scratch)
     row, hits, state, events = walk.row, -1, MISSED, 0
     while state == MISSED:
         _enter(tile.area, walk.met, walk.entry, walk.d, draws)
-        state, events = meet(walk.met, walk.entry, walk.d, grains, draws, room, walk.ray, row)
+        state, events = meet(walk.met, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
         row[DRAWN] += 1
     free, last = 0.0, 0.0
     walk.way[:] = 0.0
@@ -310,7 +310,7 @@ def _walk(tile, grains, walk, draws, room, length, warm):
             row[VOID] += z
             row[VOID2] += z * z
             row[ENTRIES] += 1
-        state, events = meet(walk.met, walk.entry, walk.d, grains, draws, room, walk.ray, row)
+        state, events = meet(walk.met, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
     return hits == warm + length
 
 
@@ -371,13 +371,14 @@ def _next_sphere(tile, walk, radius):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_displacements(out, place, windows):
+def _add_displacements(out, position, windows):
     """Add a walk's mean square displacements over 1, 2, 4, ... hits."""
     for j in range(windows):
         n = 1 << j
         step, total, number = max(n // 8, 1), 0.0, 0  # windows that overlap by more than 7/8 tell nothing new
-        for t in range(0, len(place) - n, step):
-            x, y, z = place[t + n, 0] - place[t, 0], place[t + n, 1] - place[t, 1], place[t + n, 2] - place[t, 2]
+        for t in range(0, len(position) - n, step):
+            end, begin = position[t + n], position[t]
+            x, y, z = end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
             total += x * x + y * y + z * z
             number += 1
         out[SUMS + j] += total / number

@@ -15,7 +15,7 @@ from bakery.system.compiled import njit
 def distance_to_triangles(tree, middle, scale, p, limit, room):
     """Distance of p (3,) to the mesh, or `limit` where it is farther.
 
-    tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  room : from `bvh.scratch`
+    tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  room : from `bvh.mesh_scratch`
     """
     nodes, children, blocks = tree
     pending, reach = room[0], room[1]
