@@ -91,12 +91,12 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
             first = first or recipe
         except RecipeError as error:
             wrong.append((swept, error.problems))
-    found = [] if keep_going and first else _described(wrong, len(probes))
-    for key in read.keys if not found else ():
-        found += _fixed(key, first)
-    found += _twice(read.keys) if not found else ()
-    if found:
-        raise RecipeError(distinct(found))
+    faults = [] if keep_going and first else _described(wrong, len(probes))
+    for key in read.keys if not faults else ():
+        faults += _fixed(key, first)
+    faults += _twice(read.keys) if not faults else ()
+    if faults:
+        raise RecipeError(distinct(faults))
     names = _names([key.key for key in read.keys])
     axes = tuple(Axis(tuple(Swept(key.key, names[key.key], key.quantity.base, tuple(key.texts), tuple(key.values))
                             for key in group)) for group in groups)

@@ -106,9 +106,9 @@ class Map:
         for k, value in zip(message.blocks, values, strict=True):
             self._values[k] = value
         self._left.difference_update(message.blocks)
-        for other in [other for other, one in self._under.items() if one.blocks is message.blocks]:
-            del self._under[other]
-            other.cancel()
+        for number in [number for number, task in self._under.items() if task.blocks is message.blocks]:
+            del self._under[number]
+            number.cancel()
 
     def _rescue(self) -> None:
         """Take back messages none of whose workers is there any more; give up where there has been none for long."""
@@ -171,6 +171,6 @@ def run(common, tasks: bytes) -> tuple[list, float]:
     function, common = pickle.loads(common) if isinstance(common, bytes) else common
     values, started = [], time.monotonic()
     for task in pickle.loads(tasks):
-        rest = iter(task)
-        values.append(function(*(common[k] if k in common else next(rest) for k in range(len(common) + len(task)))))
+        arguments = iter(task)
+        values.append(function(*(common[k] if k in common else next(arguments) for k in range(len(common) + len(task)))))
     return values, time.monotonic() - started

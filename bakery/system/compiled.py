@@ -60,15 +60,15 @@ def _content(file: Path) -> tuple[bytes, list[Path]]:
         elif isinstance(node, ast.ImportFrom) and not node.level:  # neighbours import each other by their whole names
             modules = [f"{node.module}.{alias.name}" for alias in node.names]
             names += [module if _module(root, module) else node.module for module in modules]
-    known = (*_PACKAGES, _package(file))
-    found = [_module(root, name) for name in dict.fromkeys(names) if name.split(".")[0] in known]
-    return hashlib.sha256(code).digest(), [one for one in found if one]
+    packages = (*_PACKAGES, _package(file))
+    found = [_module(root, name) for name in dict.fromkeys(names) if name.split(".")[0] in packages]
+    return hashlib.sha256(code).digest(), [module for module in found if module]
 
 
 def _module(root: Path, name: str) -> Path | None:
     """The file of a module or a package, or None."""
-    place = root.joinpath(*name.split("."))
-    return next((one for one in (place.with_name(f"{place.name}.py"), place / "__init__.py") if one.is_file()), None)
+    folder = root.joinpath(*name.split("."))
+    return next((file for file in (folder.with_name(f"{folder.name}.py"), folder / "__init__.py") if file.is_file()), None)
 
 
 def _root(file: Path) -> Path:

@@ -214,9 +214,9 @@ def _sort(place, kind, lo, extent, cells, level, start, offset, sorted_place, so
         offset[cell[i]] += np.uint32(1)
     total = np.int64(0)
     for c in range(len(offset)):
-        here = np.int64(offset[c])
+        slot = np.int64(offset[c])
         offset[c] = np.uint32(total)
-        total += here
+        total += slot
     # a level's last entry counts nothing: it ends where the next level's first begins
     for i in range(n):
         to = np.int64(offset[cell[i]])

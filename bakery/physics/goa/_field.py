@@ -82,7 +82,7 @@ def ray_block(x, theta, items, rays, scales, out):
     scales (R, 5) as `window`; without exact waves diffraction is added, tapered.
     """
     out[:] = 0.0
-    w, other, clear = np.zeros(ROWS * WIDTH), np.zeros(ROWS * WIDTH), np.empty(x.shape[0])
+    w, second, clear = np.zeros(ROWS * WIDTH), np.zeros(ROWS * WIDTH), np.empty(x.shape[0])
     for r in range(x.shape[0]):
         # below, no partial wave is summed exactly, nor around the critical order
         clear[r] = scales[r, 0] - 5.0 * scales[r, 1] if scales[r, 1] > 0.0 else np.inf
@@ -97,14 +97,14 @@ def ray_block(x, theta, items, rays, scales, out):
             count, a = min(WIDTH, length - start), angle + start
             _load(rays, columns, row + start, count, w)
             if kind in (RAINBOW, AXIS):
-                _load(rays, OF_REAL, partner + start, count, other)
+                _load(rays, OF_REAL, partner + start, count, second)
             for r in range(x.shape[0]):
                 if kind == DARK:
                     _dark(x[r], count, kappa, end, scales[r], clear[r], w, out, r, a)
                 elif kind == RAINBOW:
-                    _rainbow(x[r], count, kappa, scales[r], clear[r], w, other, out, r, a)
+                    _rainbow(x[r], count, kappa, scales[r], clear[r], w, second, out, r, a)
                 elif kind == AXIS:
-                    _axis(x[r], count, kappa, sign, end, scales[r], clear[r], w, other, out, r, a)
+                    _axis(x[r], count, kappa, sign, end, scales[r], clear[r], w, second, out, r, a)
                 else:
                     phase = kappa - 0.25 * np.pi * sign
                     _single(x[r], count, kind == FOCUS, phase, end, scales[r], clear[r], w, rays, row + start, out, r, a)
@@ -172,12 +172,12 @@ def _floor(x, j, focus, end, scales, clear, w, rays, row, out, r, a):
 
 
 @njit(**STRICT)
-def _halves(x, kappa, w, other):
+def _halves(x, kappa, w, second):
     """Mean phase of the pairs of rays, and half the difference."""
     for j in range(WIDTH):
-        half = 0.5 * x * (w[PATH * WIDTH + j] - other[PATH * WIDTH + j])
+        half = 0.5 * x * (w[PATH * WIDTH + j] - second[PATH * WIDTH + j])
         half = half if half > 0.0 else 0.0
-        mean = 0.5 * x * (w[PATH * WIDTH + j] + other[PATH * WIDTH + j])
+        mean = 0.5 * x * (w[PATH * WIDTH + j] + second[PATH * WIDTH + j])
         w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(mean + kappa)
         w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j] = sincos(half)
         w[HALF * WIDTH + j] = half
@@ -201,19 +201,19 @@ def _moduli(x, scales, clear, w):
 
 
 @njit(**STRICT)
-def _rainbow(x, count, kappa, scales, clear, w, other, out, r, a):
-    _halves(x, kappa, w, other)
+def _rainbow(x, count, kappa, scales, clear, w, second, out, r, a):
+    _halves(x, kappa, w, second)
     _moduli(x, scales, clear, w)
-    _moduli(x, scales, clear, other)
+    _moduli(x, scales, clear, second)
     for j in range(count):
-        w_mod, other_mod = w[MOD * WIDTH + j], other[MOD * WIDTH + j]
+        w_mod, other_mod = w[MOD * WIDTH + j], second[MOD * WIDTH + j]
         sine = x * w[SINE * WIDTH + j]
         if sine < 1.0:
             w_mod, other_mod = w_mod * np.sqrt(sine), other_mod * np.sqrt(sine)
         if w_mod == 0.0 and other_mod == 0.0:
             continue
         e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
-        f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
+        f1, f2 = complex(second[R1 * WIDTH + j], second[I1 * WIDTH + j]), complex(second[R2 * WIDTH + j], second[I2 * WIDTH + j])
         zeta = np.cbrt(1.5 * w[HALF * WIDTH + j]) ** 2
         ai, slope = airy_of(-zeta, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
         quarter = np.sqrt(np.sqrt(zeta))
@@ -224,25 +224,25 @@ def _rainbow(x, count, kappa, scales, clear, w, other, out, r, a):
 
 
 @njit(**STRICT)
-def _axis(x, count, kappa, sign, end, scales, clear, w, other, out, r, a):
+def _axis(x, count, kappa, sign, end, scales, clear, w, second, out, r, a):
     # sin theta needs no floor here: the Bessel functions cancel it
-    _halves(x, kappa + 0.25 * np.pi * (1.0 - sign), w, other)
+    _halves(x, kappa + 0.25 * np.pi * (1.0 - sign), w, second)
     _moduli(x, scales, clear, w)
-    _moduli(x, scales, clear, other)
+    _moduli(x, scales, clear, second)
     for j in range(WIDTH):
         half = w[HALF * WIDTH + j]
         half = half if half > BESSEL_END else BESSEL_END
         j0, j1, j2 = bessel_far(half, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
         w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j] = j0, j1, j2
     for j in range(count):
-        w_mod, other_mod, half = w[MOD * WIDTH + j], other[MOD * WIDTH + j], w[HALF * WIDTH + j]
+        w_mod, other_mod, half = w[MOD * WIDTH + j], second[MOD * WIDTH + j], w[HALF * WIDTH + j]
         if w[CUBE * WIDTH + j] > 0.0:
             w_mod *= _flattened(x, w[SLOPE * WIDTH + j], w[CUBE * WIDTH + j])
-            other_mod *= _flattened(x, other[SLOPE * WIDTH + j], other[CUBE * WIDTH + j])
+            other_mod *= _flattened(x, second[SLOPE * WIDTH + j], second[CUBE * WIDTH + j])
         if w_mod == 0.0 and other_mod == 0.0:
             continue
         e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
-        f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
+        f1, f2 = complex(second[R1 * WIDTH + j], second[I1 * WIDTH + j]), complex(second[R2 * WIDTH + j], second[I2 * WIDTH + j])
         j0, g, j2 = w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j]
         if half < BESSEL_END:
             j0, g, j2 = bessel_near(half)

@@ -71,16 +71,16 @@ class Walk(NamedTuple):
     """Where a walk is: the sphere (number, copy of the tile) and the one before, entry into it (on the unit sphere) and
     direction, vector to its centre, origin of the flight, way since the last hit, `meet`'s ray, sums, places after hits."""
 
-    met: np.ndarray
+    sphere: np.ndarray
     left_behind: np.ndarray
     entry: np.ndarray
     d: np.ndarray
     to: np.ndarray
     o: np.ndarray
-    way: np.ndarray
+    since_hit: np.ndarray
     ray: np.ndarray
     row: np.ndarray
-    place: np.ndarray
+    position: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -267,7 +267,7 @@ def walks(tile, grains, key, replicate, first, count, length, warm):
         draws.stream[2], draws.stream[4] = np.uint64(first + walker), np.uint64(0)
         walk.row[:] = 0.0
         if _walk(tile, grains, walk, draws, scratch, length, warm):
-            _add_displacements(out, walk.place, windows)
+            _add_displacements(out, walk.position, windows)
         else:
             walk.row[: EVENTS + 1] = 0.0
             walk.row[GIVEN_UP] = 1
@@ -283,13 +283,13 @@ def _walk(tile, grains, walk, draws, scratch, length, warm):
     tile, grains, walk, draws, scratch = lent(tile), lent(grains), lent(walk), lent(draws), lent(scratch)
     row, hits, state, events = walk.row, -1, MISSED, 0
     while state == MISSED:
-        _enter(tile.area, walk.met, walk.entry, walk.d, draws)
-        state, events = meet(walk.met, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
+        _enter(tile.area, walk.sphere, walk.entry, walk.d, draws)
+        state, events = meet(walk.sphere, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
         row[DRAWN] += 1
     free, last = 0.0, 0.0
-    walk.way[:] = 0.0
+    walk.since_hit[:] = 0.0
     while state <= LEFT:
-        radius = tile.radii[walk.met[0]]
+        radius = tile.radii[walk.sphere[0]]
         if state == LEFT:  # a hit is over: the step that ends here began where the hit before it ended
             hits += 1
             if hits > warm:
@@ -298,7 +298,7 @@ def _walk(tile, grains, walk, draws, scratch, length, warm):
                 if hits - warm == length:
                     break
             free = 0.0
-            walk.way[:] = 0.0
+            walk.since_hit[:] = 0.0
         else:
             free += _pass(walk, radius)
         z = _next_sphere(tile, walk, radius)
@@ -310,7 +310,7 @@ def _walk(tile, grains, walk, draws, scratch, length, warm):
             row[VOID] += z
             row[VOID2] += z * z
             row[ENTRIES] += 1
-        state, events = meet(walk.met, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
+        state, events = meet(walk.sphere, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
     return hits == warm + length
 
 
@@ -324,7 +324,7 @@ def _add_step(walk, radius, hit, free, last, events):
         across += displacement * walk.ray[3 + k]
         square += displacement * displacement
         cosine += walk.d[k] * walk.ray[3 + k]
-        walk.place[hit, k] = walk.place[hit - 1, k] + walk.way[k] + displacement
+        walk.position[hit, k] = walk.position[hit - 1, k] + walk.since_hit[k] + displacement
     row[HITS] += 1
     row[FLIGHT] += free
     row[FLIGHT2] += free * free
@@ -342,7 +342,7 @@ def _pass(walk, radius):
     chord = 0.0
     for k in range(3):
         displacement = radius * (walk.ray[k] - walk.entry[k])
-        walk.way[k] += displacement
+        walk.since_hit[k] += displacement
         chord += displacement * walk.d[k]
     return chord
 
@@ -352,16 +352,16 @@ def _next_sphere(tile, walk, radius):
     """Flight from a sphere to the next one, which is entered; the limit where none comes."""
     cell, m, start, image, owner = tile.grid
     for k in range(4):
-        walk.left_behind[k] = walk.met[k]
+        walk.left_behind[k] = walk.sphere[k]
     for k in range(3):
         walk.d[k] = walk.ray[3 + k]
         walk.o[k] = tile.centers[walk.left_behind[0], k] + radius * walk.ray[k]
-    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, cell, m, start, image, owner, tile.limit, walk.met, walk.to)
+    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, cell, m, start, image, owner, tile.limit, walk.sphere, walk.to)
     if z >= tile.limit:
         return z
     length2 = 0.0
     for k in range(3):
-        walk.way[k] += z * walk.d[k]
+        walk.since_hit[k] += z * walk.d[k]
         walk.entry[k] = z * walk.d[k] - walk.to[k]
         length2 += walk.entry[k] * walk.entry[k]
     over = 1.0 / math.sqrt(length2)

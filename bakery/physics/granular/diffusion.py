@@ -88,9 +88,9 @@ def diffuse_in_mesh(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
     near is 1.5/sigma_t', skin 0.5/sigma_t', of the wavelength where that is most.  Meng et al. 2015, section 5, take
     min(1/sigma_t', 0.5/sigma_tr) and no skin; `python benchmarks/diffusion.py` shows what both do.
     """
-    moments = [legendre(2 * np.arcsin(np.sqrt(np.clip(v / 2, 0, 1))), one, _MOMENTS) for one in phase]
-    k = np.array([decay(*one) for one in zip(albedo, moments)])
-    g = np.array([one[1] for one in moments])
+    moments = [legendre(2 * np.arcsin(np.sqrt(np.clip(v / 2, 0, 1))), row, _MOMENTS) for row in phase]
+    k = np.array([decay(*row) for row in zip(albedo, moments)])
+    g = np.array([row[1] for row in moments])
     with np.errstate(divide="ignore"):
         longest = float(np.max(1 / (sigma_t * (1 - albedo * g))))
     ahead = 0.0
@@ -110,7 +110,7 @@ def never_diffuse(sigma_t) -> Diffuse:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clear_in_mesh(aggregate, diffuse, p, enough, room):
+def clear_in_mesh(aggregate, diffuse, p, enough, scratch):
     """Radius of a sphere around p (3,), a point inside, that is inside too and meets nothing else.
 
     0 where the voxels tell that it would be less than `enough`.
@@ -125,7 +125,7 @@ def clear_in_mesh(aggregate, diffuse, p, enough, room):
         return 0.0
     if radius < _COARSE * diagonal:
         radius = distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p,
-                                       min(radius + 2.0 * diagonal, free), room[0])
+                                       min(radius + 2.0 * diagonal, free), scratch[0])
     return min(radius, free) * _INSIDE
 
 

@@ -81,23 +81,23 @@ def instance_of(seed, i, j, k, sphere, mixture, x, y, z):
 
 def largest(field, low, edge, shape):
     """(X, Y, Z) upper bounds of a field's first number in boxes of a lattice: corner low (3,), edges (3,), shape (3,)."""
-    found = field.values[..., 0]
+    bounds_of = field.values[..., 0]
     for axis in range(3):
         bounds = (low[axis] + np.arange(shape[axis] + 1) * edge[axis] - field.low[axis]) / field.edge[axis] - 0.5
-        first = np.clip(np.floor(bounds[:-1]), 0, found.shape[axis] - 1).astype(int)
-        last = np.clip(np.ceil(bounds[1:]), 0, found.shape[axis] - 1).astype(int)
-        found = np.stack([found.take(range(a, b + 1), axis).max(axis) for a, b in zip(first, last)], axis)
-    return found
+        first = np.clip(np.floor(bounds[:-1]), 0, bounds_of.shape[axis] - 1).astype(int)
+        last = np.clip(np.ceil(bounds[1:]), 0, bounds_of.shape[axis] - 1).astype(int)
+        bounds_of = np.stack([bounds_of.take(range(a, b + 1), axis).max(axis) for a, b in zip(first, last)], axis)
+    return bounds_of
 
 
 def sampled(field, x, y, z):
     """A field's first number (X, Y, Z) on a lattice of coordinates x (X,), y (Y,), z (Z,)."""
-    found = field.values[..., 0].astype(float)
+    values = field.values[..., 0].astype(float)
     for axis, at in enumerate((x, y, z)):
-        count = found.shape[axis]
+        count = values.shape[axis]
         u = np.clip((at - field.low[axis]) / field.edge[axis] - 0.5, 0, count - 1)
         first = u.astype(int)
         weight = (u - first).reshape([-1 if k == axis else 1 for k in range(3)])
-        low, high = found.take(first, axis), found.take(np.minimum(first + 1, count - 1), axis)
-        found = low + weight * (high - low)
-    return found
+        low, high = values.take(first, axis), values.take(np.minimum(first + 1, count - 1), axis)
+        values = low + weight * (high - low)
+    return values

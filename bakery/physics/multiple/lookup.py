@@ -86,13 +86,13 @@ def _upsampled(functions):
 
     A, B = functions.shape[1:]
     over = min(_OVERLAP, A - 1, B - 1)
-    other = functions[:, :, ::-1]
-    tall = np.concatenate([other[:, over:0:-1], functions, other[:, -2:-2 - over:-1]], axis=1)
+    mirrored = functions[:, :, ::-1]
+    tall = np.concatenate([mirrored[:, over:0:-1], functions, mirrored[:, -2:-2 - over:-1]], axis=1)
     rings = np.arange(-over, A + over)
     tall = CubicSpline(rings, tall, axis=1)(np.arange((A - 1) * UPSAMPLED + 1) / UPSAMPLED)
-    wide = np.concatenate([tall[:, :, over:0:-1], tall, tall[:, :, -2:-2 - over:-1]], axis=2)
-    wide = CubicSpline(np.arange(-over, B + over), wide, axis=2)(np.arange((B - 1) * UPSAMPLED + 1) / UPSAMPLED)
-    return np.moveaxis(wide, 0, -1)
+    padded = np.concatenate([tall[:, :, over:0:-1], tall, tall[:, :, -2:-2 - over:-1]], axis=2)
+    padded = CubicSpline(np.arange(-over, B + over), padded, axis=2)(np.arange((B - 1) * UPSAMPLED + 1) / UPSAMPLED)
+    return np.moveaxis(padded, 0, -1)
 
 
 # ---- segments of any length
@@ -129,8 +129,8 @@ def add_segment_look_up(of_points, of_tiles, points, segments, length, rho, z, x
     points, segments = lent(points), lent(segments)
     tile = segments.length
     # whole tiles: nothing is left
-    gone = (math.floor(min(max(z, 0.0) + GONE, DEEP / (1 - segments.k0)) / tile) + 1) * tile
-    length = min(length, gone)
+    end = (math.floor(min(max(z, 0.0) + GONE, DEEP / (1 - segments.k0)) / tile) + 1) * tile
+    length = min(length, end)
     whole = int(length / tile * (1 + 1e-12))
     near, reaching, decay = rho < END, weight, exp(-tile)
     for n in range(whole):

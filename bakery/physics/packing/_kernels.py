@@ -214,9 +214,9 @@ def insert(st, begin, uniform):
 def best_of(st, node):
     """Which of a node's four times is the first."""
     k = st.tree
-    left = 1 if k[node, 1] < k[node, 0] else 0
+    child = 1 if k[node, 1] < k[node, 0] else 0
     right = 3 if k[node, 3] < k[node, 2] else 2
-    return right if k[node, right] < k[node, left] else left
+    return right if k[node, right] < k[node, child] else child
 
 
 @njit(**INNER)
@@ -480,7 +480,7 @@ def run(st, stop, collisions, events):
         i = int(st.tree[0, 4 + first])
         st.clock[TIME] = t
         partner = st.index[i, PARTNER]
-        other = -1
+        partner_left = -1
         if deep:
             if i != ahead:
                 call_neighbours(st, i)
@@ -493,23 +493,23 @@ def run(st, stop, collisions, events):
                 if st.index[second, PARTNER] >= 0:
                     call_neighbours(st, st.index[second, PARTNER] >> 5)
         if partner >= 0:
-            other = partner >> 5
-            collide(st, i, other, partner & 31, t)
+            partner_left = partner >> 5
+            collide(st, i, partner_left, partner & 31, t)
             st.tally[COLLISIONS] += 1
             st.index[i, PARTNER] = NONE
-            st.index[other, PARTNER] = NONE
+            st.index[partner_left, PARTNER] = NONE
             st.sphere[i, DUE] = np.inf
-            st.sphere[other, DUE] = np.inf
+            st.sphere[partner_left, DUE] = np.inf
         elif partner == LEAVE:
             st.tally[LEAVES] += 1
             if not relist(st, i, t):
                 return FULL
         else:
             st.tally[CHECKS] += 1
-        first_changed, second_changed = i, other
+        first_changed, second_changed = i, partner_left
         while i >= 0:  # one call of `predict` in the code, for it is compiled in place
             predict(st, i, t)
-            i, other = other, -1
+            i, partner_left = partner_left, -1
         if deep:
             while first_changed >= 0:
                 call_ahead(st, first_changed)

@@ -172,8 +172,8 @@ def grains(group: Group, um) -> Picture:
 
     caption = (f"Relative standard deviation, over realisations, of a pixel that looks through {deep:.3g} m of the medium "
                f"(optical depth {sigma_t * deep:.3g}), by Campbell's theorem: single scattering of a light from afar that "
-            f"arrives unweakened, pixels of {1e3 * math.sqrt(pixel):.3g} mrad (field of view {math.degrees(_FIELD):g}°, {_PIXELS} "
-            "pixels).  Grey: there the largest disc is wider than a pixel, and pixels deviate less than drawn.")
+               f"arrives unweakened, pixels of {1e3 * math.sqrt(pixel):.3g} mrad (field of view {math.degrees(_FIELD):g}°, "
+               f"{_PIXELS} pixels).  Grey: there the largest disc is wider than a pixel, and pixels deviate less than drawn.")
     return Picture("discrete_graininess", "Predicted graininess", caption, (6.4, 4.2), draw,
                    (("distance [m]", near), *((f"deviation at {angle} deg", row) for angle, row in zip(_ANGLES, deviation))))
 
