@@ -6,6 +6,8 @@ shade each other.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bakery.draw.view import along, blocks, nearest, runs
@@ -59,15 +61,33 @@ def neighbours(position, visible, reach, most):
     return near
 
 
-def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel):
+class Spheres(NamedTuple):
+    """Centres (N, 3), radii (N,), colours (N, 3), and (N, K) neighbours of each, -1 where there are fewer."""
+
+    position: np.ndarray
+    radius: np.ndarray
+    colour: np.ndarray
+    near: np.ndarray
+
+
+class Buffer(NamedTuple):
+    """What `depths` gives of spheres, with the corner and the pixel that it was asked for."""
+
+    index: np.ndarray
+    depth: np.ndarray
+    low: np.ndarray
+    pixel: float
+
+
+def shaded(spheres: Spheres, seen: Buffer, sun, to_sun, shadow: Buffer):
     """Colour of each pixel, (height, width, 3): linear light, 0 where nothing is.
 
     Parameters
     ----------
-    near : (N, K) neighbours of each sphere, -1 where there are fewer
     sun : (3,) unit vector towards the sun; to_sun : (3, 3) rotation into its frame
-    shadow : depth buffer in the sun's frame, with its corner and pixel
+    shadow : of the same spheres in the sun's frame
     """
+    (position, radius, colour, near), (index, depth, low, pixel) = spheres, seen
     image = np.zeros((*index.shape, 3))
     rows, columns = np.nonzero(index >= 0)
     for part in (slice(i, i + 16384) for i in range(0, len(rows), 16384)):  # what fits into the processor's cache
@@ -77,8 +97,7 @@ def shaded(index, depth, position, radius, colour, near, low, pixel, sun, to_sun
         n = (p - position[i].T) / radius[i]
         open_sky = _open(p, n, near[i].T, position, radius)
         facing = np.maximum(along(sun, n), 0)
-        seen = _lit([along(axis, p) for axis in to_sun], facing, radius[i], shadow, shadow_low, shadow_pixel)
-        brightness = facing * seen
+        brightness = facing * _lit([along(axis, p) for axis in to_sun], facing, radius[i], shadow)
         half = (sun + np.array([0, 0, 1])) / np.sqrt(2 + 2 * sun[2])
         gloss = 0.22 * np.maximum(along(half, n), 0) ** 60 * (brightness > 0) * half[2]
         rim = 0.10 * (1 - np.maximum(n[2], 0)) ** 3 * open_sky
@@ -101,9 +120,10 @@ def _open(p, n, near, position, radius):
     return np.prod(1 - np.where(near >= 0, taken, 0), axis=0)
 
 
-def _lit(q, facing, radius, shadow, low, pixel):
+def _lit(q, facing, radius, shadow: Buffer):
     """Share of the nine pixels of a depth buffer around places (3, P), in its frame, that show nothing nearer to the light."""
+    _, depth, low, pixel = shadow
     limit = q[2] + 0.04 * radius + 1.5 * pixel * np.sqrt(1 - np.minimum(facing, 1) ** 2) / np.maximum(facing, 0.1)
     u, v = (((q[k] - low[k]) / pixel).astype(int) for k in (0, 1))
-    rows, columns = (np.clip(at + np.arange(-1, 2)[:, None], 0, most - 1) for at, most in zip((v, u), shadow.shape, strict=True))
-    return sum((shadow[a, b] <= limit).astype(float) for a in rows for b in columns) / 9
+    rows, columns = (np.clip(at + np.arange(-1, 2)[:, None], 0, most - 1) for at, most in zip((v, u), depth.shape, strict=True))
+    return sum((depth[a, b] <= limit).astype(float) for a in rows for b in columns) / 9

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,8 +88,8 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, firs
     def block(index):
         random = rng.generator(seed, "beam.photons", stream, index)
         sums = np.zeros((2, len(depth), len(edges) - 1))
-        _follow(random, per_block, float(albedo), table, (begins, density, optical), depth, thick, edges, first,
-                2**62 if last is None else last, back, sums)
+        _follow(random, per_block, float(albedo), table, (begins, density, optical), _Planes(depth, thick, edges, sums),
+                (first, 2**62 if last is None else last, back))
         return sums
 
     with ThreadPoolExecutor(threads) as pool:
@@ -170,9 +171,20 @@ def _flight(z, uz, optical, begins, density):
     return math.inf
 
 
+class _Planes(NamedTuple):
+    """Depths of planes in mfp at density 1 and as they are, edges of rings, sums of flux and fluence (2, D, R)."""
+
+    depth: np.ndarray
+    thick: np.ndarray
+    edges: np.ndarray
+    sums: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(stream, photons, albedo, table, layers, depth, thick, edges, first, last, back, sums):
+def _follow(stream, photons, albedo, table, layers, rings, events):
+    """Photons of a block, added to the planes.  events : first and last that count, whether light that goes back counts."""
     (v_nodes, steps, f, cdf), (begins, density, optical) = table, layers
+    (depth, thick, edges, sums), (first, last, back) = rings, events
     planes, outer = len(depth), edges[-1]
     for _ in range(photons):
         px, py, pz = 0.0, 0.0, _flight(0.0, 1.0, -math.log1p(-stream.random()), begins, density)

@@ -69,21 +69,23 @@ def _to_triangle(blocks, at, x, y, z):
     if uu + vv == 0.0:
         return np.inf
     x, y, z = x - ax, y - ay, z - az
+    p, u, v = (x, y, z), (ux, uy, uz), (vx, vy, vz)
     pu, pv = x * ux + y * uy + z * uz, x * vx + y * vy + z * vz
     s, t = vv * pu - uv * pv, uu * pv - uv * pu  # barycentric, times the square of twice the area
     area = uu * vv - uv * uv
     if s > 0.0 and t > 0.0 and s + t < area:
-        return _square(x, y, z, ux, uy, uz, vx, vy, vz, s / area, t / area)
+        return _square(p, u, v, s / area, t / area)
     s = min(max(pu / uu, 0.0), 1.0) if uu > 0.0 else 0.0
     t = min(max(pv / vv, 0.0), 1.0) if vv > 0.0 else 0.0
     third = uu - 2.0 * uv + vv
     w = min(max((uu - uv + pv - pu) / third, 0.0), 1.0) if third > 0.0 else 0.0
-    return min(_square(x, y, z, ux, uy, uz, vx, vy, vz, s, 0.0), _square(x, y, z, ux, uy, uz, vx, vy, vz, 0.0, t),
-               _square(x, y, z, ux, uy, uz, vx, vy, vz, 1.0 - w, w))
+    return min(_square(p, u, v, s, 0.0), _square(p, u, v, 0.0, t), _square(p, u, v, 1.0 - w, w))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _square(x, y, z, ux, uy, uz, vx, vy, vz, s, t):
+def _square(p, u, v, s, t):
+    """Squared length of p - s u - t v."""
+    (x, y, z), (ux, uy, uz), (vx, vy, vz) = p, u, v
     dx, dy, dz = x - s * ux - t * vx, y - s * uy - t * vy, z - s * uz - t * vz
     return dx * dx + dy * dy + dz * dz
 

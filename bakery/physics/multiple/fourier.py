@@ -153,7 +153,7 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     solver = _Solver(k, c, uncounted, whole)
 
     def column(j):
-        _kernels.columns(j, k, c, uncounted, *solver.pivots, first - 3, last is None, hankel, k0, r,
+        _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r, hankel), k0,
                          values[_kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)])
 
     if threads == 1:
