@@ -128,6 +128,17 @@ def _from_rim(stream, nx, ny, nz, rim, g):
     return rim * qx, rim * qy, rim * qz, ux, uy, uz
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _split(waiting, count, wanted, photon):
+    """A photon in several of about the wanted weight: the weight of each, and how many wait when the others do."""
+    copies = min(int(photon[6] / wanted), _STACK - count + 1)
+    photon[6] /= copies
+    for _copy in range(copies - 1):
+        waiting[count] = photon
+        count += 1
+    return photon[6], count
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(stream, photons, albedo, table, boxes, rim, reached):
     """Every path starts along +z after its first event; flights after the second event arrive where they count.
@@ -187,9 +198,5 @@ def follow(stream, photons, albedo, table, boxes, rim, reached):
                         break
                     weight = wanted
                 elif weight > _HIGH * wanted and count < _STACK:
-                    copies = min(int(weight / wanted), _STACK - count + 1)
-                    weight /= copies
-                    for _copy in range(copies - 1):
-                        waiting[count] = np.array([px, py, pz, ux, uy, uz, weight, event])
-                        count += 1
+                    weight, count = _split(waiting, count, wanted, np.array([px, py, pz, ux, uy, uz, weight, event]))
     return flights
