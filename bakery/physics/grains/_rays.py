@@ -2,7 +2,6 @@
 
 The state of the rays is one float32 array (FIELDS, rays), some rows of which hold int32: a row below is that of the first of
 three where it belongs to the axes.
-numba's disk cache does not see changes of this file: touch the kernels that use it after an edit.
 """
 
 from __future__ import annotations
