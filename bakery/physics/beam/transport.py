@@ -121,7 +121,7 @@ def twice(at: Point, depth, r):
     out = np.zeros((2, depth.size))
     x, w = np.polynomial.legendre.leggauss(_NODES)
     turn = math.asinh(at.theta[1] / at.scale)
-    _sum(np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), at.r, turn, at.scale, at.light, at.decay, x, w,
+    _sum(np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), at.r, (turn, at.scale, at.light, at.decay), (x, w),
          out)
     return out[0].reshape(depth.shape), out[1].reshape(depth.shape)
 
@@ -238,7 +238,9 @@ def _cubic(position, last):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sum(depth, r, radii, turn, scale, light, decay, x, w, out):
+def _sum(depth, r, radii, light_of, rule, out):
+    """Light along the beam, added up.  light_of : its step in angle, scale, table and decay;  rule : of Gauss, x and w."""
+    (turn, scale, light, decay), (x, w) = light_of, rule
     step, origin, last, turns = math.log(radii[1] / radii[0]), math.log(radii[0]), len(radii) - 1, light.shape[1] - 1
     for n in range(len(depth)):
         z, rho = depth[n], r[n]

@@ -61,14 +61,14 @@ def point_to_segment(points: Ready, vertex, incoming, eye, view, distance):
     (...) mfp^-2 sr^-1; the sum over samples is within 1e-4 of the integral over the table
     """
     vectors, (distance,), out = _arrays((vertex, incoming, eye, view), (distance,))
-    _to_segment(points, points, False, *vectors, np.zeros_like(distance), distance, out.reshape(-1))
+    _to_segment(points, points, False, tuple(vectors), np.zeros_like(distance), distance, out.reshape(-1))
     return out
 
 
 def segment_to_segment(points: Ready, segments: Ready, origin, direction, length, eye, view, distance):
     """Radiance at the eye from a beam: as `point_to_segment`, with segment_to_point under the integral."""
     vectors, (length, distance), out = _arrays((origin, direction, eye, view), (length, distance))
-    _to_segment(points, segments, True, *vectors, length, distance, out.reshape(-1))
+    _to_segment(points, segments, True, tuple(vectors), length, distance, out.reshape(-1))
     return out
 
 
@@ -119,7 +119,8 @@ def _segment_to_point(points, segments, origin, direction, target, outgoing, len
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _to_segment(points, segments, beam, origin, direction, eye, view, length, distance, out):
+def _to_segment(points, segments, beam, vectors, length, distance, out):
+    origin, direction, eye, view = vectors
     for n in range(len(out)):
         o, e, v, axis = _vector(origin, n), _vector(eye, n), _vector(view, n), _vector(direction, n)
         if beam:

@@ -129,7 +129,7 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
         if order == 0:
             albedo, passed = _shares(slab, directions, upward, downward)
         direct = np.exp(-depth / directions.mu)
-        orders.append(_several_times(slab, without, directions, order, depth, direct, upward, downward, even, odd))
+        orders.append(_several_times(slab, without, directions, order, depth, direct, (upward, downward), (even, odd)))
         largest = [max(np.abs(part).max() for part in both) for both in orders]
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
@@ -155,8 +155,12 @@ def _shares(slab: Slab, directions: Nodes, upward, downward):
     return directions.reflected[:leaving] + back, through if slab.base is None else np.zeros(leaving)
 
 
-def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, depth: float, direct, upward, downward, even, odd):
-    """Upward and downward light of one order without what is mirrored or scattered once, each (N, N)."""
+def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, depth: float, direct, light, phase):
+    """Upward and downward light of one order without what is mirrored or scattered once, each (N, N).
+
+    light : upward and downward;  phase : even and odd part
+    """
+    (upward, downward), (even, odd) = light, phase
     keep = slice(directions.leaving)
     mu, flux, direct = directions.mu[keep], directions.flux[keep], direct[keep]
     mirror = directions.reflected[keep] if slab.base is None else np.zeros(len(mu))
