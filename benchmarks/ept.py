@@ -30,7 +30,7 @@ from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
-from renderers.granular import methods
+from renderers.materials.grains import methods
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from tests.physics.test_aggregate import CUBE, listed, tile

@@ -240,9 +240,9 @@ def _times(numbers, factor):
 
 def measured(scene, method, options):
     """Mean luminance of the light that met grains, its error, and seconds to unit variance of a pixel."""
-    from renderers.granular import methods as granular
+    from renderers.materials.grains import methods as granular
     from renderers.mitsuba.world import World
-    from renderers.running import Render
+    from renderers.pictures.running import Render
 
     width, seconds = options.width, options.seconds
     with tempfile.TemporaryDirectory() as folder:

@@ -31,10 +31,10 @@ from bakery.physics.medium import phase
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
+from renderers.materials.bodies import methods
+from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.translucent import methods
-from renderers.translucent.bodies import untabled
 from renderers.transport import passes as transport
 from renderers.transport import regions
 

@@ -82,7 +82,8 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
 
 def _planned(source, methods, reference, output, values, seed, resume, overwrite):
     """Jobs, the page, and the reference where it is a file; everything that can be wrong before work is said here."""
-    from renderers import comparison, scene
+    from renderers import scene
+    from renderers.pictures import comparison
 
     named = shared.split(methods)
     file = Path(reference) if reference and reference.lower().endswith(".exr") else None
@@ -107,7 +108,7 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     from bakery.report import comparison as report
     from bakery.store.put import put
     from bakery.trade import methods as trade
-    from renderers import comparison, differences
+    from renderers.pictures import comparison, differences
 
     reference_picture = None if file is None else differences.read(file, file.name)
     folder_for(page.with_suffix(""))

@@ -22,7 +22,7 @@ def split(names: str) -> list[str]:
 
 def declared_lines():
     """What each method of each kind of material declares, for people."""
-    from renderers.entries import KINDS, declared
+    from renderers.scene.entries import KINDS, declared
 
     for kind in KINDS:
         for method in declared(kind).values():
@@ -38,7 +38,7 @@ def declared_lines():
 
 
 def _error_text(method) -> str:
-    from renderers.budget import percent
+    from renderers.scene.budget import percent
 
     if method.exact:
         return "none of its own"
@@ -70,10 +70,10 @@ def check(page: Path, jobs, inputs, overwrite: bool) -> None:
 def made(job, progress, render, *limits, **options):
     """The pictures of a method, with their progress.
 
-    render : `renderers.comparison.render` or `measured`, with what it takes besides a job
+    render : `renderers.pictures.comparison.render` or `measured`, with what it takes besides a job
     """
     from bakery.run import compiling
-    from renderers import comparison
+    from renderers.pictures import comparison
 
     job, spent = comparison.baked(job, progress), [0.0]  # processor seconds of compiling
 
@@ -91,12 +91,12 @@ def summary(renders, found, base, file=None) -> dict:
 
     Parameters
     ----------
-    made : `renderers.comparison.Made` of each method
-    found : `renderers.differences.Compared` of each picture from the reference
-    base : the reference, `renderers.differences.Picture`
+    renders : `renderers.pictures.comparison.Made` of each method
+    found : `renderers.pictures.differences.Compared` of each picture from the reference
+    base : the reference, `renderers.pictures.differences.Picture`
     file : its path where it is no method's
     """
-    from renderers import differences
+    from renderers.pictures import differences
 
     first = renders[0].job.scene
     by_name = {method.name: method for method in found}
@@ -181,7 +181,7 @@ def shown(methods):
     """PNGs of pictures and maps, and the difference at the ends of the signed maps' colours."""
     from bakery.draw import maps
     from bakery.report.comparison import Shown
-    from renderers.images import eight_bits
+    from renderers.pictures.images import eight_bits
 
     limit = maps.limit([method.difference.map for method in methods if method.difference])
     return [Shown(method.name, maps.picture(eight_bits(method.display)),

@@ -133,7 +133,7 @@ def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress
 
     if not scenes:
         return Asked(settings, tuple(stages), (), ())
-    from renderers import requirements
+    from renderers.scene import requirements
 
     wanted = asked(recipe, settings, lambda *about: requirements.of(scenes, *about), cache, progress,
                    " and ".join(scenes))

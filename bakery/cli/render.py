@@ -117,8 +117,10 @@ def _of_scene(source, output, values, options, resume, progress) -> _Job:
     from importlib import import_module
     from pathlib import Path
 
-    from renderers import assets, images, running, scene
-    from renderers.denoise import refuse_absent
+    from renderers import scene
+    from renderers.pictures import images, running
+    from renderers.pictures.denoise import refuse_absent
+    from renderers.scene import assets
 
     path = scene.load(Path(source), values)
     renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
@@ -136,9 +138,9 @@ def _of_mitsuba(source, output, values, options) -> _Job:
     """A Mitsuba scene; `values` are its parameters."""
     from pathlib import Path
 
-    import renderers.granular.plugin
+    import renderers.materials.bodies.plugin
+    import renderers.materials.grains.plugin  # noqa: F401
     import renderers.mitsuba as renderer
-    import renderers.translucent.plugin  # noqa: F401  and this
 
     path = Path(source)
     options = options | {"quality": options["quality"] or "final", "seed": options["seed"] or 0, "parameters": values}

@@ -80,8 +80,8 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
 
 def _jobs(loaded, names, folder, settings, seed):
     """Jobs, and the points that the scene refuses with what it says; the scene's own method is one of the points."""
-    from renderers import comparison
-    from renderers.common import value_at
+    from renderers.pictures import comparison
+    from renderers.scene.common import value_at
 
     rules, refused = loaded.rules, {}
     if names is not None:
@@ -137,7 +137,7 @@ class _Sweep:
             self._compare(with_flip=True)
 
     def _draw(self, job, noise, seconds):
-        from renderers import comparison
+        from renderers.pictures import comparison
 
         try:
             self.made[job.name] = shared.made(job, self.progress, comparison.measured, noise * self.tolerance, seconds,
@@ -178,7 +178,7 @@ class _Sweep:
     def _compare(self, with_flip):
         """Numbers, curves and what they say, of the pictures that are there."""
         from bakery.trade import methods as trade
-        from renderers import differences
+        from renderers.pictures import differences
 
         pictures_made = sorted(self.made.values(), key=lambda picture: picture.job.name != self.reference)
         pictures = [differences.read(picture.job.pair[1], picture.job.name) for picture in pictures_made]
@@ -198,7 +198,7 @@ class _Sweep:
         """The summary, its page written: with the pictures of the reference, the front, the advised point and the next one."""
         from bakery.report import comparison as report
         from bakery.store.put import put
-        from renderers.common import value_at
+        from renderers.scene.common import value_at
 
         summary, trade = self.summary, self.summary["trade"]
         refused = self.refused | {name: str(error) for name, error in self.failed.items()}

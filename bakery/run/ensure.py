@@ -4,8 +4,8 @@ Nothing that stands is ever written over: an asset that is as good as what is as
 goes into the cache, under a name that is the hash of all that decides it.
 
 What is asked is a function of (checked recipe, () -> its medium by a draft bake, seconds) that gives what
-`renderers.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`, `read`; seconds is a function of the same that says
-how long a bake of it would take.  Nothing here knows of scenes.
+`renderers.scene.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`, `read`; seconds is a function of the same
+that says how long a bake of it would take.  Nothing here knows of scenes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Asked:
     stages : names of the only stages to bake, with those that they need
     added, left : names of stages that the recipe does not ask for, and that it asks for in vain
     recipe_parts : parts of each stage of the recipe as it stands, with the stages that are added
-    needs : why, see `renderers.requirements.Need`
+    needs : why, see `renderers.scene.requirements.Need`
     remarks : what could not be found out
     read : files that it was found out from, besides the recipe's
     """

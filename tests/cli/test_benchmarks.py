@@ -29,8 +29,9 @@ CALLS = {
     "averages": ("", "--rates", "--model", "--whole"), "beam": ("", "--pictures"), "beam_pictures": ("ASSET -o FOLDER",),
     "cluster": ("overhead", "speed", "killed"), "emitter": ("ASSET --pictures FOLDER/sheet.png",), "granular": ("--quick",),
     "multiple": ("--photons",), "multiple_pictures": ("ASSET -o FOLDER",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
-    "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"), "scatterometer_mitsuba": ("", "--rates"),
-    "translucent": ("--folder FOLDER",), "translucent_reference": ("--room ASSET -o FOLDER",),
+    "first_picture": ("-o FOLDER",), "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"),
+    "scatterometer_mitsuba": ("", "--rates"), "translucent": ("--folder FOLDER",),
+    "translucent_reference": ("--room ASSET -o FOLDER",),
 }
 
 

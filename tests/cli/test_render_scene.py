@@ -13,9 +13,9 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
-from renderers import images
 from renderers import scene as scenes
 from renderers.fog import kernels
+from renderers.pictures import images
 from tests.exr import layers, library
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -296,12 +296,12 @@ def test_problems_for_machines(call, place):
 def test_a_failed_write_leaves_the_old_pictures(call, place, monkeypatch):
     assert call("render", place / "s.yaml", "--quiet")[0] == 0
     old = [(place / f"night.{kind}").read_bytes() for kind in ("png", "exr")]
-    import renderers.images
+    import renderers.pictures.images
 
     def full(path, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(renderers.images.os, "replace", full)
+    monkeypatch.setattr(renderers.pictures.images.os, "replace", full)
     status, _, err = call("render", place / "s.yaml", "--set", "fog.density.scale=3")
     assert status == 3 and "No space left" in err
     assert [(place / f"night.{kind}").read_bytes() for kind in ("png", "exr")] == old

@@ -12,7 +12,7 @@ from numba import njit
 from bakery import kernels
 from bakery.physics.granular.diffusion import decay
 from bakery.physics.granular.distance import distance_to_triangles
-from renderers.granular import medium
+from renderers.materials.grains import medium
 from renderers.mitsuba.world import World
 from tests.odds import SIGMAS, sigmas
 from tests.physics.particles import THETA, Sky, camera, henyey_greenstein

@@ -11,8 +11,8 @@ import pytest
 from bakery import kernels
 from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.store import ply
-from renderers.granular import material, medium, paths, transport
-from renderers.granular._grains import Grains
+from renderers.materials.grains import material, medium, paths, transport
+from renderers.materials.grains._grains import Grains
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import ODDS, SIGMAS

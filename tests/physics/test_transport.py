@@ -12,10 +12,10 @@ import pytest
 
 from bakery.physics.medium import phase
 from renderers import colour
+from renderers.materials.bodies import methods
+from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.translucent import methods
-from renderers.translucent.bodies import untabled
 from renderers.transport import boundaries
 from renderers.transport.media import Media, scattered
 from renderers.transport.scene import Scene

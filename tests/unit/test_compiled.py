@@ -67,7 +67,7 @@ def test_a_kernel_of_another_file_that_changes_is_noticed(toy):
 def test_every_kernel_is_kept_by_its_sources():
     """numba calls ours first; another version of it might not."""
     from bakery import kernels
-    from renderers import wavefront
+    from renderers.transport import wavefront
 
     for dispatcher in (kernels.phase_value, wavefront.to_rgb):
         assert isinstance(dispatcher._cache._impl.locator, compiled._BySources)
@@ -75,7 +75,7 @@ def test_every_kernel_is_kept_by_its_sources():
 
 def test_sources_are_the_file_and_what_it_imports():
     names = {str(path.relative_to(ROOT)) for path in compiled._with_imports(ROOT / "renderers" / "scattering.py")}
-    assert names >= {"renderers/scattering.py", "renderers/wavefront.py", "bakery/kernels.py"}
-    assert "renderers/passes.py" not in names
+    assert names >= {"renderers/transport/scattering.py", "renderers/transport/wavefront.py", "bakery/kernels.py"}
+    assert "renderers/pictures/passes.py" not in names
     ours = [path for folder in ("bakery", "renderers") for path in (ROOT / folder).rglob("*.py") if path.name != "compiled.py"]
     assert not [path for path in ours if re.search(r"^from numba import.*\bnjit\b", path.read_text(), re.MULTILINE)]

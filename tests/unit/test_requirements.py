@@ -10,12 +10,12 @@ import pytest
 from bakery.physics.multiple import legendre, peaks
 from bakery.run.ensure import Asked, told
 from bakery.stages.packing.stage import _schedule
-from renderers import budget
-from renderers.discrete import requirements as discrete
-from renderers.granular import requirements as granular
-from renderers.requirements import Knob, Need, merged
-from renderers.translucent import requirements as translucent
-from renderers.translucent import thin
+from renderers.materials.bodies import requirements as translucent
+from renderers.materials.bodies import thin
+from renderers.materials.grains import requirements as granular
+from renderers.materials.particles import requirements as discrete
+from renderers.scene import budget
+from renderers.scene.requirements import Knob, Need, merged
 
 
 def depth(value):
@@ -108,8 +108,8 @@ def test_tiles_are_the_same_up_to_the_tolerance_that_grains_may_get():
 def test_grains_are_as_large_as_at_the_nearest_point_of_a_face():
     """Not of a vertex: a camera above the middle of a large floor, and one beside it."""
     floor = np.array([[[-9.0, -9, 0], [9, -9, 0], [9, 9, 0]], [[-9.0, -9, 0], [9, 9, 0], [-9, 9, 0]]])
-    assert granular.distance(np.array([1.0, 2, 0.5]), floor) == pytest.approx(0.5)
-    assert granular.distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
+    assert granular._distance(np.array([1.0, 2, 0.5]), floor) == pytest.approx(0.5)
+    assert granular._distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
 
 
 def test_what_few_wavelengths_change():
