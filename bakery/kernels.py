@@ -21,6 +21,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | voxels with triangles | | `mark_voxels` |
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
+| triangles that enclose nothing | `triangle_tree` | the same |
 | how far they are from a point | the same | `distance_to_triangles` |
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame`, `surface_density` |
@@ -44,7 +45,7 @@ from bakery.physics.discrete.levels import disc_order, procedural_discs, stored_
 from bakery.physics.discrete.pencils import NO_DISC, disc_cells, discs_of_cell, first_disc, open_wavelengths
 from bakery.physics.discrete.region import BOX, Region, region_box, region_densities, region_grid, region_mesh, relative_density
 from bakery.physics.goa import amplitudes as goa_amplitudes
-from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal, triangle_tree
 from bakery.physics.grains.sampling import surface_frame
 from bakery.physics.grains.surface import (
     CONDUCTOR,
@@ -189,6 +190,7 @@ __all__ = [
     "surface_share",
     "tile_grid",
     "triangle_normal",
+    "triangle_tree",
     "turned_direction",
     "uniform_field",
     "unvaried_medium",

@@ -339,8 +339,8 @@ class Mesh:
 
     @property
     def tree(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes (64 K,) float32, the same memory as int32, blocks (36 M,) and names (4 M,): what `nearest_triangle` takes."""
-        return self._kept(_planted)
+        """That of `triangle_tree`."""
+        return self._kept(triangle_tree)
 
     @property
     def grid(self) -> Grid:
@@ -387,7 +387,19 @@ def _kept(make, vertices, faces):
         return _MADE[key]
 
 
-def _planted(vertices, faces):
+def triangle_tree(vertices, faces):
+    """What `nearest_triangle` takes of triangles, closed or not.
+
+    Parameters
+    ----------
+    vertices : (V, 3) inside the unit sphere
+    faces : (T, 3) int64, indices
+
+    Returns
+    -------
+    nodes, children, blocks, names : (64 K,) float32, the same memory as int32, (36 M,), and (4 M,) number of the triangle at each
+        place of the blocks, -1 where there is none
+    """
     corners = vertices[faces]
     planes, children, leaves, order = _build(np.concatenate([corners.min(1), corners.max(1)], axis=1), MARGIN)
     nodes = np.zeros((len(planes), NODE), np.float32)
