@@ -110,9 +110,9 @@ class Map:
                               f"{time.monotonic() - message.sent:.2g} s")
         new = [(k, value) for k, value in zip(message.blocks, values, strict=True) if k in self._left]
         self._left.difference_update(message.blocks)
-        for other in [other for other, one in self._under.items() if one.blocks is message.blocks]:
-            del self._under[other]
-            other.cancel()
+        for future in [future for future, task in self._under.items() if task.blocks is message.blocks]:
+            del self._under[future]
+            future.cancel()
         return new
 
     def _rescue(self) -> None:
@@ -176,6 +176,6 @@ def run(common, tasks: bytes) -> tuple[list, float]:
     function, common = pickle.loads(common) if isinstance(common, bytes) else common
     values, started = [], time.monotonic()
     for task in pickle.loads(tasks):
-        rest = iter(task)
-        values.append(function(*(common[k] if k in common else next(rest) for k in range(len(common) + len(task)))))
+        arguments = iter(task)
+        values.append(function(*(common[k] if k in common else next(arguments) for k in range(len(common) + len(task)))))
     return values, time.monotonic() - started

@@ -15,7 +15,7 @@ import bakery
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "benchmarks"
-SHARED = {"claims", "drawing", "peers", "planned", "sizes"}  # what benchmarks have in common
+SHARED = {"claims", "compiled_trace", "drawing", "peers", "planned", "sizes"}  # what benchmarks have in common
 GEL = """bakery: 1
 name: gel
 wavelengths: [0.55]

@@ -101,6 +101,17 @@ def test_tables_and_events_agree(baked, tmp_path):
     assert chance(means(how, "vrl+tables", "none", numbers=range(12), seed=1), events) < ODDS, "nothing would be seen"
 
 
+def test_a_ball_on_the_floor(baked, tmp_path):
+    """The floor just touches the ball: triangles around bodies need not enclose anything."""
+    light = []
+    for height in (-5.0, -5.001):
+        folder = tmp_path / f"{height}"
+        folder.mkdir()
+        floor = FLOOR.replace('z="-6"', f'z="{height}"')
+        light.append(means(transport(folder, [baked()], {"ball": BALL}, SKY + floor, 1.4, size=8), "paths", numbers=range(8)))
+    assert chance(*light) > ODDS
+
+
 def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch):
     from renderers import threads
 

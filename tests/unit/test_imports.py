@@ -220,6 +220,24 @@ def test_no_circles_in_physics():
             del needs[module]
 
 
+@pytest.mark.parametrize("path", modules("bakery"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_private_names_stay_in_their_package(path):
+    package = ".".join(path.relative_to(ROOT).parent.parts)
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("bakery"):
+            for alias in node.names:
+                outside, private, _ = f"{node.module}.{alias.name}".partition("._")
+                assert not private or outside == package or alias.name == "__version__", f"{path}:{node.lineno} {alias.name}"
+
+
+def test_the_door_for_renderers_is_names_of_physics_as_they_are():
+    """All but `amplitudes`, which `mie` and `goa` offer both, with the same arguments."""
+    *imported, listed = tree(ROOT / "bakery/kernels.py").body[2:]
+    names = [alias for node in imported for alias in node.names]
+    assert {alias.asname for alias in names} == {None, "mie_amplitudes", "goa_amplitudes"}
+    assert sorted(alias.asname or alias.name for alias in names) == sorted(ast.literal_eval(listed.value))
+
+
 @pytest.mark.parametrize("place", sorted(ENGINE))
 def test_engines_are_imported_in_functions(place):
     for node in ast.parse((ROOT / place).read_text()).body:

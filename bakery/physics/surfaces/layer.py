@@ -61,15 +61,15 @@ def homogeneous(even, odd, mu, flux, albedo: float, depth: float) -> Layer:
     """
     if depth > 2 * _THICK:
         depth = math.inf
-    zero, one = np.zeros((len(mu), len(mu))), np.eye(len(mu))
+    zero, identity = np.zeros((len(mu), len(mu))), np.eye(len(mu))
     if depth == 0:
         return Layer(zero, zero, zero, np.ones(len(mu)))
     scale = np.sqrt(0.5 * flux) / mu
     scale = albedo * scale[:, None] * scale
     X, Y = np.diag(1 / mu) - scale * even, np.diag(1 / mu) - scale * odd
     alike, opposite = _half_space(X, Y, mu.min()) if math.isinf(depth) else _finite(X, Y, depth / 2, mu.min())
-    in_alike = cho_solve(cho_factor(one + alike), alike)
-    in_opposite = cho_solve(cho_factor(one + opposite), one)
+    in_alike = cho_solve(cho_factor(identity + alike), alike)
+    in_opposite = cho_solve(cho_factor(identity + opposite), identity)
     reflection = _symmetric(in_opposite - in_alike)
     if math.isinf(depth):
         return Layer(reflection, reflection, zero, np.zeros(len(mu)))
@@ -81,9 +81,9 @@ def _finite(X, Y, half: float, smallest: float):
     """E and O of a layer of half the thickness `half`."""
     doublings = max(0, math.ceil(math.log2(half / (_THIN * smallest))))
     h = half * 2.0**-doublings
-    one = np.eye(len(X))
-    alike = _symmetric(h * X @ np.linalg.inv(one + h * h / 3 * Y @ X))
-    opposite = cho_solve(cho_factor(Y), one) / h + h / 3 * X
+    identity = np.eye(len(X))
+    alike = _symmetric(h * X @ np.linalg.inv(identity + h * h / 3 * Y @ X))
+    opposite = cho_solve(cho_factor(Y), identity) / h + h / 3 * X
     for _ in range(doublings):
         alike, opposite = _doubled(alike, opposite)
     return alike, opposite
@@ -104,8 +104,8 @@ def _doubled(alike, opposite):
     """Harmonic and arithmetic mean of two symmetric matrices."""
     total = alike + opposite
     root = np.linalg.cholesky(total)
-    left, right = (solve_triangular(root, part, lower=True) for part in (alike, opposite))
-    return _symmetric(2 * left.T @ right), 0.5 * total
+    sum_part, difference_part = (solve_triangular(root, part, lower=True) for part in (alike, opposite))
+    return _symmetric(2 * sum_part.T @ difference_part), 0.5 * total
 
 
 def _symmetric(matrix):
@@ -114,9 +114,9 @@ def _symmetric(matrix):
 
 def stacked(upper: Layer, lower: Layer) -> Layer:
     """One layer on another (adding)."""
-    one = np.eye(len(upper.direct))
-    back = np.linalg.solve(one - upper.below @ lower.above, upper.passed)
-    forth = np.linalg.solve(one - lower.above @ upper.below, lower.passed.T)
+    identity = np.eye(len(upper.direct))
+    back = np.linalg.solve(identity - upper.below @ lower.above, upper.passed)
+    forth = np.linalg.solve(identity - lower.above @ upper.below, lower.passed.T)
     direct = upper.direct * lower.direct
     return Layer(_symmetric(upper.above + upper.passed.T @ lower.above @ back),
                  _symmetric(lower.below + lower.passed @ upper.below @ forth), lower.passed @ back - np.diag(direct), direct)
@@ -134,12 +134,12 @@ def between(layer: Layer, below, top):
     -------
     upward, downward : (N, N) at the top and at the bottom
     """
-    one = np.eye(len(top))
+    identity = np.eye(len(top))
     arriving, returned = layer.passed, layer.above
     if below is not None and arriving.any():
-        arriving = np.linalg.solve(one - layer.below @ below, arriving)
+        arriving = np.linalg.solve(identity - layer.below @ below, arriving)
         returned = returned + layer.passed.T @ below @ arriving
     if not top.any():
         return returned, arriving
-    entered = np.linalg.inv(one - top[:, None] * returned)
+    entered = np.linalg.inv(identity - top[:, None] * returned)
     return returned @ entered, arriving @ entered

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import between, homogeneous
@@ -101,7 +101,7 @@ class Solution:
         inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
         depth = slab.depth * self.cut.shrinks
         shape = single.upward if side < 0 else single.downward
-        phase = 4 * math.pi * evaluate(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
+        phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))
@@ -129,7 +129,7 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
         if order == 0:
             albedo, passed = _shares(slab, directions, upward, downward)
         direct = np.exp(-depth / directions.mu)
-        orders.append(_several_times(slab, without, directions, order, depth, direct, upward, downward, even, odd))
+        orders.append(_several_times(slab, without, directions, order, depth, direct, (upward, downward), (even, odd)))
         largest = [max(np.abs(part).max() for part in both) for both in orders]
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
@@ -155,8 +155,12 @@ def _shares(slab: Slab, directions: Nodes, upward, downward):
     return directions.reflected[:leaving] + back, through if slab.base is None else np.zeros(leaving)
 
 
-def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, depth: float, direct, upward, downward, even, odd):
-    """Upward and downward light of one order without what is mirrored or scattered once, each (N, N)."""
+def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, depth: float, direct, light, phase):
+    """Upward and downward light of one order without what is mirrored or scattered once, each (N, N).
+
+    light : upward and downward;  phase : even and odd part
+    """
+    (upward, downward), (even, odd) = light, phase
     keep = slice(directions.leaving)
     mu, flux, direct = directions.mu[keep], directions.flux[keep], direct[keep]
     mirror = directions.reflected[keep] if slab.base is None else np.zeros(len(mu))

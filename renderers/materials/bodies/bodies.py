@@ -148,7 +148,7 @@ def _laid_in_voxels(corners, owners, vertices):
     centre, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 * (1 + 1e-9)
     points = (corners.reshape(-1, 3) - centre) / scale
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
-    nodes, children, blocks, names = kernels.Mesh(points, faces).tree
+    nodes, children, blocks, names = kernels.triangle_tree(points, faces)
     owner = np.full(len(names), -1, np.int64)
     owner[names >= 0] = owners[names[names >= 0]]
     low, high = vertices.min(axis=0), vertices.max(axis=0)

@@ -6,16 +6,16 @@ import math
 
 import numpy as np
 
-from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES
-from bakery.physics.granular.aggregate import holds
+from bakery.physics.grains.lanes import BLOCK, BOXES, NODE, TRIANGLES
+from bakery.physics.granular.aggregate import in_mesh
 from bakery.system.compiled import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def distance(tree, middle, scale, p, limit, room):
+def distance_to_triangles(tree, middle, scale, p, limit, room):
     """Distance of p (3,) to the mesh, or `limit` where it is farther.
 
-    tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  room : from `bvh.scratch`
+    tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  room : from `bvh.mesh_scratch`
     """
     nodes, children, blocks = tree
     pending, reach = room[0], room[1]
@@ -69,32 +69,34 @@ def _to_triangle(blocks, at, x, y, z):
     if uu + vv == 0.0:
         return np.inf
     x, y, z = x - ax, y - ay, z - az
+    p, u, v = (x, y, z), (ux, uy, uz), (vx, vy, vz)
     pu, pv = x * ux + y * uy + z * uz, x * vx + y * vy + z * vz
     s, t = vv * pu - uv * pv, uu * pv - uv * pu  # barycentric, times the square of twice the area
     area = uu * vv - uv * uv
     if s > 0.0 and t > 0.0 and s + t < area:
-        return _square(x, y, z, ux, uy, uz, vx, vy, vz, s / area, t / area)
+        return _square(p, u, v, s / area, t / area)
     s = min(max(pu / uu, 0.0), 1.0) if uu > 0.0 else 0.0
     t = min(max(pv / vv, 0.0), 1.0) if vv > 0.0 else 0.0
     third = uu - 2.0 * uv + vv
     w = min(max((uu - uv + pv - pu) / third, 0.0), 1.0) if third > 0.0 else 0.0
-    return min(_square(x, y, z, ux, uy, uz, vx, vy, vz, s, 0.0), _square(x, y, z, ux, uy, uz, vx, vy, vz, 0.0, t),
-               _square(x, y, z, ux, uy, uz, vx, vy, vz, 1.0 - w, w))
+    return min(_square(p, u, v, s, 0.0), _square(p, u, v, 0.0, t), _square(p, u, v, 1.0 - w, w))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _square(x, y, z, ux, uy, uz, vx, vy, vz, s, t):
+def _square(p, u, v, s, t):
+    """Squared length of p - s u - t v."""
+    (x, y, z), (ux, uy, uz), (vx, vy, vz) = p, u, v
     dx, dy, dz = x - s * ux - t * vx, y - s * uy - t * vy, z - s * uz - t * vz
     return dx * dx + dy * dy + dz * dz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def deepest(aggregate, points, room):
+def deepest_in_mesh(aggregate, points, room):
     """How far inside of an aggregate's mesh the deepest of points (n, 3) is, in its unit; 0 where none is inside."""
     most, p = 0.0, np.empty(3)
     for i in range(len(points)):
         for k in range(3):
             p[k] = points[i, k]
-        if holds(aggregate, p[0], p[1], p[2], room):
-            most = max(most, distance(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, room[0]))
+        if in_mesh(aggregate, p[0], p[1], p[2], room):
+            most = max(most, distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, room[0]))
     return most

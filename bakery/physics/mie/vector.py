@@ -32,28 +32,28 @@ class Wide:
     def __init__(self, builder, value):
         self.builder, self.value = builder, value
 
-    def like(self, other):
+    def like(self, value):
         """A number, or a scalar instruction's value, in every lane."""
-        if isinstance(other, Wide):
-            return other.value
+        if isinstance(value, Wide):
+            return value.value
         width = self.value.type.count
-        if not isinstance(other, ir.Value):
-            return ir.Constant(self.value.type, [float(other)] * width)
+        if not isinstance(value, ir.Value):
+            return ir.Constant(self.value.type, [float(value)] * width)
         first = ir.Constant(ir.IntType(32), 0)
-        lane = self.builder.insert_element(ir.Constant(self.value.type, ir.Undefined), other, first)
+        lane = self.builder.insert_element(ir.Constant(self.value.type, ir.Undefined), value, first)
         return self.builder.shuffle_vector(lane, lane, ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width))
 
-    def fill(self, other):
-        return Wide(self.builder, self.like(other))
+    def fill(self, value):
+        return Wide(self.builder, self.like(value))
 
-    def __add__(self, other):
-        return Wide(self.builder, self.builder.fadd(self.value, self.like(other)))
+    def __add__(self, value):
+        return Wide(self.builder, self.builder.fadd(self.value, self.like(value)))
 
-    def __sub__(self, other):
-        return Wide(self.builder, self.builder.fsub(self.value, self.like(other)))
+    def __sub__(self, value):
+        return Wide(self.builder, self.builder.fsub(self.value, self.like(value)))
 
-    def __mul__(self, other):
-        return Wide(self.builder, self.builder.fmul(self.value, self.like(other)))
+    def __mul__(self, value):
+        return Wide(self.builder, self.builder.fmul(self.value, self.like(value)))
 
     def __neg__(self):
         return Wide(self.builder, self.builder.fneg(self.value))
@@ -68,10 +68,10 @@ class Wide:
         fused = cgutils.get_or_insert_function(self.builder.module, of_three, f"llvm.fma.v{kind.count}f64")
         return Wide(self.builder, self.builder.call(fused, [self.value, self.like(factor), self.like(term)]))
 
-    def where(self, sign, bound, other):
+    def where(self, sign, bound, value):
         """Lanes of self where `bound[0] sign bound[1]` holds, of other elsewhere."""
         condition = self.builder.fcmp_ordered(sign, self.like(bound[0]), self.like(bound[1]))
-        return Wide(self.builder, self.builder.select(condition, self.value, self.like(other)))
+        return Wide(self.builder, self.builder.select(condition, self.value, self.like(value)))
 
 
 class Memory:
@@ -94,8 +94,8 @@ class Memory:
         """The first double of a row, which `Wide.fill` takes."""
         return self.builder.extract_element(self[row].value, ir.Constant(ir.IntType(32), 0))
 
-    def __setitem__(self, row, wide):
-        self.builder.store(wide.like(wide), self._at(row), align=8)
+    def __setitem__(self, row, value):
+        self.builder.store(value.like(value), self._at(row), align=8)
 
 
 class Registers:
@@ -103,13 +103,13 @@ class Registers:
 
     def __init__(self, builder, **start):
         self.__dict__["builder"] = builder
-        self.__dict__["slots"] = {name: cgutils.alloca_once_value(builder, wide.value) for name, wide in start.items()}
+        self.__dict__["slots"] = {name: cgutils.alloca_once_value(builder, value.value) for name, value in start.items()}
 
     def __getattr__(self, name):
         return Wide(self.builder, self.builder.load(self.slots[name]))
 
-    def __setattr__(self, name, wide):
-        self.builder.store(wide.value, self.slots[name])
+    def __setattr__(self, name, value):
+        self.builder.store(value.value, self.slots[name])
 
 
 def integer(value):

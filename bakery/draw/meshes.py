@@ -40,20 +40,20 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
     low, pixel = np.array([-1.02, -1.02]), 2.04 / pixels
     ball = vertices is None
     if ball:
-        covered, place, normal = _ball(low, pixel, pixels)
+        covered, position, normal = _ball(low, pixel, pixels)
     else:
         seen = _turned(np.asarray(vertices, float), looking_from(np.array([1.0, 0.72, 0.62])))
         index, depth = depths(seen, faces, low, pixel, pixels, pixels)
-        covered, place, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
-    light, step = np.zeros((len(place), 3)), 2.04 / _SHADOW
+        covered, position, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
+    light, step = np.zeros((len(position), 3)), 2.04 / _SHADOW
     upwards = np.array([0.0, 0.0, 1.0])
-    place, normal = (np.ascontiguousarray(values.T, np.float32) for values in (place, normal))
+    position, normal = (np.ascontiguousarray(values.T, np.float32) for values in (position, normal))
     for rgb, towards, strength, shine in _lights():
-        received, glint = np.zeros((2, place.shape[1]), np.float32)
+        received, glint = np.zeros((2, position.shape[1]), np.float32)
         for direction, share in zip(towards, strength, strict=True):
             frame = looking_from(direction)
             shadow = None if ball else depths(_turned(seen, frame), faces, low, step, _SHADOW, _SHADOW)[1]
-            facing = share * lit(place, normal, direction, frame, shadow, low, step)
+            facing = share * lit(position, normal, direction, frame, shadow, low, step)
             received += facing
             if shine > 0:
                 half = direction + upwards
@@ -92,15 +92,15 @@ def depths(position, faces, low, pixel, width, height):
         lean = np.divide(x[q] - x[p], up, out=np.zeros_like(up), where=up != 0)
         edges.append((np.where(up < 0, x[p], -np.inf), y[p], lean, np.maximum))
         edges.append((np.where(up > 0, x[p], np.inf), y[p], lean, np.minimum))
-    for some in blocks(lines * (np.ptp(x, axis=0).astype(int) + 1)):
-        face, row = runs(first[some], lines[some])
-        face += some.start
-        left, right = np.zeros(len(face)), np.full(len(face), width - 1.0)
+    for block in blocks(lines * (np.ptp(x, axis=0).astype(int) + 1)):
+        face, row = runs(first[block], lines[block])
+        face += block.start
+        leftmost, right = np.zeros(len(face)), np.full(len(face), width - 1.0)
         for start, foot, lean, tighter in edges:
-            limit = left if tighter is np.maximum else right
+            limit = leftmost if tighter is np.maximum else right
             tighter(limit, start[face] + (row - foot[face]) * lean[face], out=limit)
-        left = np.ceil(left - _ROUNDING).astype(int)
-        line, column = runs(left, np.maximum(np.floor(right + _ROUNDING).astype(int) - left + 1, 0))
+        leftmost = np.ceil(leftmost - _ROUNDING).astype(int)
+        line, column = runs(leftmost, np.maximum(np.floor(right + _ROUNDING).astype(int) - leftmost + 1, 0))
         face, ahead = face[line], (above[face] + row * slope_y[face])[line]
         nearest(index, depth, (row * width)[line] + column, ahead + column * slope_x[face], front[face])
     return index.reshape(height, width), depth.reshape(height, width)
@@ -115,14 +115,14 @@ def smooth_normals(position, faces, crease):
     count = np.bincount(corner, minlength=len(position))
     start = np.cumsum(count) - count
     total = np.zeros((3, len(corner)))
-    for some in blocks(count[corner]):
-        own, at = runs(start[corner[some]], count[corner[some]])
-        own, other = (own + some.start) // 3, around[at]
-        near = np.take(flat, other, axis=1)
-        x, y, z = near * np.take(flat, own, axis=1)
-        near[:, (x + y + z < crease * area[own] * area[other]) & (own != other)] = 0
-        first = np.cumsum(count[corner[some]]) - count[corner[some]]
-        total[:, some] = np.add.reduceat(near, first, axis=1)
+    for block in blocks(count[corner]):
+        mine, at = runs(start[corner[block]], count[corner[block]])
+        mine, neighbour = (mine + block.start) // 3, around[at]
+        near = np.take(flat, neighbour, axis=1)
+        x, y, z = near * np.take(flat, mine, axis=1)
+        near[:, (x + y + z < crease * area[mine] * area[neighbour]) & (mine != neighbour)] = 0
+        first = np.cumsum(count[corner[block]]) - count[corner[block]]
+        total[:, block] = np.add.reduceat(near, first, axis=1)
     length = np.sqrt((total**2).sum(axis=0))
     return (total / np.where(length > 0, length, 1.0)).T.reshape(-1, 3, 3)
 
@@ -145,7 +145,7 @@ def surfaces(index, depth, position, faces, normals, low, pixel):
     return covered, np.stack([x, y, depth[covered]], axis=1), n
 
 
-def lit(place, normal, towards, frame, shadow, low, pixel):
+def lit(position, normal, towards, frame, shadow, low, pixel):
     """Cosines (P,) at which light from a direction meets places (3, P) with normals (3, P), 0 where something stands in it.
 
     shadow : what is nearest to the light, in its frame; None where nothing stands in it
@@ -153,7 +153,7 @@ def lit(place, normal, towards, frame, shadow, low, pixel):
     facing = np.maximum(along(towards, normal), 0)
     if shadow is None:
         return facing
-    x, y, z = (along(axis, place) for axis in frame)
+    x, y, z = (along(axis, position) for axis in frame)
     sine = np.sqrt(1 - np.minimum(facing, 1) ** 2)
     limit = z + np.float32(0.012) + np.float32(1.5 * pixel) * sine / np.maximum(facing, np.float32(0.15))
     u, v = (np.clip((at - np.float32(edge)) * np.float32(1 / pixel), 0, shadow.shape[0] - 1).astype(np.int32)

@@ -62,40 +62,40 @@ def _cell(x, last):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _catmull_rom(t):
-    one, half = np.float32(1), np.float32(0.5)
-    first = -half * t * ((one - t) * (one - t))
+    unit, half = np.float32(1), np.float32(0.5)
+    first = -half * t * ((unit - t) * (unit - t))
     third = t * (half + t * (np.float32(2) - np.float32(1.5) * t))
-    last = half * (t * t) * (t - one)
-    return first, one - first - third - last, third, last
+    last = half * (t * t) * (t - unit)
+    return first, unit - first - third - last, third, last
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _bilinear(s, t):
-    both = s * t
-    return np.float32(1) - s - t + both, t - both, s - both, both
+    product = s * t
+    return np.float32(1) - s - t + product, t - product, s - product, product
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _blended(table, i, j, p, w, there, f):
+def _blended(table, i, j, p, w, column, f):
     grid, basis = table.grid, table.basis
     count = grid.shape[2]
     row = grid.shape[1] * count
-    return np.float64(blend(grid, i * row + j * count, row, basis, there * count, basis.shape[1] * count, count, p, w, f))
+    return np.float64(blend(grid, i * row + j * count, row, basis, column * count, basis.shape[1] * count, count, p, w, f))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _far(table, m, found, j, w, there, f):
+def _far(table, m, value, j, w, column, f):
     """The sum of a place at distance m beyond the extent, of that at the extent: coefficients go on as 1/m, as they did from
     half the extent on, the light as exp(-k0 m) with them."""
     inside = frame.INSIDE * table.extent
     i, u = _cell(_outwards(table, inside * inside), table.grid.shape[0] - 4)
-    within = _blended(table, i, j, _catmull_rom(u), w, there, f) - table.k0 * (table.extent - inside)
+    within = _blended(table, i, j, _catmull_rom(u), w, column, f) - table.k0 * (table.extent - inside)
     beyond = m - table.extent
-    return found + beyond / m * (frame.INSIDE / (1 - frame.INSIDE)) * (found - within) - table.k0 * beyond
+    return value + beyond / m * (frame.INSIDE / (1 - frame.INSIDE)) * (value - within) - table.k0 * beyond
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def value(table, rho, z, x, y, along):
+def point_source(table, rho, z, x, y, along):
     """The source at (rho, z) into the direction (x along rho, y across, along z), mfp^-3 sr^-1; mfp; finite everywhere.
 
     table : `Ready`, of a point, or of a segment of its own length
@@ -106,11 +106,11 @@ def value(table, rho, z, x, y, along):
     j, v = _cell(v, table.grid.shape[1] - 4)
     k, s = _cell(s, table.basis.shape[0] - 2)
     l, t = _cell(t, table.basis.shape[1] - 2)
-    w, f, there = _catmull_rom(v), _bilinear(s, t), k * table.basis.shape[1] + l
-    found = _blended(table, i, j, _catmull_rom(u), w, there, f)
+    w, f, column = _catmull_rom(v), _bilinear(s, t), k * table.basis.shape[1] + l
+    value = _blended(table, i, j, _catmull_rom(u), w, column, f)
     if m > table.extent:
-        found = _far(table, m, found, j, w, there, f)
-    return table.power * singular * exp(found)
+        value = _far(table, m, value, j, w, column, f)
+    return table.power * singular * exp(value)
 
 
 # ---- weighted sums of look-ups
@@ -135,7 +135,7 @@ _sum, _numbers, _places, _shares = (_on_stack(*of) for of in (
 
 # inlined by numba itself: what is on the stack is the caller's
 @njit(nogil=True, error_model="numpy", inline="always")
-def emptied():
+def no_look_ups():
     """A sum of nothing, on the stack of the function that calls: up to `GROUP` look-ups still to be made, and the others' sum."""
     out = carray(_sum(), _COUNT + 1)
     for n in range(_COUNT + 1):
@@ -144,8 +144,8 @@ def emptied():
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def add(to, table, rho, z, x, y, along, weight):
-    """Adds weight times `value` of the table; one table a sum."""
+def add_look_up(to, table, rho, z, x, y, along, weight):
+    """Adds weight times `point_source` of the table; one table a sum."""
     n = np.float64(to[_COUNT]).view(np.int64)
     to[_RHO + n], to[_Z + n], to[_X + n], to[_Y + n], to[_ALONG + n], to[_WEIGHT + n] = rho, z, x, y, along, weight
     to[_COUNT] = np.int64(n + 1).view(np.float64)
@@ -154,20 +154,20 @@ def add(to, table, rho, z, x, y, along, weight):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def total(of, table):
+def sum_of_look_ups(of, table):
     """The sum; it is emptied."""
     if np.float64(of[_COUNT]).view(np.int64) > 0:
         _look(of, table)
-    found = of[_SUM]
+    value = of[_SUM]
     of[_SUM] = 0.0
-    return table.power * found
+    return table.power * value
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _look(to, table):
     """Makes the look-ups of a sum, up to eight."""
     table = lent(table)
-    number, place, share = carray(_numbers(), 2 * GROUP), carray(_places(), 3 * GROUP), carray(_shares(), 12 * GROUP)
+    number, index, share = carray(_numbers(), 2 * GROUP), carray(_places(), 3 * GROUP), carray(_shares(), 12 * GROUP)
     U, V, A, B = table.grid.shape[0], table.grid.shape[1], table.basis.shape[0], table.basis.shape[1]
     for n in range(GROUP):
         m, singular, u, v, s, t = _mapped(table, to[_RHO + n], to[_Z + n], to[_X + n], to[_Y + n], to[_ALONG + n])
@@ -177,17 +177,17 @@ def _look(to, table):
         l, t = _cell(t, B - 2)
         number[_M + n] = m
         to[_WEIGHT + n] *= singular
-        place[_I + n], place[_J + n], place[_THERE + n] = i, j, k * np.int32(B) + l
+        index[_I + n], index[_J + n], index[_THERE + n] = i, j, k * np.int32(B) + l
         share[_P + n], share[_P + GROUP + n], share[_P + 2 * GROUP + n], share[_P + 3 * GROUP + n] = _catmull_rom(u)
         share[_W + n], share[_W + GROUP + n], share[_W + 2 * GROUP + n], share[_W + 3 * GROUP + n] = _catmull_rom(v)
         share[_F + n], share[_F + GROUP + n], share[_F + 2 * GROUP + n], share[_F + 3 * GROUP + n] = _bilinear(s, t)
     count = np.float64(to[_COUNT]).view(np.int64)
     for n in range(count):
         p, w, f = _four(share, _P + n), _four(share, _W + n), _four(share, _F + n)
-        found = _blended(table, place[_I + n], place[_J + n], p, w, place[_THERE + n], f)
+        value = _blended(table, index[_I + n], index[_J + n], p, w, index[_THERE + n], f)
         if number[_M + n] > table.extent:
-            found = _far(table, number[_M + n], found, place[_J + n], w, place[_THERE + n], f)
-        number[_FOUND + n] = found
+            value = _far(table, number[_M + n], value, index[_J + n], w, index[_THERE + n], f)
+        number[_FOUND + n] = value
     for n in range(GROUP):
         number[_FOUND + n] = to[_WEIGHT + n] * exp(number[_FOUND + n])
     for n in range(count):

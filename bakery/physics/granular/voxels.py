@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bakery.physics.grains.bvh import nearest, normal, scratch
+from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
 from bakery.system.compiled import njit
 
 OUTSIDE, PARTIAL, INSIDE, CLASS = 0, 1, 2, 3  # class of a voxel, and the bits that hold it
@@ -16,18 +16,18 @@ _WAY = 0.5257311, 0.3568221, 0.7721990  # unit, along no axis and no usual plane
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def inside(tree, middle, scale, x, y, z, room):
+def inside(tree, middle, scale, x, y, z, scratch):
     """Whether a point is inside: the first triangle along a fixed direction is seen from behind.  No viewing ray decides on it.
 
     tree : nodes, children, blocks of the mesh in units of `scale` about `middle`
     """
     nodes, children, blocks = tree
     dx, dy, dz = _WAY
-    at, _ = nearest(nodes, children, blocks, (x - middle[0]) / scale, (y - middle[1]) / scale, (z - middle[2]) / scale,
-                    dx, dy, dz, -1, room)
+    at, _ = nearest_triangle(nodes, children, blocks, (x - middle[0]) / scale, (y - middle[1]) / scale, (z - middle[2]) / scale,
+                             dx, dy, dz, -1, scratch)
     if at < 0:
         return False
-    nx, ny, nz = normal(blocks, at)
+    nx, ny, nz = triangle_normal(blocks, at)
     return nx * dx + ny * dy + nz * dz > 0
 
 
@@ -42,13 +42,13 @@ def meets(a, b, c, half):
             return False
     for edge in range(3):
         p, q = (a, b) if edge == 0 else (b, c) if edge == 1 else (c, a)
-        other = c if edge == 0 else a if edge == 1 else b
+        third = c if edge == 0 else a if edge == 1 else b
         for axis in range(3):
             i, j = (axis + 1) % 3, (axis + 2) % 3
             u, v = q[i] - p[i], q[j] - p[j]
-            here, there = u * p[j] - v * p[i], u * other[j] - v * other[i]
+            low_end, high_end = u * p[j] - v * p[i], u * third[j] - v * third[i]
             reach = abs(u) * half[j] + abs(v) * half[i]
-            if min(here, there) > reach or max(here, there) < -reach:
+            if min(low_end, high_end) > reach or max(low_end, high_end) < -reach:
                 return False
     nx = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     ny = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
@@ -57,7 +57,7 @@ def meets(a, b, c, half):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mark(voxels, low, edge, vertices, faces, reach, bits):
+def mark_voxels(voxels, low, edge, vertices, faces, reach, bits):
     """Sets `bits` (uint8) in voxels (X, Y, Z) whose box, `reach` larger on all sides, a triangle meets.
 
     low, edge : (3,) corner of the first voxel, edges of each;  vertices (V, 3), faces (F, 3) int64
@@ -94,21 +94,21 @@ def classified(shape, low, edge, vertices, faces, tree, middle, scale, reach):
     Between partial voxels of a column the class stays, so that few middles are looked at.
     """
     voxels = np.zeros(shape, np.uint8)
-    mark(voxels, low, edge, vertices, faces, reach, np.uint8(NEAR))
-    mark(voxels, low, edge, vertices, faces, 0.0, np.uint8(PARTIAL | NEAR))
-    room = scratch()
+    mark_voxels(voxels, low, edge, vertices, faces, reach, np.uint8(NEAR))
+    mark_voxels(voxels, low, edge, vertices, faces, 0.0, np.uint8(PARTIAL | NEAR))
+    scratch = mesh_scratch()
     for i in range(shape[0]):
         for j in range(shape[1]):
-            known = False
+            decided = False
             now = OUTSIDE
             for k in range(shape[2]):
                 if voxels[i, j, k] & CLASS == PARTIAL:
-                    known = False
+                    decided = False
                     continue
-                if not known:
+                if not decided:
                     x, y, z = low[0] + (i + 0.5) * edge[0], low[1] + (j + 0.5) * edge[1], low[2] + (k + 0.5) * edge[2]
-                    now = INSIDE if inside(tree, middle, scale, x, y, z, room) else OUTSIDE
-                    known = True
+                    now = INSIDE if inside(tree, middle, scale, x, y, z, scratch) else OUTSIDE
+                    decided = True
                 if now == INSIDE:
                     voxels[i, j, k] |= np.uint8(INSIDE | NEAR)
     return voxels

@@ -13,7 +13,7 @@ from bakery.physics.medium import phase
 from bakery.system.compiled import njit
 
 
-def layout(theta, f):
+def phase_layout(theta, f):
     """A normalised phase table for compiled loops.
 
     Parameters
@@ -33,15 +33,15 @@ def layout(theta, f):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def evaluated(v_nodes, steps, f, v):
-    """Phase function (1/sr) at v = 1 - cos theta, 0 to 2; arrays of `layout`."""
+def phase_value(v_nodes, steps, f, v):
+    """Phase function (1/sr) at v = 1 - cos theta, 0 to 2; arrays of `phase_layout`."""
     i = min(max(np.searchsorted(v_nodes, v, side="right") - 1, 0), len(steps) - 1)
     share = min(max((v - v_nodes[i]) / steps[i], 0.0), 1.0)
     return f[i] + share * (f[i + 1] - f[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def sampled(v_nodes, steps, f, cdf, xi):
+def phase_sample(v_nodes, steps, f, cdf, xi):
     """v = 1 - cos theta of a scattering angle distributed as the table, from a uniform number xi in [0, 1)."""
     # the cumulative distribution is a quadratic in v between the nodes
     i = min(max(np.searchsorted(cdf, xi, side="right") - 1, 0), len(steps) - 1)
@@ -52,7 +52,7 @@ def sampled(v_nodes, steps, f, cdf, xi):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def turned(ux, uy, uz, v, turn):
+def turned_direction(ux, uy, uz, v, turn):
     """Unit direction u after a turn by an angle of 1 - cos = v, at azimuth `turn` (rad) about the old direction."""
     sine = math.sqrt(max(v * (2 - v), 0.0))
     a, b = sine * math.cos(turn), sine * math.sin(turn)

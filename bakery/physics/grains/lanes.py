@@ -1,7 +1,4 @@
-"""Eight boxes or four triangles against one ray, in vector instructions.
-
-numba's disk cache does not see changes of this file: touch the kernels that use it after an edit.
-"""
+"""Eight boxes or four triangles against one ray, in vector instructions."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.physics.mie._vector import Memory, Registers, fma, integer
+from bakery.physics.mie.vector import Memory, Registers, fma, integer
 from bakery.system.compiled import njit
 
 LANES = 16  # radii computed side by side: enough independent work to hide the latency of the division chain
@@ -57,159 +57,189 @@ def _coefficient_code(width, absorbing, near=False):
     @intrinsic
     def series(typingctx, lane, work, top, rows, low):
         def codegen(context, builder, signature, args):
-            lanes = Memory(context, builder, signature.args[0], args[0], width)
-            rows_ = Memory(context, builder, signature.args[1], args[1], width)
-            top_, count, low_ = args[2:]
-
-            def real(integer):
-                return builder.sitofp(integer, ir.DoubleType())
-
-            def four(index, part):
-                return builder.add(builder.mul(index, integer(4)), integer(part))
-
-            # R_n(mx) from the top down; row n-2 keeps R_n.
-            wr, wr_low, start = lanes[WR], lanes[WR_LOW], lanes[START]
-            wi, wi_low = lanes[WI], lanes[WI_LOW]
-            xi, xi_low, last, x = lanes[XI], lanes[XI_LOW], lanes[LAST], lanes[X]
-            state = Registers(builder, r=lanes[RATIO_R], i=lanes[RATIO_I])
-            ratio = Registers(builder, x=lanes[RATIO_X])
-            tiny, pole = 1e-290, 1e-100  # a denominator that is exactly zero: its inverse still has a finite square
-
-            def descend_near(n):
-                order = wr.fill(real(n))
-                k = order * 2.0 + 1.0
-                tx = k.times_plus(xi, k * xi_low) - ratio.x
-                tx = tx.where("!=", (tx, 0.0), pole)
-                ur, ui = k.times_plus(wr, state.r), k.times_plus(wi, state.i)
-                zr = tx + ur
-                zr = zr.where("!=", (zr, 0.0), pole)
-                sr, si = tx * zr, tx * ui
-                size = sr * sr + si * si
-                scale = size.where(">", (size, tiny), tiny).inverse()
-                state.r = ((ur * sr + ui * si) * scale).where("<=", (order, start), state.r)
-                state.i = ((ui * sr - ur * si) * scale).where("<=", (order, start), state.i)
-                ratio.x = tx.inverse().where("<=", (order, start), ratio.x)
-
-            def descend(n):
-                if near:
-                    descend_near(n)
-                    return
-                order = wr.fill(real(n))
-                k = order * 2.0 + 1.0
-                tr = k.times_plus(wr, k * wr_low) - state.r
-                if absorbing:
-                    ti = k.times_plus(wi, k * wi_low) - state.i
-                    size = tr * tr + ti * ti
-                    scale = size.where(">", (size, tiny), tiny).inverse()
-                    state.r = (tr * scale).where("<=", (order, start), state.r)
-                    state.i = (-(ti * scale)).where("<=", (order, start), state.i)
-                else:
-                    state.r = tr.where("!=", (tr, 0.0), pole).inverse().where("<=", (order, start), state.r)
-
-            above = builder.add(count, integer(1))
-            with cgutils.for_range(builder, builder.sub(top_, above)) as loop:
-                descend(builder.sub(top_, loop.index))
-            with cgutils.for_range(builder, count) as loop:
-                n = builder.sub(above, loop.index)
-                descend(n)
-                row = builder.sub(n, integer(2))
-                rows_[four(row, 0)] = state.r
-                if absorbing:
-                    rows_[four(row, 1)] = state.i
-                if near:
-                    rows_[four(builder.sub(n, integer(1)), 2)] = ratio.x
-            if near:
-                descend_near(integer(1))
-                low_ = builder.add(above, integer(1))
-
-            # psi_n(x)/psi_{n-1}(x) downward, wanted for n > x only; row n-1 keeps it.
-            with cgutils.for_range(builder, builder.sub(builder.add(above, integer(1)), low_)) as loop:
-                n = builder.sub(above, loop.index)
-                order = x.fill(real(n))
-                k = order * 2.0 + 1.0
-                ratio.x = (k.times_plus(xi, k * xi_low) - ratio.x).inverse().where("<=", (order, last + 1.0), ratio.x)
-                rows_[four(builder.sub(n, integer(1)), 2)] = ratio.x
-
-            # psi_n, chi_n upward with the coefficients and their sums; row n-1 takes a_n, b_n in place of the ratios.
-            sin, cos, zero = lanes[SIN], lanes[COS], x.fill(0.0)
-            up = Registers(builder, p0=sin, c0=cos, c1=cos.times_plus(xi, sin),
-                           p1=(sin * xi - cos).where(">=", (x, 1.0), ratio.x * sin),
-                           sca=zero, ab=zero, cross=zero, pr=zero, pi=zero, ar=zero, ai=zero, br=zero, bi=zero)
-            sign = Registers(builder, k=x.fill(-1.0))
-            mr, mi, vr, vi, gr, gi, mvr, mvi = (lanes[row] for row in range(M_R, MV_I + 1))
-            with cgutils.for_range(builder, count) as loop:
-                i = loop.index
-                order = x.fill(real(builder.add(i, integer(1))))
-                k, after = order * 2.0 + 1.0, order + 1.0
-                f = k.times_plus(xi, k * xi_low)
-                p1, c1 = up.p1, up.c1
-                p2 = f.times_plus(p1, -up.p0).where("<=", (after, x), rows_[four(builder.add(i, integer(1)), 2)] * p1)
-                c2 = f.times_plus(c1, -up.c0)
-                rr = rows_[four(i, 0)]
-                ri = rows_[four(i, 1)] if absorbing else None
-
-                def fraction(sr, si, nr=None, ni=None):
-                    """N and M of one coefficient and |N - iM|^2; imaginary parts are None for a real index."""
-                    nr = p2 - sr * p1 if nr is None else nr
-                    dr = c2 - sr * c1
-                    if not absorbing:
-                        return nr, None, dr, None, None, nr.times_plus(nr, dr * dr)
-                    ni = -(si * p1) if ni is None else ni
-                    di = -(si * c1)
-                    tr, ti = nr + di, ni - dr
-                    return nr, ni, dr, di, si, tr.times_plus(tr, ti * ti)
-
-                def coefficient(nr, ni, dr, di, si, scale):
-                    """|a|^2, Re a - |a|^2, Re a, Im a."""
-                    live = ("<=", (order, last), 0.0)
-                    if not absorbing:
-                        square = (nr * nr * scale).where(*live)
-                        return square, None, square, (nr * dr * scale).where(*live)
-                    square, absorbed = (nr.times_plus(nr, ni * ni) * scale).where(*live), (si * scale).where(*live)
-                    return square, absorbed, square + absorbed, (nr.times_plus(dr, ni * di) * scale).where(*live)
-
-                h = after * xi
-                if near:
-                    er, ei = rr, ri
-                    ratio_x = rows_[four(builder.add(i, integer(1)), 2)]
-                    rr, ri = ratio_x - er, -ei
-                    # At a zero of psi_n, R_{n+1}(x) and D_{n+1} share a large factor that psi_n takes back: divide it out.
-                    base = p1.where("<=", (ratio_x * ratio_x, 1.0), p2 * ratio_x.inverse())
-                    qr, qi = er * vr - ei * vi, er * vi + ei * vr
-                    own_a = qr * base - h * gr * p1 + mvr * p2, qi * base - h * gi * p1 + mvi * p2
-                    own_b = (er * mr - ei * mi) * base - (mr - 1.0) * p2, (er * mi + ei * mr) * base - mi * p2
-                else:
-                    own_a = own_b = None, None
-                if absorbing:
-                    of_a = fraction((rr * vr - ri * vi) + h * gr, (rr * vi + ri * vr) + h * gi, *own_a)
-                    of_b = fraction(rr * mr - ri * mi, rr * mi + ri * mr, *own_b)
-                else:
-                    of_a, of_b = fraction(rr * vr + h * gr, None), fraction(rr * mr, None)
-                a2, lost_a, ar, ai = coefficient(*of_a[:-1], of_a[-1].inverse())
-                b2, lost_b, br, bi = coefficient(*of_b[:-1], of_b[-1].inverse())
-                if absorbing:
-                    up.ab = k.times_plus(lost_a + lost_b, up.ab)
-                for part, value in enumerate((ar, ai, br, bi)):
-                    rows_[four(i, part)] = value
-                up.sca = k.times_plus(a2 + b2, up.sca)
-                # (n-1)(n+1)/n Re(a_{n-1} a_n* + ..) and (2n+1)/(n(n+1)) Re(a_n b_n*); 1/(n(n+1)) = 1/n - 1/(n+1)
-                inverse = (order * after).inverse()
-                before = ar.times_plus(up.ar, ai * up.ai) + br.times_plus(up.br, bi * up.bi)
-                same = ar.times_plus(br, ai * bi)
-                weight = (order - 1.0) * (after * after) * inverse
-                up.cross = (k * inverse).times_plus(same, weight.times_plus(before, up.cross))
-                s = sign.k * k
-                sign.k = -sign.k
-                up.pr, up.pi = s.times_plus(ar - br, up.pr), s.times_plus(ai - bi, up.pi)
-                up.ar, up.ai, up.br, up.bi = ar, ai, br, bi
-                up.p0, up.p1, up.c0, up.c1 = p1, p2, c1, c2
-            for row, value in ((SCA, up.sca), (ABS, up.ab), (CROSS, up.cross), (BACK_R, up.pr), (BACK_I, up.pi)):
-                lanes[row] = value
+            lanes, rows_ = (Memory(context, builder, signature.args[k], args[k], width) for k in range(2))
+            _Series(builder, lanes, rows_, absorbing, near).write(*args[2:])
             return context.get_dummy_value()
 
         return types.void(lane, work, top, rows, low), codegen
 
     return series
+
+
+_TINY, _POLE = 1e-290, 1e-100  # a denominator that is exactly zero: its inverse still has a finite square
+
+
+class _Series:
+    """Code of the series; methods write what their docstrings say for one n, all radii side by side."""
+
+    def __init__(self, builder, lanes, rows, absorbing, near):
+        self.builder, self.lanes, self.rows, self.absorbing, self.near = builder, lanes, rows, absorbing, near
+        self.wr, self.wr_low, self.start, self.wi, self.wi_low = (lanes[row] for row in (WR, WR_LOW, START, WI, WI_LOW))
+        self.xi, self.xi_low, self.last, self.x = (lanes[row] for row in (XI, XI_LOW, LAST, X))
+        self.state = Registers(builder, r=lanes[RATIO_R], i=lanes[RATIO_I])
+        self.ratio = Registers(builder, x=lanes[RATIO_X])
+
+    def write(self, top, count, low):
+        """The ratios of the Bessel functions, downward, then coefficients and sums."""
+        builder = self.builder
+        above = builder.add(count, integer(1))
+        with cgutils.for_range(builder, builder.sub(top, above)) as loop:
+            self.descend(builder.sub(top, loop.index))
+        with cgutils.for_range(builder, count) as loop:
+            n = builder.sub(above, loop.index)
+            self.descend(n)
+            self.keep(n)
+        if self.near:
+            self.descend_near(integer(1))
+            low = builder.add(above, integer(1))
+        # psi_n(x)/psi_{n-1}(x) downward, wanted for n > x only; row n-1 keeps it.
+        with cgutils.for_range(builder, builder.sub(builder.add(above, integer(1)), low)) as loop:
+            self.ratio_of_psi(builder.sub(above, loop.index))
+        self.begin()
+        with cgutils.for_range(builder, count) as loop:
+            self.ascend(loop.index)
+        up = self.up
+        for row, value in ((SCA, up.sca), (ABS, up.ab), (CROSS, up.cross), (BACK_R, up.pr), (BACK_I, up.pi)):
+            self.lanes[row] = value
+
+    def real(self, number):
+        return self.builder.sitofp(number, ir.DoubleType())
+
+    def four(self, index, part):
+        return self.builder.add(self.builder.mul(index, integer(4)), integer(part))
+
+    def descend(self, n):
+        """R_n(mx) from R_{n+1}."""
+        if self.near:
+            self.descend_near(n)
+            return
+        state = self.state
+        order = self.wr.fill(self.real(n))
+        k = order * 2.0 + 1.0
+        tr = k.times_plus(self.wr, k * self.wr_low) - state.r
+        if self.absorbing:
+            ti = k.times_plus(self.wi, k * self.wi_low) - state.i
+            size = tr * tr + ti * ti
+            scale = size.where(">", (size, _TINY), _TINY).inverse()
+            state.r = (tr * scale).where("<=", (order, self.start), state.r)
+            state.i = (-(ti * scale)).where("<=", (order, self.start), state.i)
+        else:
+            state.r = tr.where("!=", (tr, 0.0), _POLE).inverse().where("<=", (order, self.start), state.r)
+
+    def descend_near(self, n):
+        """The difference D_n of R_n(x) and R_n(mx), and R_n(x), from those of n + 1."""
+        state, ratio = self.state, self.ratio
+        order = self.wr.fill(self.real(n))
+        k = order * 2.0 + 1.0
+        tx = k.times_plus(self.xi, k * self.xi_low) - ratio.x
+        tx = tx.where("!=", (tx, 0.0), _POLE)
+        ur, ui = k.times_plus(self.wr, state.r), k.times_plus(self.wi, state.i)
+        zr = tx + ur
+        zr = zr.where("!=", (zr, 0.0), _POLE)
+        sr, si = tx * zr, tx * ui
+        size = sr * sr + si * si
+        scale = size.where(">", (size, _TINY), _TINY).inverse()
+        state.r = ((ur * sr + ui * si) * scale).where("<=", (order, self.start), state.r)
+        state.i = ((ui * sr - ur * si) * scale).where("<=", (order, self.start), state.i)
+        ratio.x = tx.inverse().where("<=", (order, self.start), ratio.x)
+
+    def keep(self, n):
+        """R_n in row n-2, and in the difference form R_n(x) in row n-1."""
+        row = self.builder.sub(n, integer(2))
+        self.rows[self.four(row, 0)] = self.state.r
+        if self.absorbing:
+            self.rows[self.four(row, 1)] = self.state.i
+        if self.near:
+            self.rows[self.four(self.builder.sub(n, integer(1)), 2)] = self.ratio.x
+
+    def ratio_of_psi(self, n):
+        """psi_n(x)/psi_{n-1}(x) from that of n + 1, into row n-1."""
+        ratio = self.ratio
+        order = self.x.fill(self.real(n))
+        k = order * 2.0 + 1.0
+        ratio.x = (k.times_plus(self.xi, k * self.xi_low) - ratio.x).inverse().where("<=", (order, self.last + 1.0), ratio.x)
+        self.rows[self.four(self.builder.sub(n, integer(1)), 2)] = ratio.x
+
+    def begin(self):
+        """What is carried upward: psi_n, chi_n, the sums, the coefficients before."""
+        lanes, x, xi = self.lanes, self.x, self.xi
+        sin, cos, zero = lanes[SIN], lanes[COS], x.fill(0.0)
+        self.up = Registers(self.builder, p0=sin, c0=cos, c1=cos.times_plus(xi, sin),
+                            p1=(sin * xi - cos).where(">=", (x, 1.0), self.ratio.x * sin),
+                            sca=zero, ab=zero, cross=zero, pr=zero, pi=zero, ar=zero, ai=zero, br=zero, bi=zero)
+        self.sign = Registers(self.builder, k=x.fill(-1.0))
+        self.index = [lanes[row] for row in range(M_R, MV_I + 1)]
+
+    def ascend(self, i):
+        """a_n and b_n of n = i + 1, which take the place of the ratios in row n-1, and what they add to the sums."""
+        up, rows = self.up, self.rows
+        order = self.x.fill(self.real(self.builder.add(i, integer(1))))
+        k, after = order * 2.0 + 1.0, order + 1.0
+        f = k.times_plus(self.xi, k * self.xi_low)
+        p1, c1 = up.p1, up.c1
+        p2 = f.times_plus(p1, -up.p0).where("<=", (after, self.x), rows[self.four(self.builder.add(i, integer(1)), 2)] * p1)
+        c2 = f.times_plus(c1, -up.c0)
+        rr = rows[self.four(i, 0)]
+        ri = rows[self.four(i, 1)] if self.absorbing else None
+        of_a, of_b = self.fractions(i, after * self.xi, rr, ri, (p1, p2, c1, c2))
+        a2, lost_a, ar, ai = self.coefficient(order, *of_a[:-1], of_a[-1].inverse())
+        b2, lost_b, br, bi = self.coefficient(order, *of_b[:-1], of_b[-1].inverse())
+        if self.absorbing:
+            up.ab = k.times_plus(lost_a + lost_b, up.ab)
+        for part, value in enumerate((ar, ai, br, bi)):
+            rows[self.four(i, part)] = value
+        up.sca = k.times_plus(a2 + b2, up.sca)
+        # (n-1)(n+1)/n Re(a_{n-1} a_n* + ..) and (2n+1)/(n(n+1)) Re(a_n b_n*); 1/(n(n+1)) = 1/n - 1/(n+1)
+        inverse = (order * after).inverse()
+        before = ar.times_plus(up.ar, ai * up.ai) + br.times_plus(up.br, bi * up.bi)
+        same = ar.times_plus(br, ai * bi)
+        weight = (order - 1.0) * (after * after) * inverse
+        up.cross = (k * inverse).times_plus(same, weight.times_plus(before, up.cross))
+        s = self.sign.k * k
+        self.sign.k = -self.sign.k
+        up.pr, up.pi = s.times_plus(ar - br, up.pr), s.times_plus(ai - bi, up.pi)
+        up.ar, up.ai, up.br, up.bi = ar, ai, br, bi
+        up.p0, up.p1, up.c0, up.c1 = p1, p2, c1, c2
+
+    def fractions(self, i, h, rr, ri, waves):
+        """`fraction` of a_n and of b_n."""
+        mr, mi, vr, vi, gr, gi, mvr, mvi = self.index
+        p1, p2, _, _ = waves
+        numerator_a = numerator_b = None, None
+        if self.near:
+            er, ei = rr, ri
+            ratio_x = self.rows[self.four(self.builder.add(i, integer(1)), 2)]
+            rr, ri = ratio_x - er, -ei
+            # At a zero of psi_n, R_{n+1}(x) and D_{n+1} share a large factor that psi_n takes back: divide it out.
+            base = p1.where("<=", (ratio_x * ratio_x, 1.0), p2 * ratio_x.inverse())
+            qr, qi = er * vr - ei * vi, er * vi + ei * vr
+            numerator_a = qr * base - h * gr * p1 + mvr * p2, qi * base - h * gi * p1 + mvi * p2
+            numerator_b = (er * mr - ei * mi) * base - (mr - 1.0) * p2, (er * mi + ei * mr) * base - mi * p2
+        if not self.absorbing:
+            return self.fraction(waves, rr * vr + h * gr, None), self.fraction(waves, rr * mr, None)
+        return (self.fraction(waves, (rr * vr - ri * vi) + h * gr, (rr * vi + ri * vr) + h * gi, *numerator_a),
+                self.fraction(waves, rr * mr - ri * mi, rr * mi + ri * mr, *numerator_b))
+
+    def fraction(self, waves, sr, si, nr=None, ni=None):
+        """N and M of one coefficient and |N - iM|^2; imaginary parts are None for a real index."""
+        p1, p2, c1, c2 = waves
+        nr = p2 - sr * p1 if nr is None else nr
+        dr = c2 - sr * c1
+        if not self.absorbing:
+            return nr, None, dr, None, None, nr.times_plus(nr, dr * dr)
+        ni = -(si * p1) if ni is None else ni
+        di = -(si * c1)
+        tr, ti = nr + di, ni - dr
+        return nr, ni, dr, di, si, tr.times_plus(tr, ti * ti)
+
+    def coefficient(self, order, nr, ni, dr, di, si, scale):
+        """|a|^2, Re a - |a|^2, Re a, Im a."""
+        live = ("<=", (order, self.last), 0.0)
+        if not self.absorbing:
+            square = (nr * nr * scale).where(*live)
+            return square, None, square, (nr * dr * scale).where(*live)
+        square, absorbed = (nr.times_plus(nr, ni * ni) * scale).where(*live), (si * scale).where(*live)
+        return square, absorbed, square + absorbed, (nr.times_plus(dr, ni * di) * scale).where(*live)
 
 
 _series_real, _series_absorbing = _coefficient_code(LANES, False), _coefficient_code(LANES, True)
@@ -261,7 +291,7 @@ def _reciprocal(m, x):
 
 
 @njit(**STRICT)
-def _asymptotic_ratio(t):
+def asymptotic_ratio(t):
     """R of the recurrence R = 1/(t - R) at rest, the root within the unit circle."""
     root = np.sqrt(t * t * 0.25 - 1.0 + 0j)
     up, down = 0.5 * t + root, 0.5 * t - root
@@ -269,7 +299,7 @@ def _asymptotic_ratio(t):
 
 
 @njit(**STRICT)
-def _coefficients(m, x, lane, work):
+def wave_coefficients(m, x, lane, work):
     """a_n, b_n of the radii x (L,), L = LANES or 1: work (rows, 4, L) takes Re a, Im a, Re b, Im b of n = row + 1.
 
     lane (27, L) takes their sums; rows at least terms(max x) + 2.
@@ -285,13 +315,13 @@ def _coefficients(m, x, lane, work):
         lane[LAST, j], lane[START, j], lane[X, j] = last, start, x[j]
         lane[XI, j] = 1.0 / x[j]
         lane[XI_LOW, j] = lane[XI, j] * fma(-lane[XI, j], x[j], 1.0)
-        rx = _asymptotic_ratio((2.0 * (start if near else last + 1) + 3.0) * complex(lane[XI, j], 0.0)).real
+        rx = asymptotic_ratio((2.0 * (start if near else last + 1) + 3.0) * complex(lane[XI, j], 0.0)).real
         lane[RATIO_X, j] = rx
         if conductor:  # its index 1e40 stands for the limit: R_n = 1 throughout, 1/m = 0
             w, low_w, r = 0.0j, 0.0j, 1.0 + 0.0j
         else:
             w, low_w = _reciprocal(m, x[j])
-            r = _asymptotic_ratio((2.0 * start + 3.0) * w)
+            r = asymptotic_ratio((2.0 * start + 3.0) * w)
         if near:
             w = (1.0 - m) * minv * lane[XI, j]
             r = (2.0 * start + 3.0) * w * rx * r
@@ -335,7 +365,7 @@ def efficiency_block(m, x, q_ext, q_sca, q_abs, q_back, g):
     for first in range(0, x.shape[0], width):
         for j in range(width):
             xs[j] = x[min(first + j, x.shape[0] - 1)]
-        _coefficients(m, xs, lane, work)
+        wave_coefficients(m, xs, lane, work)
         for j in range(min(width, x.shape[0] - first)):
             r = first + j
             scale = 2.0 / xs[j] / xs[j]
@@ -357,7 +387,7 @@ V, P, E, Q, F, SUM_R, SUM_I, DIF_R, DIF_I = range(9)
 
 
 @intrinsic
-def _sweep(typingctx, order, coefficient, first, count, tile):
+def sweep(typingctx, order, coefficient, first, count, tile):
     """Add `count` terms to one tile of angles (9, ANGLES): rows of order (N, 3) from `first`, of coefficient (.., 4) from 0."""
 
     def codegen(context, builder, signature, args):
@@ -434,7 +464,7 @@ def _tiles(theta, ahead):
 
 
 @njit(**STRICT)
-def _reset(tiles):
+def reset(tiles):
     """State at n = 1."""
     for t in range(tiles.shape[0]):
         for j in range(ANGLES):
@@ -478,18 +508,18 @@ def _spheres(m, x, weight, theta, mode, out):
     for first in range(0, x.shape[0], width):
         for j in range(width):
             xs[j] = x[min(first + j, x.shape[0] - 1)]
-        _coefficients(m, xs, lane, work)
+        wave_coefficients(m, xs, lane, work)
         for j in range(min(width, x.shape[0] - first)):
             r, rows = first + j, terms(xs[j])
-            _reset(ahead)
-            _reset(behind)
+            reset(ahead)
+            reset(behind)
             for start in range(0, rows, BLOCK):
                 count = min(BLOCK, rows - start)
                 _angular_coefficients(work, j, start, count, front, back)
                 for t in range(ahead.shape[0]):
-                    _sweep(order, front, start, count, ahead[t])
+                    sweep(order, front, start, count, ahead[t])
                 for t in range(behind.shape[0]):
-                    _sweep(order, back, start, count, behind[t])
+                    sweep(order, back, start, count, behind[t])
             into = out[r if mode == 0 else 0]
             _gather(ahead, ahead_source, False, mode, weight[r], into)
             _gather(behind, behind_source, True, mode, weight[r], into)

@@ -17,7 +17,7 @@ def counts(cell, spheres):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cells(centers, radii, cell, m):
+def tile_grid(centers, radii, cell, m):
     """For each of m (3,) cells of the tile, the images of spheres that reach into it.
 
     Returns
