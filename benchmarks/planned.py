@@ -7,7 +7,6 @@ the differences scatter by is the noise that is left.
 from __future__ import annotations
 
 import dataclasses
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -148,7 +147,7 @@ def _luminance(scene, assets, path, samples, size, seed, bands):
     if size is not None:
         film = {"height": size[0], "width": size[1]} | ({"wavelengths": "rgb"} if scene.section == "discrete" and bands else {})
         values = values.model_copy(update={"film": values.film.model_copy(update=film)})
-    import_module(scene.renderer).render(dataclasses.replace(scene, values=values, asset=assets[0], assets=tuple(assets)), path,
+    scene.drawn_by.render(dataclasses.replace(scene, values=values, asset=assets[0], assets=tuple(assets)), path,
                                          seed=seed)
     found = layers(path)
     return np.stack([found[c] for c in "RGB"], axis=-1).astype(float) @ colour.LUMINANCE

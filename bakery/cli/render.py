@@ -142,7 +142,6 @@ def _check(source, suffix, of_scenes, place) -> None:
 
 def _of_scene(source, output, values, options, progress) -> _Job:
     """A scene, its asset baked where that is due."""
-    from importlib import import_module
     from pathlib import Path
 
     from bakery.run import ahead
@@ -152,7 +151,7 @@ def _of_scene(source, output, values, options, progress) -> _Job:
     from renderers.scene import assets
 
     path = scene.load(Path(source), values)
-    renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
+    renderer, target, name = path.drawn_by, output or path.picture, path.values.name
     if "resume" in options and not path.rules.RESUMES:
         raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
     ahead.expect(ahead.of_scene(path))

@@ -13,10 +13,10 @@ import numpy as np
 import bakery
 from benchmarks.sizes import sized
 from renderers import colour
-from renderers.materials import particles as discrete
 from renderers.materials.particles import methods
 from renderers.mitsuba import bitmaps
 from renderers.mitsuba.world import World
+from renderers.pictures import passes
 from renderers.pictures.means import Mean
 from renderers.pictures.running import Render
 
@@ -98,7 +98,7 @@ class Picture:
 def picture(made, method, samples, lamp=SIDE, **settings) -> Picture:
     """A picture of an asset, by a method of the scene, with so many samples a pixel; `settings` of its entry."""
     begin = time.process_time()
-    report = discrete.render(_scene(made, method, samples, lamp, settings), folder() / "scene.png", overwrite=True)
+    report = passes.render(_scene(made, method, samples, lamp, settings), folder() / "scene.png", overwrite=True)
     seconds = (time.process_time() - begin) * report["seconds"]["passes"] / report["seconds"]["total"]
     channels, _ = bitmaps.read(folder() / "scene.exr")
     found = {layer: np.stack([channels[f"{layer}{c}"] for c in "RGB"], -1).astype(float) @ colour.LUMINANCE for layer in LAYERS}

@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -107,7 +106,7 @@ def of_scene(scene, quality: str | None = None, variant: str | None = None) -> C
         return None
     from renderers.mitsuba.world import World
 
-    prepare, world = import_module(f"{scene.renderer}.methods").prepare, World.of(scene, variant)
+    prepare, world = scene.prepare, World.of(scene, variant)
     if world.camera is None:
         raise scene.no_camera()
     return chosen(prepare, Opened.of(scene), world, quality)

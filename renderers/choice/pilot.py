@@ -12,7 +12,6 @@ import math
 import tempfile
 import tracemalloc
 from collections.abc import Mapping
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -138,7 +137,7 @@ def _drawn(scene, size, stop, options, picture_path) -> _Pilot:
     stop = values.stop.model_copy(update={"noise": 0.0, "time": None, "samples": None} | stop)
     film = values.film.model_copy(update=dict(zip(("width", "height"), size)))
     small = denoise.without(dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film})))
-    return _Pilot(import_module(scene.renderer).render(small, picture_path, **options), size[0] * size[1])
+    return _Pilot(scene.drawn_by.render(small, picture_path, **options), size[0] * size[1])
 
 
 def _held(scene, size, stop, options, picture_path) -> float:
@@ -205,7 +204,7 @@ def _of_filter(scene, stop, quality, options, picture_path):
     of_files = getattr(values, "picture", None) is not None and not hasattr(values.picture, "mitsuba")
     for _ in range(1 if of_files else 2):  # the first one compiles
         resources.reset_peak()
-        report = import_module(scene.renderer).render(short, picture_path, overwrite=True, **({} if of_files else options))
+        report = scene.drawn_by.render(short, picture_path, overwrite=True, **({} if of_files else options))
     picture, seconds, noise = report.get("picture", {}), report["seconds"]["total"], report["noise"]
     if not noise or not picture.get("at_most"):
         return _forecast(scene, quality, stop, report, _Predicted(tuple(report["size"]), seconds, 0.0, noise, 0.0, "",

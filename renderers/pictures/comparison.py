@@ -11,7 +11,6 @@ import json
 import re
 import time
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from pathlib import Path
 from zlib import crc32
 
@@ -192,7 +191,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         return values
 
     def drawn(what, on):
-        return import_module(what.renderer).render(
+        return what.drawn_by.render(
             what, job.pair[0], quality=quality, variant=variant, seed=job.seed, overwrite=overwrite, progress=pace,
             **({"resume": True} if on else {}))
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 import time
-from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -37,8 +36,7 @@ def _prepared(path, output, begins=None, *, overrides=None, variant=None, seed=N
     """options : `quality`, `progress`, `overwrite` of `renderers.pictures.running.Render`."""
     opened = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
     refuse_other(opened)
-    prepare = import_module(f"{opened.renderer}.methods").prepare
-    return passes.Rendering(prepare, running.Render(opened, output, **options), variant, seed, resume, begins)
+    return passes.Rendering(running.Render(opened, output, **options), variant, seed, resume, begins)
 
 
 def _picture(rendering, *, noise=None, denoised=None, report=None) -> Picture:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from renderers import choice
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
-from renderers.pictures import denoise, images, reached
+from renderers.pictures import denoise, images, reached, running
 from renderers.pictures.means import student, tiled
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.pictures.running import Render
@@ -52,16 +52,55 @@ class Method(NamedTuple):
     unmeasured: bool = False
 
 
-def render(prepare, path, output, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
            resume=False) -> dict:
-    """Renders a scene; parameters, report and errors beyond these are those of `render` of its renderer.
+    """Renders a scene of materials to a PNG and an EXR file beside each other.
 
-    prepare : function of (`renderers.pictures.running.Render`, World, seed) -> Method
+    Parameters
+    ----------
+    scene : path of the scene, or what `renderers.scene.load` made of it
+    output : `X.png` or `X.exr`, both are written; beside the scene, by its name, if None
+    overrides : dotted key -> value as text, such as `{"materials[0].method": "vpt"}`; of a path
+    quality : draft, preview or final: noise, time and samples by the scene's `stop`
+    variant : of Mitsuba, one for colours on arrays
+    seed : of the passes; 0 if None
+    progress : function of (fraction 0 to 1, noise or None)
+    overwrite : replace also files that are no such pictures; never one that the scene reads
+    resume : go on with the passes in the EXR file
+
+    Returns
+    -------
+    report : that of `renderers.pictures.progressive`; of particles with `particles` (number, or the expected one),
+        `optical_depth` (of the region's longest edge, smallest and largest wavelength's) and `as_particles` (share of the pixels
+        that show any as particles), of grains with `grains` (expected number)
+
+    Raises
+    ------
+    RecipeError : with every problem of the scene
+    UsageError, AssetError : a file is not what it should be; the text says which and why
+    Interrupted : after what is there was written
+
+    Notes
+    -----
+    EXR layers: order0 (light that no material scattered), order1, order2, orders (three events and more; a grain counts once
+    however often light meets its surface), light.NAME (from each light), noise (standard error), depth.Z.  Of particles detail
+    (m, depth up to which they are particles) and method (0: continuous, 1: particles, 2: both); of grains by several techniques
+    ept, vpt, da, what each has brought, and switch (grains that paths have met when they switch); of bodies by beams closer (what
+    it would change if pixels shared light over half the distance) and sharper (if beams of lights without extent were half as
+    wide); of several materials material (the entry in which most paths of the pixel first scattered; -1: none).
     """
-    rendering = Rendering(prepare, Render(path, output, overrides=overrides, quality=quality, overwrite=overwrite,
-                                          progress=progress), variant, seed, resume)
+    rendering = Rendering(Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress),
+                          variant, seed, resume)
     rendering.run()
     return rendering.finish()
+
+
+def describe(report) -> list[str]:
+    """Lines for people."""
+    if report["renderer"] != "mixed":
+        return running.describe(report)
+    entries = (f"materials[{number}] {entry['kind']} by {entry['method']}" for number, entry in enumerate(report["materials"]))
+    return [*running.describe(report), ", ".join(entries)]
 
 
 class Rendering:
@@ -77,12 +116,12 @@ class Rendering:
     denoised : `renderers.pictures.denoise.Denoised` of the picture that was written, None where there is none
     """
 
-    def __init__(self, prepare, job, variant=None, seed=None, resume=False, begins=None):
+    def __init__(self, job, variant=None, seed=None, resume=False, begins=None):
         """
         Parameters
         ----------
-        prepare, variant, seed, resume : as `render` takes them
-        job : the scene
+        job : the scene, as `renderers.pictures.running.Render`
+        variant, seed, resume : as `render` takes them
         begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks
         """
         begins = begins or (lambda name: None)
@@ -94,12 +133,13 @@ class Rendering:
         job.part_over("scene")
         begins("choice")
         opened = choice.Opened(scene, job.assets, job.asset)
-        self._taken = taken = scene.choice or choice.chosen(prepare, opened, world, job.quality, job.pair[1] if resume else None)
+        earlier = job.pair[1] if resume else None
+        self._taken = taken = scene.choice or choice.chosen(scene.prepare, opened, world, job.quality, earlier)
         if taken is not None:
             job.part_over("choice")
             job.scene = choice.applied(scene, taken)
         begins("preparation")
-        self.method = prepare(job, world, seed)
+        self.method = scene.prepare(job, world, seed)
         job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in job.assets]}

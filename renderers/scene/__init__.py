@@ -92,6 +92,16 @@ class Scene:
     choice: object = dataclasses.field(default=None, repr=False)
 
     @property
+    def prepare(self):
+        """What makes a `renderers.pictures.passes.Method` of a scene of materials: (Render, World, seed) -> Method."""
+        return import_module(f"{self.renderer}.methods").prepare
+
+    @property
+    def drawn_by(self):
+        """The module whose `render` and `describe` make its picture: one for all scenes of materials, else its renderer."""
+        return import_module("renderers.pictures.passes" if self.section in OF_MATERIALS else self.renderer)
+
+    @property
     def materials(self) -> list:
         """What names an asset or a recipe: the entries of the scene, or the scene itself."""
         return getattr(self.values, "materials", None) or [self.values]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 from bakery.errors import UsageError
 
 
@@ -18,7 +16,7 @@ def drawn(scene, path, options, resume, update=None) -> tuple[dict, bool]:
     resume : go on with the passes of the EXR, where it holds passes of this picture
     update : takes the fraction done and the noise, or None
     """
-    draw = import_module(scene.renderer).render
+    draw = scene.drawn_by.render
     if resume:
         try:
             return draw(scene, path, **options, resume=True, progress=update), True

@@ -24,7 +24,6 @@ import tempfile
 import time
 import weakref
 from collections.abc import Iterator, Mapping
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -130,7 +129,7 @@ class Source:
 
     def _prepared(self, seed):
         """Parts of the picture, as `renderers.pictures.progressive` takes them."""
-        return import_module(f"{self._job.scene.renderer}.methods").prepare(self._job, self._world, seed).parts
+        return self._job.scene.prepare(self._job, self._world, seed).parts
 
     def block(self, number: int) -> dict[str, np.ndarray]:
         """Figures of a picture; its random numbers depend on the seed and the number alone."""
@@ -157,7 +156,7 @@ class Filtered:
     def block(self, number: int) -> dict[str, np.ndarray]:
         from renderers.mitsuba import bitmaps
 
-        report = import_module(self._scene.renderer).render(self._scene, self._folder / "picture.png",
+        report = self._scene.drawn_by.render(self._scene, self._folder / "picture.png",
                                                             seed=self._seed + number, overwrite=True)
         channels, _ = bitmaps.read(report["files"][1])
         picture, clear = (np.stack([channels[prefix + name] for name in "RGB"], axis=-1).astype(float)
