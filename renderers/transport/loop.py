@@ -15,6 +15,7 @@ from typing import NamedTuple
 import drjit as dr
 
 from renderers.transport import flights, media
+from renderers.transport.lamps import Departure
 from renderers.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
@@ -49,6 +50,7 @@ class Path:
     drawn: mi.Point3f
     density: mi.Float
     single: mi.Bool
+    departure: Departure | None
 
 
 @dataclass
@@ -101,11 +103,13 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
 
     def step(path, sums):
         path, event = turn.advance(scene, path)
-        emitted, emitter = _emitted(scene, path, event)
+        refracted = scene.lamps and scene.lamps.connected(path, event)
+        emitted, emitter = _emitted(scene, path, event, refracted[2] if refracted else 1)
         sampled, light = turn.next_event(scene, path, event)
-        _add(sums, path.order, emitted, sampled)
+        lights = [(emitted, emitter), (sampled, light), *([refracted[:2]] if refracted else [])]
+        _add(sums, path.order, *(radiance for radiance, _ in lights))
         if by_light:
-            for radiance, source in ((emitted, emitter), (sampled, light)):
+            for radiance, source in lights:
                 _add_by_light(scene, of_lights, lane, radiance, source)
         return _renewed(scene, pixel, samples, turn.turned(scene, path, event)), sums
 
@@ -145,7 +149,8 @@ def _camera_paths(scene, pixel, random, samples, alive):
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
                 scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
-                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
+                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width),
+                scene.lamps and scene.lamps.none(width))
 
 
 def _renewed(scene, pixel, samples, path):
@@ -157,6 +162,8 @@ def _renewed(scene, pixel, samples, path):
         setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
     path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
     path.samples = count
+    if scene.lamps:
+        path.departure.density = dr.select(over, 0, path.departure.density)
     return path
 
 
@@ -189,7 +196,7 @@ def advance(scene, path):
                        end.meets, misses, surface, crosses)
 
 
-def _emitted(scene, path, event):
+def _emitted(scene, path, event, refracted):
     """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters."""
     active = event.meets | event.misses
     before = dr.zeros(mi.Interaction3f)
@@ -197,7 +204,7 @@ def _emitted(scene, path, event):
     seen = mi.DirectionSample3f(scene.scene, event.surface, before)
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
-    share = dr.select(path.single, 1, balance(path.density, by_light))
+    share = dr.select(path.single, refracted, balance(path.density, by_light))
     return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
 
@@ -250,6 +257,8 @@ def turned(scene, path, event):
     path.direction = direction
     path.throughput = throughput
     fresh = event.scatters | shades
+    if scene.lamps:
+        path.departure = scene.lamps.departed(path.departure, event, sample, density)
     path.single = dr.select(fresh, dr.select(event.scatters, ~event.sampled,
                                              ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)), path.single)
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)
