@@ -130,10 +130,9 @@ class Manifold:
         """
         self._scene, self._boundaries, self._blind = scene, boundaries, blind
         tables = [_triangles(shape, least) for shape, least in zip(shapes, sigma)]
-        firsts = np.zeros(max(map(_number, scene.shapes())) + 1, np.uint32)
-        firsts[[_number(shape) for shape in shapes]] = 1 + np.cumsum([0, *map(len, tables[:-1])])
         table = np.concatenate(tables)
-        self._firsts, self._table = mi.UInt32(firsts), mi.Float(table.astype(np.float32).ravel())
+        self._firsts = numbered(scene, shapes, 1 + np.cumsum([0, *map(len, tables[:-1])]))
+        self._table = mi.Float(table.astype(np.float32).ravel())
         self.box = table[:, :3].min(axis=0), table[:, :3].max(axis=0)
 
     def begins_within(self, ray, hit):
@@ -201,8 +200,12 @@ class Manifold:
         return dr.gather(mi.UInt32, self._firsts, dr.reinterpret_array(mi.UInt32, shape))
 
 
-def _number(shape):
-    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
+def numbered(scene, shapes, numbers):
+    """Numbers of shapes of a Mitsuba scene by Dr.Jit's numbers for them; 0 of all others."""
+    indices = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in (*shapes, *scene.shapes())]
+    table = np.zeros(max(indices) + 1, np.uint32)
+    table[indices[:len(shapes)]] = numbers
+    return mi.UInt32(table)
 
 
 def _triangles(shape, sigma):
