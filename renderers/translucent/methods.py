@@ -45,7 +45,7 @@ def prepare(job, world, seed) -> Method:
     if world.dark:
         return Method(name, made, [], lambda estimate: {"bias": None})
     declared = methods()[name]
-    reasons = _reasons(assets, how.bodies, declared)
+    reasons = _reasons(assets, how.bodies, declared, declared.in_one_loop and in_one_loop(how))
     reasons += shells.reasons(shells.laid(how)) if declared.spheres else []
     missing, sentences = chains.left_out(how, seed)
 
@@ -247,7 +247,7 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies, method):
+def _reasons(assets, bodies, method, looped):
     tabled = [asset for asset in assets if has_tables(asset)]
     said = [method.leaves_out] if method.leaves_out else []
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
@@ -258,6 +258,9 @@ def _reasons(assets, bodies, method):
     if method.blurred[0 if turned else 1]:
         said.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
+    elif turned and looped:
+        said.append("light of lamps that bodies of smooth glass see as small is looked for from where it scatters, straight "
+                    "through a smooth boundary; that of wide ones, and what mirrors, panes and rough glass turn, comes by chance")
     elif turned:
         said.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "

@@ -79,17 +79,17 @@ class Lamps:
     def connected(self, path, event):
         """Light of lamps drawn from scatterings, linear sRGB, their emitters, and which share of light met by chance counts."""
         surface, departure = event.surface, path.departure
-        u = [path.random.next_float32() for _ in range(4)]
+        u = [path.random.next_float32() for _ in range(3 + (len(self._cumulated) > 0))]
         lamp_ahead = self._ahead(event)
         arrives = departure.turned & (departure.density > 0) & (lamp_ahead > 0)
         sigma = dr.gather(mi.Float, self._sigma, event.medium)
         starts = event.scatters & (sigma > 0)
-        lamp = dr.select(arrives, lamp_ahead - 1, self._drawn(u[0]))
+        lamp = dr.select(arrives, lamp_ahead - 1, self._drawn(u[-1]))
         x = dr.select(arrives, departure.event, event.position)
         distance = self._distances.of(x, lamp, starts | arrives)
-        starts &= u[1] < _chance(sigma * distance)
+        starts &= u[0] < _chance(sigma * distance)
         shape = dr.gather(mi.ShapePtr, self._shapes, lamp, starts)
-        y = dr.select(arrives, surface.p, shape.sample_position(0.0, mi.Point2f(u[2], u[3]), starts).p)
+        y = dr.select(arrives, surface.p, shape.sample_position(0.0, mi.Point2f(u[1], u[2]), starts).p)
         walk = self._manifold.walk(x, y, starts | arrives)
 
         def ends(walk):

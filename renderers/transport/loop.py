@@ -3,7 +3,7 @@
 Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
 sample, and gives it a new direction.  A path that has ended makes room for the next sample of its pixel, so that paths of a
 packet wait for each other once in several.  Light samples reach events in bodies, and surfaces, through boundaries to which light
-is blind, less what the media on the way take.
+is blind, less what the media on the way take; small lamps are sampled through smooth boundaries, too (`lamps`).
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ class Path:
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
+    departure : from the last scattering, where lamps are sampled through smooth boundaries; else None
     """
 
     random: mi.PCG32
@@ -197,7 +198,10 @@ def advance(scene, path):
 
 
 def _emitted(scene, path, event, refracted):
-    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters."""
+    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters.
+
+    refracted : share that counts of what paths meet by single directions
+    """
     active = event.meets | event.misses
     before = dr.zeros(mi.Interaction3f)
     before.p = path.drawn
