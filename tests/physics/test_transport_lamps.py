@@ -109,7 +109,7 @@ def test_light_of_lamps_is_theirs(tmp_path):
 @pytest.mark.slow
 def test_small_lamps_are_not_noisy(tmp_path, monkeypatch):
     """Variance is less than a tenth of that of paths that meet the lamp by chance, of light of one event and of three and more.
-    `benchmarks/lamps.py` finds 0.007 and 0.006; of few passes it is uncertain, as rare bright pixels make most of it by chance."""
+    `benchmarks/lamps.py` finds 0.007 and 0.006; of few passes it is uncertain: rare bright pixels make most of it by chance."""
     def variances():
         how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4], size=24)
         (part,) = loops.methods.parts(how, "paths", "negative", 0)
