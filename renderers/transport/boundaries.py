@@ -61,10 +61,19 @@ class Boundaries:
         bit = dr.select(number > 0, mi.UInt32(1) << (dr.maximum(number, 1) - 1), mi.UInt32(0))
         return dr.select(dr.dot(surface.n, direction) < 0, inside | bit, inside & ~bit)
 
+    def outside(self, point, normal, direction, number, inside, active):
+        """Bodies in which light is that leaves body `number` there."""
+        if self._apart:
+            return self._searched(self._past(point, normal, direction), direction, active)
+        return inside & ~(mi.UInt32(1) << number)
+
     def across(self, surface, direction):
         """Where paths go on beyond a boundary to which light is blind."""
-        off = _OFFSET * dr.maximum(dr.max(dr.abs(surface.p)), self._farthest)
-        return surface.p + dr.mulsign(mi.Vector3f(surface.n) * off, dr.dot(surface.n, direction))
+        return self._past(surface.p, surface.n, direction)
+
+    def _past(self, point, normal, direction):
+        off = _OFFSET * dr.maximum(dr.max(dr.abs(point)), self._farthest)
+        return point + dr.mulsign(mi.Vector3f(normal) * off, dr.dot(normal, direction))
 
     def _number(self, shape):
         return dr.gather(mi.UInt32, self._shapes, dr.reinterpret_array(mi.UInt32, shape))

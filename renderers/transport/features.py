@@ -49,7 +49,7 @@ def first_hits(world, entries, colours, seed, samples=SAMPLES) -> Features:
     its radiance, at most 1.  A medium has the normal of the boundary through which paths came into it, and none where it has no
     boundary.  Distances are medians over paths, along the way through glass: a mean would lie where nothing is.
     """
-    scene, (height, width) = Scene(world, entries, colours), world.size
+    scene, (height, width) = Scene(world, entries, colours, drawn=False), world.size
     key = halves(stream_key(seed, "render.features"))
     shown = _first_hits(scene, key, height * width, samples)
     dr.eval(shown.albedo, shown.normal, shown.way)

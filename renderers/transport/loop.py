@@ -3,7 +3,7 @@
 Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
 sample, and gives it a new direction.  A path that has ended makes room for the next sample of its pixel, so that paths of a
 packet wait for each other once in several.  Light samples reach events in bodies, and surfaces, through boundaries to which light
-is blind, less what the media on the way take.
+is blind, less what the media on the way take; small lamps are sampled through smooth boundaries, too (`lamps`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import drjit as dr
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
+from renderers.transport.lamps import Departure
 from renderers.transport.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
@@ -36,6 +37,7 @@ class Path:
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
+    departure : from the last scattering, where lamps are sampled through smooth boundaries; else None
     """
 
     random: mi.PCG32
@@ -50,6 +52,7 @@ class Path:
     drawn: mi.Point3f
     density: mi.Float
     single: mi.Bool
+    departure: Departure | None
 
 
 @dataclass
@@ -102,11 +105,13 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
 
     def step(path, sums):
         path, event = turn.advance(scene, path)
-        emitted, emitter = _emitted(scene, path, event)
+        refracted = scene.lamps and scene.lamps.connected(path, event)
+        emitted, emitter = _emitted(scene, path, event, refracted[2] if refracted else 1)
         sampled, light = turn.next_event(scene, path, event)
-        _add(sums, path.order, emitted, sampled)
+        lights = [(emitted, emitter), (sampled, light), *([refracted[:2]] if refracted else [])]
+        _add(sums, path.order, *(radiance for radiance, _ in lights))
         if by_light:
-            for radiance, source in ((emitted, emitter), (sampled, light)):
+            for radiance, source in lights:
                 _add_by_light(scene, of_lights, lane, radiance, source)
         return _renewed(scene, pixel, samples, turn.turned(scene, path, event)), sums
 
@@ -146,7 +151,8 @@ def _camera_paths(scene, pixel, random, samples, alive):
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
                 scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
-                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width))
+                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width),
+                scene.lamps and scene.lamps.none(width))
 
 
 def _renewed(scene, pixel, samples, path):
@@ -158,6 +164,8 @@ def _renewed(scene, pixel, samples, path):
         setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
     path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
     path.samples = count
+    if scene.lamps:
+        path.departure.density = dr.select(over, 0, path.departure.density)
     return path
 
 
@@ -190,15 +198,18 @@ def advance(scene, path):
                        end.meets, misses, surface, crosses)
 
 
-def _emitted(scene, path, event):
-    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters."""
+def _emitted(scene, path, event, refracted):
+    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters.
+
+    refracted : share that counts of what paths meet by single directions
+    """
     active = event.meets | event.misses
     before = dr.zeros(mi.Interaction3f)
     before.p = path.drawn
     seen = mi.DirectionSample3f(scene.scene, event.surface, before)
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
-    share = dr.select(path.single, 1, balance(path.density, by_light))
+    share = dr.select(path.single, refracted, balance(path.density, by_light))
     return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
 
@@ -251,6 +262,8 @@ def turned(scene, path, event):
     path.direction = direction
     path.throughput = throughput
     fresh = event.scatters | shades
+    if scene.lamps:
+        path.departure = scene.lamps.departed(path.departure, event, sample, density)
     path.single = dr.select(fresh, dr.select(event.scatters, ~event.sampled,
                                              ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)), path.single)
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)

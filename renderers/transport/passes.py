@@ -71,7 +71,7 @@ def materials(world, entries, colours, seed, samples=16):
 
     samples : paths of a pixel;  other parameters as of `part`
     """
-    scene, (height, width) = Scene(world, entries, colours), world.size
+    scene, (height, width) = Scene(world, entries, colours, drawn=False), world.size
     numbers = np.empty((samples, height * width), int)
     for sample in range(samples):
         key = halves(stream_key(seed, "render.materials", sample))

@@ -8,6 +8,7 @@ import numpy as np
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
+from renderers.transport.lamps import lamps
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.solids import volume
@@ -24,9 +25,11 @@ class View:
     scene : of Mitsuba;  waves : number of wavelengths
     light_number : of emitters, their places among `lights` lights, -1 for none
     around_camera : what the camera stands in, as a path's `inside`
+    lamps : `lamps.Lamps`, of which light samples go through smooth boundaries of bodies; None where there are none
     """
 
     around_camera = 0
+    lamps = None
 
     def __init__(self, world, scene, colours):
         """
@@ -73,11 +76,12 @@ class Scene(View):
     extent : middle and size of a ball around all surfaces and more
     """
 
-    def __init__(self, world, entries, colours):
+    def __init__(self, world, entries, colours, drawn=True):
         """
         Parameters
         ----------
         world, colours : as those of a `View`
+        drawn : whether light samples of lamps go through smooth boundaries
         entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
             vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
         """
@@ -98,6 +102,7 @@ class Scene(View):
         low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
         self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
         dr.make_opaque(self.extent)
+        self.lamps = lamps(self, world, bodies) if drawn else None
 
     def innermost(self, inside):
         """Whether paths are in a medium, and its number."""

@@ -48,7 +48,7 @@ def prepare(job, world, seed) -> Method:
     if world.dark:
         return Method(name, kinds, [], lambda estimate: {"bias": None})
     declared = methods()[name]
-    reasons = _reasons(assets, setup.bodies, declared)
+    reasons = _reasons(assets, setup.bodies, declared, declared.in_one_loop and in_one_loop(setup))
     reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
     missing, sentences = chains.left_out(setup, seed)
 
@@ -282,7 +282,7 @@ def _beyond(body, mirrored):
     return 2 * a / (3 * smooth.reduced(medium))
 
 
-def _reasons(assets, bodies, method):
+def _reasons(assets, bodies, method, looped):
     tabled = [asset for asset in assets if has_tables(asset)]
     notes = [method.leaves_out] if method.leaves_out else []
     if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
@@ -294,6 +294,9 @@ def _reasons(assets, bodies, method):
     if method.blurred[0 if turned else 1]:
         notes.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
+    elif turned and looped:
+        notes.append("light of lamps that bodies of smooth glass see as small is looked for from where it scatters, straight "
+                     "through a smooth boundary; that of wide ones, and what mirrors, panes, rough glass turn, comes by chance")
     elif turned:
         notes.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "

@@ -1,0 +1,183 @@
+"""Light samples of lamps through smooth boundaries: `paths` with and without them, and Mitsuba's volume integrators.
+
+    python benchmarks/lamps.py [--small] [--width 128] [--rounds 24] [--scenes NAME ...]
+
+Shipped scenes with media of published wax and skin, and a ball of glass (index 1.4) under a sphere of 0.6 of its radius 5, or a
+panel.  Engines render in turns: 16 samples a pixel and round; Mitsuba's roulette begins at depth 1000.  A row a scene and order
+of scattering: variance of a pixel (mean square over colours and picture), processor time, and their product, with light samples
+over without; the difference of both means in standard errors; of the whole picture also the product over that of the better of
+`volpath` and `volpathmis`, and the difference from it.  What no body scatters (`order0`: edges and reflections of lamps,
+caustics) has the same variance in both, so that of the whole picture falls less.  Rare bright pixels, where lamps are met by
+chance, make variances without light samples uncertain: too low where none was among the rounds.
+--small: one scene, 32 pixels wide, four rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from bakery.physics.medium import phase
+from bakery.physics.shapes.radial import icosphere
+from bakery.store import ply
+from benchmarks.sizes import sized
+from benchmarks.transport import GLASS, LATE, SHIPPED, SKIN, WAX, Body, medium
+from renderers.materials.bodies import methods
+from renderers.mitsuba import variants
+from renderers.mitsuba.world import World
+
+LAYERS = ("order0", "order1", "order2", "orders", "")
+SAMPLES = 16  # of a pixel and round
+BALL = """<scene version="3.0.0"><integrator type="path"/>
+<sensor type="perspective"><float name="fov" value="34"/><transform name="to_world"><lookat origin="0, -19, 5" target="0, 0, 0"
+up="0, 0, 1"/></transform><film type="hdrfilm"><rfilter type="box"/></film></sensor>
+<shape type="ply" id="ball"> <string name="filename" value="ball.ply"/>GLASS</shape>
+<shape type="rectangle"><transform name="to_world"><scale value="12"/><translate z="-6"/></transform>
+<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.5 0.5 0.5"/></bsdf></bsdf></shape>LAMP</scene>
+""".replace("GLASS", GLASS)
+SPHERE = """<shape type="sphere"><point name="center" x="3" y="-4" z="8"/><float name="radius" value="0.6"/>
+<emitter type="area"><rgb name="radiance" value="100 100 100"/></emitter></shape>"""
+PANEL = """<shape type="rectangle"><transform name="to_world"><scale value="SIZE"/><rotate x="1" angle="180"/>
+<translate x="3" y="-3" z="13"/></transform><emitter type="area"><rgb name="radiance" value="4 4 4"/></emitter></shape>"""
+GREY = (0.95, 0.9, 0.8), (1.0, 1.2, 1.5), 0.0
+# XML, or the name of a file;  shape;  medium, free paths in mm
+SCENES = {
+    "small sphere": (BALL.replace("LAMP", SPHERE), "ball", Body(*GREY, GLASS)),
+    "panel": (BALL.replace("LAMP", PANEL.replace("SIZE", "5")), "ball", Body(*GREY, GLASS)),
+    "wide panel": (BALL.replace("LAMP", PANEL.replace("SIZE", "30")), "ball", Body(*GREY, GLASS)),
+    "candle": ("candle.xml", "candle", Body(*WAX, GLASS)),
+    "candle_ball": ("candle_ball.xml", "candle", Body(*WAX, GLASS)),
+    "bumpy_ball": ("bumpy_ball.xml", "ball", Body((0.95, 0.9, 0.7), (4.0, 4.0, 4.0), 0.5, GLASS)),
+    "head": ("head.xml", "head", Body(*SKIN, GLASS)),
+}
+
+
+def text_of(name):
+    """XML of a scene, with whole paths of the files that it names."""
+    xml = SCENES[name][0]
+    if xml.endswith(".xml"):
+        xml = (SHIPPED / xml).read_text()
+        xml = re.sub(r'name="filename" value="([^"]*)"', lambda match: f'name="filename" value="{SHIPPED / match[1]}"', xml)
+    return xml
+
+
+def ours(folder, name, width, drawn):
+    """Passes of `paths`, functions of a number -> layers."""
+    from renderers.transport import scene
+
+    _, shape, body = SCENES[name]
+    theta = np.concatenate([[0.0], np.geomspace(1e-3, np.pi, 500)])
+    table = (1 - body.g**2) / (4 * np.pi * (1 + body.g**2 - 2 * body.g * np.cos(theta)) ** 1.5)
+    tabulated = type("Medium", (dict,), {})(phase=np.tile(table / phase.integral(theta, table), (3, 1)))
+    tabulated.sigma_t, tabulated.albedo, tabulated.theta = 1e3 / np.array(body.free_path), np.array(body.albedo), theta
+    asset = SimpleNamespace(medium=tabulated, stages=("medium",), wavelength=np.array([0.65, 0.55, 0.45]))
+    (folder / "path.xml").write_text(text_of(name))
+    world = World(folder / "path.xml", unit=1e-3, size=(width, width))
+    how = methods.transport_of(world, [shape], [asset], [None], lambda number, key, message: ValueError(message), "paths")
+    # two seeds: their means are compared
+    (part,) = methods.parts(how, "paths", "negative", int(drawn))
+    lamps = scene.lamps
+    try:
+        scene.lamps = lamps if drawn else lambda *arguments: None
+        part.render(1 << 20)  # compiles
+    finally:
+        scene.lamps = lamps
+    passes = max(1, SAMPLES // part.samples)
+
+    def render(number):
+        layers = [part.render(number * passes + k) for k in range(passes)]
+        return np.array([np.mean([one[layer] for one in layers], axis=0) for layer in LAYERS])
+
+    return render
+
+
+def theirs(folder, name, width, integrator):
+    """Passes of an integrator of Mitsuba: the picture alone."""
+    import mitsuba as mi
+
+    _, shape, body = SCENES[name]
+    depths = f'<integer name="max_depth" value="-1"/><integer name="rr_depth" value="{LATE}"/>'
+    xml = text_of(name).replace('<integrator type="path"/>', f'<integrator type="{integrator}">{depths}</integrator>')
+    xml = xml.replace(f'id="{shape}">', f'id="{shape}">{medium(body, "interior")}')
+    xml = re.sub(r'<film type="hdrfilm">.*?</film>', f'<film type="hdrfilm"><integer name="width" value="{width}"/><integer '
+                 f'name="height" value="{width}"/><rfilter type="box"/></film>', xml, flags=re.DOTALL)
+    (folder / f"{integrator}.xml").write_text(xml)
+    loaded = mi.load_file(str(folder / f"{integrator}.xml"), optimize=False)
+    return lambda number: np.array(mi.render(loaded, spp=SAMPLES, seed=number), float)[None, ..., :3]
+
+
+class Engine:
+    """Rounds of one engine: sums, sums of squares, means (rounds, layers), processor time in s."""
+
+    def __init__(self, render):
+        self._render, self.means, self.seconds, self._sum, self._square = render, [], 0.0, 0.0, 0.0
+        render(1 << 16)  # compiles
+
+    def go(self, number):
+        begin = time.process_time()
+        layers = self._render(number)
+        self.seconds += time.process_time() - begin
+        self._sum, self._square = self._sum + layers, self._square + layers**2
+        self.means.append(layers.mean(axis=(1, 2, 3)))
+
+    @property
+    def variance(self):
+        n = len(self.means)
+        return ((self._square - self._sum**2 / n) / (n - 1)).mean(axis=(1, 2, 3))
+
+    def mean(self):
+        return np.mean(self.means, axis=0), np.std(self.means, axis=0, ddof=1) / len(self.means) ** 0.5
+
+
+def rows(name, width, rounds):
+    """Measures a scene and prints its rows."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        vertices, faces = icosphere(1280)
+        (folder / "ball.ply").write_bytes(ply.mesh(5 * vertices, faces))
+        engines = {"with": Engine(ours(folder, name, width, True)), "without": Engine(ours(folder, name, width, False))}
+        engines |= {kind: Engine(theirs(folder, name, width, kind)) for kind in ("volpath", "volpathmis")}
+        for number in range(rounds):
+            for engine in engines.values():
+                engine.go(number)
+    drawn, by_chance = engines["with"], engines["without"]
+    slower, variance = drawn.seconds / by_chance.seconds, drawn.variance / by_chance.variance
+    best = min(("volpath", "volpathmis"), key=lambda kind: engines[kind].variance[-1] * engines[kind].seconds)
+    product = drawn.variance[-1] * drawn.seconds / (engines[best].variance[-1] * engines[best].seconds)
+    before = by_chance.variance[-1] * by_chance.seconds / (engines[best].variance[-1] * engines[best].seconds)
+    apart = _apart(drawn.mean(), by_chance.mean())
+    for k, layer in enumerate(LAYERS):
+        peer = f"{product:.3f} ({before:.3f} without; {best})" if k == len(LAYERS) - 1 else ""
+        other = f"{_apart([part[-1:] for part in drawn.mean()], engines[best].mean())[0]:+.1f}" if peer else ""
+        print(f"| {name} | {layer or 'all'} | {variance[k]:.4f} | {slower:.2f} | {variance[k] * slower:.4f} | {apart[k]:+.1f} | "
+              f"{peer} | {other} |", flush=True)
+
+
+def _apart(first, second):
+    return (first[0] - second[0]) / np.maximum(np.hypot(first[1], second[1]), 1e-300)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--width", type=int, default=sized(128, 32))
+    parser.add_argument("--rounds", type=int, default=sized(24, 4))
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=sized(list(SCENES), ["small sphere"]))
+    args = parser.parse_args()
+    print(variants.activate("rgb"))
+    print("| scene | light | variance | time | variance x time | means apart | over Mitsuba's better | apart |\n|" + "---|" * 8,
+          flush=True)
+    for name in args.scenes:
+        rows(name, args.width, args.rounds)
+
+
+if __name__ == "__main__":
+    main()

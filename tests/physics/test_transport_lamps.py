@@ -1,0 +1,153 @@
+"""Light samples of lamps through smooth boundaries in the loop of Dr.Jit: a white room, derivatives, and paths without them.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from renderers.transport import lamps, passes, scene, solid_angles
+from renderers.transport.scene import Scene
+from tests.odds import ODDS, sigmas
+from tests.physics import test_transport as loops
+from tests.physics.particles import blocks, same
+from tests.physics.test_aggregate import bumpy
+from tests.physics.test_translucent import BALL, BLACK, BOUNDARIES, FLOOR, PANEL, SKY, shape
+
+import drjit as dr  # isort: skip  behind renderers.mitsuba, which finds LLVM
+import mitsuba as mi  # isort: skip
+
+LAMP = """<shape type="sphere" id="lamp"><point name="center" x="3" y="-4" z="8"/><float name="radius" value="0.6"/>
+<emitter type="area"><rgb name="radiance" value="100 100 100"/></emitter></shape>"""
+GREY, FORWARD = loops.asset([0.95, 0.9, 0.8], 0.0, (1.0, 1.2, 1.5)), loops.asset([0.95, 0.9, 0.8], 0.8, (0.3, 0.36, 0.45))
+CUBE = loops.box((-4, -4, -4), (4, 4, 4))
+FACETS = BOUNDARIES[1.4] + '<boolean name="face_normals" value="true"/>'
+
+
+@pytest.fixture
+def every(monkeypatch):
+    """Lamps are drawn however wide they are."""
+    monkeypatch.setattr(solid_angles, "_WIDEST", np.inf)
+
+
+def without(monkeypatch):
+    """Lamps are not drawn."""
+    monkeypatch.setattr(scene, "lamps", lambda *arguments: None)
+
+
+def walls():
+    """Of a closed room, lamps of radiance 1."""
+    turns = [f'x="1" angle="{angle}"' for angle in (0, 90, 180, 270)] + ['y="1" angle="90"', 'y="1" angle="270"']
+    return "".join('<shape type="rectangle"><transform name="to_world"><scale value="25"/><translate z="-25"/>'
+                   f'<rotate {turn}/></transform>{BLACK}<emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>'
+                   for turn in turns)
+
+
+@pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_a_white_room_of_lamps(tmp_path, every, monkeypatch, counted):
+    """What loses no light is 1, whatever the wavelengths; not so if light that paths meet by chance counts in full as well."""
+    if not counted:
+        connected = lamps.Lamps.connected
+        monkeypatch.setattr(lamps.Lamps, "connected", lambda *arguments: (*connected(*arguments)[:2], 1))
+    white = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
+    how = loops.transport(tmp_path, {"ball": (BALL, white)}, walls(), [1.4], size=8)
+    pictures = loops.passes(how, range(32)).mean(axis=(1, 2, 3))
+    error = pictures.std(ddof=1) / 32**0.5
+    assert error < 0.005 and (abs(pictures.mean() - 1) < sigmas(32) * error) == counted
+
+
+def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
+    """Through a smooth boundary: directions from x to where walks to three points of a small triangle end."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4])
+    manifold = Scene(how.world, how.bodies, how.colours).lamps._manifold
+    random, n, side = np.random.default_rng(0), 4000, 0.02
+    x = mi.Point3f(*(mi.Float(row) for row in 2.5 * random.uniform(-1, 1, (3, n))))
+    y = mi.Point3f(*(mi.Float(row) for row in np.array([[3.0], [-4.0], [8.0]]) + random.uniform(-1, 1, (3, n))))
+    active, bends = dr.full(mi.Bool, True, n), []
+    for shift in ((0, 0, 0), (side, 0, 0), (0, side, 0)):
+        walk = manifold.walk(x, y + mi.Vector3f(*shift), active)
+        active &= walk.ends
+        bends.append(manifold.bend(walk.row, walk.uv, x, y + mi.Vector3f(*shift)))
+    assert dr.count(active)[0] > 0.98 * n
+    towards, one, other = (-bend.inward for bend in bends)
+    measured = dr.norm(dr.cross(one - towards, other - towards)) / side**2
+    ratio = np.array(measured / bends[0].solid_angle(mi.Normal3f(0, 0, 1)))[np.array(active)]
+    # single precision of directions, 1e-7 of 1e-3, and changes of the normal across an edge of a triangle
+    assert np.median(abs(ratio - 1)) < 0.005 and np.quantile(abs(ratio - 1), 0.8) < 0.05
+
+
+def test_which_lamps_are_drawn(tmp_path):
+    """Small ones in proportion to their light; none that is wide, or that nothing sees, or that has no extent."""
+    dim = LAMP.replace('x="3" y="-4"', 'x="-3" y="4"').replace("100 100 100", "50 50 50").replace('"lamp"', '"dim"')
+    hidden = LAMP.replace('z="8"', 'z="-9"').replace('"lamp"', '"hidden"')
+    wide = PANEL.replace('<scale value="5"/>', '<scale value="90"/>')
+    # the cube, which lamps see alike from both sides
+    how = loops.transport(tmp_path, {"cube": (CUBE, GREY)}, LAMP + dim + hidden + wide + FLOOR + SKY, [1.4])
+    view = Scene(how.world, how.bodies, how.colours, drawn=False)
+    (boundary,) = (one for one in view.scene.shapes() if one.id() == "cube")
+    shares = {lamp.id(): share for lamp, share in solid_angles.drawn(view, [boundary]).items()}
+    assert set(shares) == {"lamp", "dim"} and shares["lamp"] == pytest.approx(2 / 3, abs=0.1)
+
+
+@pytest.mark.parametrize("index", [1.0, 1.5])
+def test_other_boundaries_are_left_alone(tmp_path, index):
+    """Matched ones take light samples anyhow; rough ones turn light in no single direction."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [index])
+    assert Scene(how.world, how.bodies, how.colours).lamps is None
+
+
+def test_light_of_lamps_is_theirs(tmp_path):
+    """Layers of lights add up to the picture, that of the sampled lamp among them."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + SKY, [1.4], size=8)
+    layers = passes.part("paths", how.world, how.bodies, how.colours, 0, by_light=True).render(0)
+    lights = [layers[f"light.{name}"] for name in how.world.light_names]
+    assert np.allclose(sum(lights), layers[""], rtol=1e-4) and all(light.mean() > 0.01 for light in lights)
+
+
+@pytest.mark.slow
+def test_small_lamps_are_not_noisy(tmp_path, monkeypatch):
+    """Variance is less than a tenth of that of paths that meet the lamp by chance, of light of one event and of three and more.
+    `benchmarks/lamps.py` finds 0.007 and 0.006; of few passes it is uncertain: rare bright pixels make most of it by chance."""
+    def variances():
+        how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4], size=24)
+        (part,) = loops.methods.parts(how, "paths", "negative", 0)
+        pictures = [part.render(number) for number in range(8)]
+        return [np.var([one[layer] for one in pictures], axis=0, ddof=1).mean() for layer in ("order1", "orders")]
+
+    drawn = variances()
+    without(monkeypatch)
+    by_chance = variances()
+    assert drawn[0] < 0.1 * by_chance[0] and drawn[1] < 0.1 * by_chance[1], (drawn, by_chance)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("meshes, indices, boundary", [
+    ({"ball": (BALL, GREY)}, [1.4], BOUNDARIES[1.4]),
+    ({"ball": (BALL, GREY)}, [1.4], FACETS),
+    ({"bumpy": (bumpy(5.0), FORWARD)}, [1.4], BOUNDARIES[1.4]),
+    ({"bumpy": (bumpy(5.0), loops.asset([0.95, 0.9, 0.8], 0.5, (6.0, 7.0, 8.0)))}, [1.4], BOUNDARIES[1.4]),
+    ({"cube": (CUBE, GREY)}, [1.4], FACETS),
+    ({"cube": (CUBE, GREY)}, [1.4], BOUNDARIES[1.4]),
+    ({"outer": ((1.3 * BALL[0], BALL[1]), loops.asset(0.9, 0.0, (5.0, 5.0, 5.0))), "inner": (BALL, GREY)}, [1.0, 1.4],
+     BOUNDARIES[1.4]),
+    ({"outer": (BALL, GREY), "inner": ((0.5 * BALL[0], BALL[1]), loops.asset(0.9, 0.0))}, [1.4, 1.0], BOUNDARIES[1.4]),
+    ({"left": (loops.box((-4, -2, -2), (0, 2, 2)), GREY), "right": (loops.box((0, -2, -2), (4, 2, 2)), FORWARD)}, [1.4, 1.0],
+     FACETS),
+], ids=["ball", "facets", "bumpy", "thin", "cube", "cube-shaded", "in-matched", "matched-in", "touching"])
+def test_as_paths_that_meet_lamps_by_chance(tmp_path, every, monkeypatch, meshes, indices, boundary):
+    """By blocks of the picture and orders, under a panel, beside an obstacle."""
+    monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
+    around = PANEL + FLOOR + shape(tmp_path, "obstacle", (0.3 * BALL[0] + [0, 0, 9], BALL[1]), BLACK)
+
+    def pictures(numbers, seed):
+        how = loops.transport(tmp_path, meshes, around, indices, size=16)
+        (part,) = loops.methods.parts(how, "paths", "negative", seed)
+        return [part.render(number) for number in numbers]
+
+    drawn = pictures(range(16), 1)
+    without(monkeypatch)
+    by_chance = pictures(range(40), 0)
+    for layer in ("order0", "order1", "order2", "orders"):
+        assert same(*(blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (drawn, by_chance))) > ODDS, layer
