@@ -1,4 +1,4 @@
-"""Twice the moments until the answer no longer changes by more than what is asked for."""
+"""Half as many moments again until the answer no longer changes by more than what is asked for."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AZIMUTHS = np.linspace(0, math.pi, 5)
 
 
 def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, float]:
-    """The solution, and its relative change from half the moments: largest over angles from 0 to 89.9 degrees.
+    """The solution, and its relative change from two thirds of the moments: largest over angles from 0 to 89.9 degrees.
 
     The change is above the tolerance where `most` moments do not reach it.
     """
@@ -27,9 +27,9 @@ def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, f
         values = _values(solution)
         if before is not None:
             error = max(map(_change, values, before))
-        if error <= tolerance or 2 * count > most:
+        if error <= tolerance or 3 * count // 2 > most:
             return solution, error
-        before, count = values, 2 * count
+        before, count = values, 3 * count // 2
 
 
 def _values(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
