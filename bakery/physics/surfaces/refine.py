@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from bakery.physics.multiple.legendre import moments
-from bakery.physics.surfaces.solution import Slab, Solution, solve
+from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.solution import Covered, Solution, solve
 
 FEWEST, MOST = 16, 256  # Legendre moments
 _FLOOR = 1e-3  # of the largest value: below, errors count as if relative to that
@@ -15,7 +16,7 @@ _COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.4, 0.6, 0.8, 0.9
 _AZIMUTHS = np.linspace(0, math.pi, 5)
 
 
-def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, float]:
+def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution | Covered, float]:
     """The solution, and its relative change from two thirds of the moments: largest over angles from 0 to 89.9 degrees.
 
     The change is above the tolerance where `most` moments do not reach it.
@@ -32,7 +33,7 @@ def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, f
         before, count = values, 3 * count // 2
 
 
-def _values(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+def _values(solution: Solution | Covered) -> tuple[np.ndarray, np.ndarray]:
     """Reflection and transmission at the angles of the test."""
     at = np.meshgrid(_COSINES, _COSINES, _AZIMUTHS, indexing="ij")
     # where the peak is cut off, transmitted light is not told

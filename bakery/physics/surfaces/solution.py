@@ -1,4 +1,4 @@
-"""A plane layer of a medium over a base, solved at nodes, and looked up at any angles.
+"""A plane layer of a medium under a smooth boundary, or none, solved at nodes, and looked up at any angles.
 
 The part that is scattered once is exact: at the nodes that of the cut phase function is taken out, and where it is looked up that
 of the full one is put in, with optical depths without the peak (TMS, Nakajima and Tanaka 1988).  What is left is smooth.
@@ -13,34 +13,15 @@ import numpy as np
 
 from bakery.physics.medium.phase import evaluate
 from bakery.physics.surfaces import fresnel, single
+from bakery.physics.surfaces.covered import Covered, covered
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import Layer, between, homogeneous
 from bakery.physics.surfaces.nodes import Nodes, coordinate, interpolation, nodes
 from bakery.physics.surfaces.orders import phase_matrices
+from bakery.physics.surfaces.slab import Slab
 
 _LEAST_NODES, _SPARE_NODES = 24, 8
 _NEGLIGIBLE = 0.01  # of the tolerance: a Fourier order below that twice in a row ends their sum
-
-
-@dataclass(frozen=True)
-class Slab:
-    """What is solved: one wavelength of a layer.
-
-    Attributes
-    ----------
-    theta, phase : (A,) rad and 1/sr, the phase function, linear in cos theta in between
-    albedo : single-scattering albedo
-    depth : optical depth, 0 to infinity
-    index : of the medium over that of the air, 1 for no boundary; smooth, on top, and below too where there is no base
-    base : albedo of a Lambertian base in contact with the medium; None for air
-    """
-
-    theta: np.ndarray
-    phase: np.ndarray
-    albedo: float
-    depth: float
-    index: float = 1.0
-    base: float | None = None
 
 
 @dataclass(frozen=True)
@@ -118,7 +99,7 @@ class Solution:
         return result
 
 
-def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
+def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered:
     """The slab with a given number of Legendre moments.
 
     Parameters
@@ -127,6 +108,8 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out
     """
+    if slab.roughness and slab.index != 1:
+        return covered(slab, moments, count, tolerance)
     without = cut(moments, slab.albedo, count)
     directions = nodes(max(_LEAST_NODES, count + _SPARE_NODES), slab.index)
     depth = slab.depth * without.shrinks if slab.depth else 0.0

@@ -11,7 +11,8 @@ import pytest
 from bakery.physics.medium.phase import evaluate, normalised
 from bakery.physics.surfaces import fresnel, layer, nodes, orders, single
 from bakery.physics.surfaces.refine import refined
-from bakery.physics.surfaces.solution import Slab, solve
+from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.solution import solve
 
 GRAZING = math.cos(math.radians(89.9))
 COSINES = np.array([GRAZING, 0.05, 0.2, 0.5, 0.7106756, 0.9, 1.0])
