@@ -20,7 +20,7 @@ from bakery.physics.surfaces.orders import phase_matrices
 from bakery.physics.surfaces.slab import Slab
 
 _LEAST_NODES, _SPARE_NODES = 32, 8
-_NEGLIGIBLE = 0.01  # of the tolerance
+_NEGLIGIBLE = 1e-3  # of the tolerance
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,10 @@ class Covered:
 
 
 @lru_cache(maxsize=4)  # the same for all wavelengths
-def _boundary(count: int, index: float, roughness: float, orders: int) -> tuple[Nodes, rough.Facets]:
+def _boundary(count: int, index: float, roughness: float) -> tuple[Nodes, rough.Facets]:
+    """Directions, and as many orders of the boundary between them: no fewer than there are moments."""
     directions = nodes(count)
-    return directions, rough.facets(directions.mu, directions.flux, directions.at, index, roughness, orders)
+    return directions, rough.facets(directions.mu, directions.flux, directions.at, index, roughness, count)
 
 
 def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered:
@@ -82,7 +83,7 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
     if slab.base is None and slab.depth < math.inf:
         raise ValueError("a layer under a rough boundary has a base or is infinite")
     without = cut(moments, slab.albedo, count)
-    directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness, count)
+    directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness)
     one, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
     sines = np.sqrt((1 - directions.mu) * (1 + directions.mu))
     depth, orders, small = slab.depth * without.shrinks if slab.depth else 0.0, [], 0

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -78,11 +79,16 @@ def coordinate(mu, index: float):
     return mu if index > 1 else np.sqrt(fresnel.inside(mu, index))
 
 
+@lru_cache(maxsize=16)
+def _barycentric(count: int):
+    x, gauss = np.polynomial.legendre.leggauss(count)
+    return np.where(np.arange(count) % 2, -1.0, 1.0) * np.sqrt((1 - x * x) * gauss)
+
+
 def interpolation(s, at):
     """(..., N) weights of values at the nodes s (N,), Gauss's of (0, 1), that give their polynomial at any coordinates (...,)."""
     at = np.asarray(at, float)
-    x, gauss = np.polynomial.legendre.leggauss(len(s))
-    barycentric = np.where(np.arange(len(s)) % 2, -1.0, 1.0) * np.sqrt((1 - x * x) * gauss)
+    barycentric = _barycentric(len(s))
     distance = at[..., None] - s
     hit = np.abs(distance) < 1e-15
     share = barycentric / np.where(hit, 1.0, distance)

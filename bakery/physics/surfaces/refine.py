@@ -11,7 +11,7 @@ from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import Covered, Solution, solve
 
 FEWEST, MOST = 16, 256  # Legendre moments
-_FLOOR = 1e-3  # of the largest value: below, errors count as if relative to that
+_FLOOR = 1e-3  # of the median: below, errors count as if relative to that (values at grazing angles are a thousand times larger)
 _COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
 _AZIMUTHS = np.linspace(0, math.pi, 5)
 
@@ -42,5 +42,5 @@ def _values(solution: Solution | Covered) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _change(values, before) -> float:
-    scale = np.maximum(np.abs(values), _FLOOR * np.abs(values).max())
+    scale = np.maximum(np.abs(values), _FLOOR * np.median(np.abs(values)))
     return float(np.max(np.divide(np.abs(values - before), scale, out=np.zeros_like(scale), where=scale > 0)))

@@ -19,7 +19,7 @@ import numpy as np
 from bakery.physics.surfaces import fresnel
 from bakery.physics.surfaces.nodes import interpolation
 
-_FACETS = 48  # heights of the cap; twice as many azimuths of half a turn
+_FACETS = 48  # heights of the cap at least; twice as many azimuths of half a turn
 LEAST = 0.05  # roughness: of smoother facets the nodes of a layer tell too little; at 0.05 shares are right to 1e-3
 
 
@@ -83,7 +83,7 @@ def _balanced(matrix, rows, columns, root):
 
 def _averages(mu, root, at, index: float, roughness: float, orders: int):
     """(M, N, N) of radiance that leaves at the nodes (rows): what they see reflected (columns) and refracted."""
-    z, weight = np.polynomial.legendre.leggauss(max(_FACETS, len(mu)))
+    z, weight = np.polynomial.legendre.leggauss(max(_FACETS, 2 * len(mu) // 3))
     turn = math.pi * (np.arange(2 * len(z)) + 0.5) / (2 * len(z))
     results = np.zeros((2, orders, len(mu), len(mu)))
     sines = np.sqrt((1 - mu) * (1 + mu))
@@ -91,10 +91,14 @@ def _averages(mu, root, at, index: float, roughness: float, orders: int):
         for side, (share, cosines, phi) in enumerate(_seen(cosine, z, turn, index, roughness)):
             share = (0.5 * weight[:, None] / len(turn) * share).ravel()
             onto = interpolation(at, np.sqrt(cosines.ravel()))
-            angle = phi.ravel()
-            odd = onto * np.sqrt((1 - cosines) * (1 + cosines)).ravel()[:, None] / sines
-            for first, basis in ((0, onto), (1, odd)):
-                results[side, first::2, row] = (share * np.cos(np.arange(first, orders, 2)[:, None] * angle)) @ basis
+            odd = np.sqrt((1 - cosines) * (1 + cosines)).ravel()
+            turned = np.cos(phi.ravel())
+            waves = np.empty((orders, share.size))  # cos(m phi), by Chebyshev's recurrence
+            waves[:2] = np.stack([np.ones_like(turned), turned])[:orders]
+            for m in range(2, orders):
+                waves[m] = 2 * turned * waves[m - 1] - waves[m - 2]
+            results[side, ::2, row] = (share * waves[::2]) @ onto
+            results[side, 1::2, row] = (share * odd * waves[1::2]) @ onto / sines
     results *= root[:, None] / root
     return results
 

@@ -21,7 +21,7 @@ from bakery.physics.surfaces.orders import phase_matrices
 from bakery.physics.surfaces.slab import Slab
 
 _LEAST_NODES, _SPARE_NODES = 24, 8
-_NEGLIGIBLE = 0.01  # of the tolerance: a Fourier order below that twice in a row ends their sum
+_NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
 
 
 @dataclass(frozen=True)
