@@ -84,14 +84,14 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
         raise ValueError("a layer under a rough boundary has a base or is infinite")
     without = cut(moments, slab.albedo, count)
     directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness)
-    one, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
+    identity, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
     sines = np.sqrt((1 - directions.mu) * (1 + directions.mu))
     depth, orders, small = slab.depth * without.shrinks if slab.depth else 0.0, [], 0
     for order in range(count):
         even, odd = phase_matrices(without.moments, directions.mu, order)
         layer = homogeneous(even, odd, directions.mu, directions.flux, without.albedo, depth)
         inside = _inside(slab, layer, root, order)
-        out = facets.inward[order].T @ inside @ np.linalg.solve(one - facets.within[order] @ inside, facets.inward[order])
+        out = facets.inward[order].T @ inside @ np.linalg.solve(identity - facets.within[order] @ inside, facets.inward[order])
         if order == 0:
             albedo = facets.mirrored + out @ root / root
             out = out + facets.again

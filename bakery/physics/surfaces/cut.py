@@ -45,5 +45,5 @@ def cut(moments, albedo: float, count: int) -> Cut:
 def without_peak(albedo: float, share: float) -> Cut:
     """The medium without a given share of its scattered light; moments are not known."""
     # lossless media stay lossless to the last digit
-    left = 1.0 if albedo == 1 else albedo * (1 - share) / (1 - albedo * share)
-    return Cut(np.empty(0), share, left, 1 - albedo * share)
+    remaining = 1.0 if albedo == 1 else albedo * (1 - share) / (1 - albedo * share)
+    return Cut(np.empty(0), share, remaining, 1 - albedo * share)

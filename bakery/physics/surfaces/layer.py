@@ -124,11 +124,11 @@ def _modes(even, odd, mu, flux, albedo: float):
     such, Jacobi rotations (Drmac and Veselic 2008) find even the smallest singular values to rounding; other ways to rounding of
     the largest, which lost all digits at an albedo of 1e-4 under 72 nodes.
     """
-    one, isotropic = np.eye(len(mu)), np.sqrt(flux / mu)
-    values, vectors = np.linalg.eigh(one - even)
+    identity, isotropic = np.eye(len(mu)), np.sqrt(flux / mu)
+    values, vectors = np.linalg.eigh(identity - even)
     lossless = albedo == 1 and abs(vectors[:, 0] @ isotropic) > (1 - 1e-6) * np.linalg.norm(isotropic)
     B = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, 1 if lossless else 0:]
-    values, vectors = np.linalg.eigh(one - odd)
+    values, vectors = np.linalg.eigh(identity - odd)
     C = np.linalg.qr((vectors * np.sqrt(np.maximum(values, _LEAST))).T, mode="r")
     product = ((mu[:, None] * C / mu) @ B) / mu[:, None]
     scaled, V, _, work, _, info = dgejsv(product)
@@ -170,15 +170,15 @@ def between(layer: Layer, below, top):
     below : (N, N) reflection of what lies under the layer
     top : (N,) share that the boundary above sends back in
     """
-    one, direct = np.eye(len(top)), layer.direct
+    identity, direct = np.eye(len(top)), layer.direct
     reflection, down = layer.scattered(np.zeros(len(top)))
-    base = below @ np.linalg.inv(one - reflection @ below)
+    base = below @ np.linalg.inv(identity - reflection @ below)
     again = below @ reflection @ base
     returned = reflection + down.T @ base @ _plus(down, direct) + direct[:, None] * (base @ down + again * direct)
     if not top.any():
         return returned
     whole = returned + below * np.outer(direct, direct)
-    return returned + whole * top @ whole @ np.linalg.inv(one - top[:, None] * whole)
+    return returned + whole * top @ whole @ np.linalg.inv(identity - top[:, None] * whole)
 
 
 def _inverse_times(matrix, right):

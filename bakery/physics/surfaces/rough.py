@@ -55,15 +55,14 @@ def facets(mu, flux, at, index: float, roughness: float, orders: int) -> Facets:
     above, outward = _averages(mu, root, at, index, roughness, orders)
     within, inward = _averages(mu, root, at, 1 / index, roughness, orders)
     # shares of light that is reflected or refracted once, whose averages are smooth and exact
-    sent, back = (each[0] @ root for each in (outward, inward))
-    kept = [(each[0] @ root).copy() for each in (above, within)]
-    above, within = (each * trust + np.swapaxes(each * trust, 1, 2) for each in (above, within))
-    for each, share in zip((above, within), kept, strict=True):
-        each[0] = _balanced(each[0], share, share, root)
+    refracted, emerging, *mirrored = (orders[0] @ root for orders in (outward, inward, above, within))
+    above, within = (part * trust + np.swapaxes(part * trust, 1, 2) for part in (above, within))
+    for operator, share in zip((above, within), mirrored, strict=True):
+        operator[0] = _balanced(operator[0], share, share, root)
     # radiance in the medium counts less by the square of the index, flux more: both ways are one operator
     inward = index * inward * trust + np.swapaxes(outward / index * trust, 1, 2)
-    inward[0] = _balanced(inward[0], index * back, sent / index, root)
-    lost = np.concatenate([root - kept[0] - index * inward[0].T @ root, index * (root - kept[1]) - inward[0] @ root])
+    inward[0] = _balanced(inward[0], index * emerging, refracted / index, root)
+    lost = np.concatenate([root - mirrored[0] - index * inward[0].T @ root, index * (root - mirrored[1]) - inward[0] @ root])
     total = lost @ np.concatenate([root, index * root])
     if not total > 0:
         raise ArithmeticError("facets so smooth need more directions")

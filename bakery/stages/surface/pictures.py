@@ -52,9 +52,9 @@ def lobes(surface: Surface, um, name: str, file: str, title: str):
 
     columns = [("from [deg]", np.repeat(INCIDENCES, len(signed))), ("to [deg]", np.tile(signed, len(INCIDENCES)))]
     columns += [(f"{title.lower()} [1] at {x:g} um", np.concatenate([lobe[k] for lobe in values])) for k, x in enumerate(um)]
-    said = f"{title} in the plane of incidence: pi times the radiance over the irradiance, 1 for a white Lambertian surface.  " \
-           "Dashed: back to where the light comes from.  Light that a smooth boundary mirrors is left out."
-    return Picture(file, f"Surface: {title.lower()}", said, (9.6, 3.2), draw, tuple(columns))
+    caption = f"{title} in the plane of incidence: pi times the radiance over the irradiance, 1 for a white Lambertian surface.  "
+    caption += "Dashed: back to where the light comes from.  Light that a smooth boundary mirrors is left out."
+    return Picture(file, f"Surface: {title.lower()}", caption, (9.6, 3.2), draw, tuple(columns))
 
 
 def albedos(surface: Surface, um):
@@ -73,5 +73,5 @@ def albedos(surface: Surface, um):
             figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
     columns = (("theta_in [deg]", theta), *((f"albedo [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)))
-    said = "Share of the light from an angle that comes back, mirrored light included."
-    return Picture("surface_albedo", "Surface: albedo", said, (6.0, 3.6), draw, columns)
+    caption = "Share of the light from an angle that comes back, mirrored light included."
+    return Picture("surface_albedo", "Surface: albedo", caption, (6.0, 3.6), draw, columns)

@@ -43,8 +43,8 @@ def inputs(recipe, upstream) -> dict:
     medium, surface = upstream["medium"], recipe.surface
     values = {name: np.asarray(medium[name].data, float) for name in ("sigma_t", "sigma_s", "theta", "phase")}
     if "forward_delta" in medium.members:
-        kept = without_delta(*values.values(), np.asarray(medium["forward_delta"].data, float))
-        values = dict(zip(values, (kept[0], kept[1], values["theta"], kept[2]), strict=True))
+        deflecting = without_delta(*values.values(), np.asarray(medium["forward_delta"].data, float))
+        values = dict(zip(values, (deflecting[0], deflecting[1], values["theta"], deflecting[2]), strict=True))
     thickness = surface.thickness
     boundary = surface.boundary if surface.boundary != "none" else None
     return values | {"thickness": None if thickness == INFINITE else np.asarray(thickness, float),

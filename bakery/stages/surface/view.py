@@ -155,13 +155,13 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     UsageError : an argument is missing, has no effect, or more than one is a list
     """
     name = path.rpartition("/")[2]
-    known = ("theta_in",) if name == "albedo" else ("theta_in", "theta_out", "phi")
-    useless = [key for key in arguments if key not in known]
+    accepted = ("theta_in",) if name == "albedo" else ("theta_in", "theta_out", "phi")
+    useless = [key for key in arguments if key not in accepted]
     if useless:
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(known)} would")
-    missing = [key for key in known[:2] if key not in arguments]
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(accepted)} would")
+    missing = [key for key in accepted[:2] if key not in arguments]
     if missing:
-        raise UsageError(f"{path}: {', '.join(missing)} missing; give " + " ".join(f"{key}=30deg" for key in known))
+        raise UsageError(f"{path}: {', '.join(missing)} missing; give " + " ".join(f"{key}=30deg" for key in accepted))
     several = [key for key in arguments if np.ndim(arguments[key])]
     if len(several) > 1:
         raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
